@@ -17,8 +17,7 @@
 //!   barriers. [`shader`]: Rust structs generated from the shaders' SPIR-V.
 //! - [`loader`]: the thread that reads nodes of an index. [`resident`]: nodes in device memory.
 //! - [`passes`]: one file a pass, and the registry of effects.
-//! - [`render`]: settings, the scene file, and the whole frame from top to bottom.
-//! - [`source`]: files or an index, opened and uploaded.
+//! - [`render`]: files or an index as a source, settings, the scene file, and the whole frame.
 //! - [`output`]: PNG and EXR files, and pictures larger than a device's images.
 //! - [`present`]: a window's swapchain. [`app`]: the window with its panel and navigation.
 //! - [`bench`](mod@bench): timings of passes. [`study`]: accuracy against time. [`cli`]: the
@@ -80,7 +79,6 @@ pub mod render;
 pub mod resident;
 pub mod select;
 pub mod shader;
-pub mod source;
 pub mod study;
 pub mod synth;
 pub mod view;

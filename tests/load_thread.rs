@@ -1,4 +1,4 @@
-//! Opening files for the window: those that take long are there in part before.
+//! OpenOptions files for the window: those that take long are there in part before.
 
 mod support;
 
@@ -13,21 +13,27 @@ use pointillist::graph::Gpu;
 use pointillist::index::attributes::strokes::StrokeCache;
 use pointillist::index::cache::CacheLocation;
 use pointillist::progress::{Progress, Silent};
+use pointillist::render::source::{OpenOptions, Source};
 use pointillist::resident::Resident;
-use pointillist::source::{Opening, Source};
 use pointillist::synth::SceneKind;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, mpsc};
 
-fn opening() -> Opening {
+fn opening() -> OpenOptions {
     let read = ReadOptions::new(ColumnSet { rgb: true, ..ColumnSet::default() }, false);
-    Opening { read, index: None, place: Some(CacheLocation::Temporary), shadows: None, fault: None }
+    OpenOptions {
+        read,
+        index: None,
+        place: Some(CacheLocation::Temporary),
+        shadows: None,
+        fault: None,
+    }
 }
 
 /// What becomes of files, one after the other.
 fn loaded(
     files: &[PathBuf],
-    opening: Opening,
+    opening: OpenOptions,
     further: ExtraAttributes,
     first: FirstStage,
 ) -> Vec<LoadedCloud> {
@@ -60,7 +66,7 @@ fn files_that_take_long_to_be_read_or_indexed_are_there_in_part_before() {
     let slow = config::SLOW_POINTS / config::DECOMPRESSION;
     let (large, small) = (file("large.laz", slow), file("small.laz", 100_000));
     let both = [&large[..], &small].concat();
-    let part_of = |files: &[PathBuf], opening: &Opening| {
+    let part_of = |files: &[PathBuf], opening: &OpenOptions| {
         let preview = Source::preview(files, opening, &Silent).unwrap();
         preview.map(|preview| (preview.source.points(), preview.points))
     };
@@ -74,16 +80,17 @@ fn files_that_take_long_to_be_read_or_indexed_are_there_in_part_before() {
         assert!((points / 2..points + points / 100).contains(&share), "{part} of {points} points");
     }
     // Indexing takes longer than reading.
-    let indexing = Opening { index: Some("asked for"), ..opening() };
+    let indexing = OpenOptions { index: Some("asked for"), ..opening() };
     assert_eq!(part_of(&small, &indexing), Some((100_000, 100_000)));
 
-    let told_of = |files: &[PathBuf], opening: Opening, first: FirstStage| -> Vec<_> {
+    let told_of = |files: &[PathBuf], opening: OpenOptions, first: FirstStage| -> Vec<_> {
         loaded(files, opening, ExtraAttributes::default(), first)
             .into_iter()
             .map(|loaded| (loaded.info.is_whole, loaded.prepared.points(), loaded.info.points))
             .collect()
     };
-    let told = |files: &[PathBuf], opening: Opening| told_of(files, opening, FirstStage::Sample);
+    let told =
+        |files: &[PathBuf], opening: OpenOptions| told_of(files, opening, FirstStage::Sample);
     // What is on the screen already, and is read anew for other colours.
     assert_eq!(told_of(&large, opening(), FirstStage::Points), [(true, slow, slow)]);
     assert_eq!(
@@ -172,7 +179,7 @@ fn source(
         ColumnSet { rgb: true, ..ColumnSet::default() }.and(further.wanted()),
         true,
     );
-    let source = Source::open(&files, &Opening { read, ..opening() }, &Silent).unwrap();
+    let source = Source::open(&files, &OpenOptions { read, ..opening() }, &Silent).unwrap();
     let (mut shown, _) = source.shown(color).unwrap();
     shown.further = further;
     (source, shown)

@@ -9,7 +9,7 @@ use crate::cloud::{ColumnSet, ReadOptions, Station};
 use crate::error::{Error, Result};
 use crate::index::attributes::strokes::StrokeCache;
 use crate::progress::Progress;
-use crate::source::{Opening, Prepared, Preview, Source};
+use crate::render::source::{OpenOptions, PreparedCloud, Preview, Source};
 use std::path::PathBuf;
 use std::sync::{Arc, Mutex};
 use std::thread::JoinHandle;
@@ -17,7 +17,7 @@ use std::time::{Duration, Instant};
 
 /// A cloud that is read, or found in an index, and needs nothing but the device.
 pub struct LoadedCloud {
-    pub prepared: Prepared,
+    pub prepared: PreparedCloud,
     pub subject: Subject,
     pub info: CloudInfo,
 }
@@ -117,7 +117,7 @@ pub enum FirstStage {
 /// Opens files on a thread of their own.
 pub fn start(
     request: LoadRequest,
-    opening: Opening,
+    opening: OpenOptions,
     further: ExtraAttributes,
     first: FirstStage,
     found: Arc<StrokeCache>,
@@ -132,7 +132,7 @@ pub fn start(
     );
     let of_files =
         ExtraAttributes { strokes: further.strokes && first == FirstStage::All, ..further };
-    let opening = Opening {
+    let opening = OpenOptions {
         read: ReadOptions { wanted: shown.and(of_files.wanted()), ..opening.read },
         ..opening
     };

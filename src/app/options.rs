@@ -5,7 +5,7 @@ use super::panel::SaveSize;
 use crate::cloud::attribute::ExtraAttributes;
 use crate::gpu::DeviceOptions;
 use crate::render::scene::Scene;
-use crate::source::Opening;
+use crate::render::source::OpenOptions;
 use crate::view::camera_path::CameraPath;
 use crate::view::{Camera, Preset};
 use std::path::PathBuf;
@@ -15,7 +15,7 @@ use std::time::{Duration, Instant};
 #[derive(Clone, Debug)]
 pub struct Options {
     pub files: Vec<PathBuf>,
-    pub opening: Opening,
+    pub opening: OpenOptions,
     /// What points bring because of how they are drawn.
     pub further: ExtraAttributes,
     /// What to draw, but for the camera.

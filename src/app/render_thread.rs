@@ -28,10 +28,10 @@ use crate::progress::Progress;
 use crate::render::frame;
 use crate::render::scene::Scene;
 use crate::render::settings::{FrameConfig, RenderSettings};
+use crate::render::source::{GpuCloud, PreparedCloud};
 use crate::resident::residency::Update;
 use crate::resident::slab_query::Slab;
 use crate::resident::{Point, Resident};
-use crate::source::{Brought, Prepared};
 use crate::view::View;
 use glam::DVec2;
 use saving::{PendingSave, RetiredCloud};
@@ -46,7 +46,7 @@ use std::time::{Duration, Instant};
 
 /// A cloud that is to go to the device, some of it between two pictures, what is to be said of it then, and who is told how far it is.
 pub struct Upload {
-    pub prepared: Prepared,
+    pub prepared: PreparedCloud,
     pub info: CloudInfo,
     pub pool_bytes: u64,
     pub watch: ProgressReporter,
@@ -283,7 +283,7 @@ struct RenderLoop {
     report: Box<dyn Fn(RenderEvent) + Send + Sync>,
     /// On its way to the device.
     uploading: Option<Box<Upload>>,
-    cloud: Option<Brought>,
+    cloud: Option<GpuCloud>,
     scene: Option<Scene>,
     /// When what is to be seen last changed.
     changed: Instant,
@@ -465,7 +465,7 @@ impl RenderLoop {
                 let resident = self
                     .cloud
                     .as_ref()
-                    .map(Brought::resident)
+                    .map(GpuCloud::resident)
                     .filter(|resident| resident.identity() == self.last_drawn);
                 match resident {
                     Some(resident) => {
@@ -479,7 +479,7 @@ impl RenderLoop {
             }
             Message::Section(slab) => {
                 self.restore_filters()?;
-                if let Some(resident) = self.cloud.as_ref().map(Brought::resident) {
+                if let Some(resident) = self.cloud.as_ref().map(GpuCloud::resident) {
                     (self.report)(RenderEvent::Profile(Box::new(Profile::new(
                         slab,
                         resident.section(&mut self.gpu, &slab)?,
@@ -612,14 +612,14 @@ impl RenderLoop {
             self.redraw = Redraw::Nothing;
             return self.blank().map(|()| true);
         };
-        cloud.leave_out(scene.opacities.clone(), scene.clips.clone());
+        cloud.set_filters(scene.opacities.clone(), scene.clips.clone());
         self.filters_replaced = false;
         times.fitting = fitting.elapsed();
         let divisor = if self.redraw == Redraw::Changed { self.scale.divisor } else { 1 };
         let size = divided(present.size(), divisor);
         let view = View::new(scene.camera, size)?;
         let (mut loading, taking_in) = (None, Instant::now());
-        if let Brought::Parts(residency) = cloud {
+        if let GpuCloud::Parts(residency) = cloud {
             let detail = scene.lod.of(size);
             let update = match self.redraw {
                 Redraw::Changed => residency.update_moving(&mut self.gpu, &view, &detail)?,
@@ -751,7 +751,7 @@ impl RenderLoop {
             self.redraw = Redraw::Changed;
         }
         times.showing = showing.elapsed();
-        if let (Some(loading), Brought::Parts(residency)) = (&mut loading, cloud) {
+        if let (Some(loading), GpuCloud::Parts(residency)) = (&mut loading, cloud) {
             loading.worked = residency.loader_worked();
         }
         let (decided, statistics, latency) =

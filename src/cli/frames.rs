@@ -10,7 +10,7 @@ use crate::output::export::Downloads;
 use crate::progress::{Progress, Whole};
 use crate::render::frame;
 use crate::render::settings::FrameConfig;
-use crate::source::Source;
+use crate::render::source::Source;
 use crate::view::View;
 use crate::view::camera_path::CameraPath;
 use std::path::{Path, PathBuf};
@@ -59,8 +59,8 @@ pub fn run(arguments: &Arguments, path: &Path, progress: &dyn Progress) -> Resul
     source.notes(options.further()).iter().for_each(|note| eprintln!("pointillist: note: {note}"));
     let (shown, _) = options.shown(&source)?;
     let mut gpu = Gpu::open(&arguments.device.wish())?;
-    let mut brought = source.bring(&mut gpu, shown, options.detail.pool_bytes(), progress)?;
-    brought.leave_out(options.opacities(), options.clips());
+    let mut cloud = source.upload(&mut gpu, shown, options.detail.pool_bytes(), progress)?;
+    cloud.set_filters(options.opacities(), options.clips());
     let mut said = Vec::new();
     for number in missing {
         let frames = Whole { progress, doing: "drawing frames", done: number, total };
@@ -73,7 +73,7 @@ pub fn run(arguments: &Arguments, path: &Path, progress: &dyn Progress) -> Resul
                 said.push(note);
             }
         };
-        for note in brought
+        for note in cloud
             .wait_until_resident(&mut gpu, &view, &options.detail.lod().of(size), &frames)?
             .into_iter()
             .flat_map(|taken| taken.notes)
@@ -83,11 +83,11 @@ pub fn run(arguments: &Arguments, path: &Path, progress: &dyn Progress) -> Resul
             }
             say(note);
         }
-        let config = FrameConfig::new(&settings, &view, brought.resident());
-        config.warnings(brought.resident()).into_iter().for_each(&mut say);
+        let config = FrameConfig::new(&settings, &view, cloud.resident());
+        config.warnings(cloud.resident()).into_iter().for_each(&mut say);
         let [picture, layers] = [&arguments.output, &arguments.exr].map(Option::is_some);
         let done =
-            frame::draw(&mut gpu, &view, brought.resident(), &config, &frames, |g, outcome| {
+            frame::draw(&mut gpu, &view, cloud.resident(), &config, &frames, |g, outcome| {
                 Downloads::ask(g, outcome, picture, layers)
             })?;
         done.notes.into_iter().for_each(&mut say);
@@ -95,7 +95,7 @@ pub fn run(arguments: &Arguments, path: &Path, progress: &dyn Progress) -> Resul
         done.frame.recycle(&mut gpu);
     }
     progress.tick("drawing frames", total, total)?;
-    brought.free(&mut gpu);
+    cloud.free(&mut gpu);
     Ok(())
 }
 

@@ -15,7 +15,7 @@ use crate::cloud::system::Unit;
 use crate::error::{Error, Result};
 use crate::index::format::Balance;
 use crate::index::format::{Index, IndexedPart, PLANES};
-use crate::source;
+use crate::render::source;
 use glam::DVec3;
 use rayon::prelude::*;
 use serde::Serialize;

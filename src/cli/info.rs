@@ -23,7 +23,7 @@ use crate::error::{Error, Result};
 use crate::index::attributes::exposure::{Exposures, exposures};
 use crate::index::format::{Balance, Index};
 use crate::progress::Progress;
-use crate::source;
+use crate::render::source;
 use glam::DVec3;
 use serde::Serialize;
 use std::fmt::Write as _;

@@ -15,10 +15,10 @@ use crate::passes::project::Precision;
 use crate::passes::{Effects, Switch};
 use crate::render::scene::Scene;
 use crate::render::settings::{Background, RenderSettings, Style};
+use crate::render::source::{OpenOptions, Source};
 use crate::select::clip::{Clip, Clips};
 use crate::select::lod::LodOptions;
 use crate::select::opacity::{Opacities, Rule};
-use crate::source::{Opening, Source};
 use crate::view::light::Light;
 use crate::view::{Camera, Preset, View};
 use std::path::{Path, PathBuf};
@@ -166,14 +166,14 @@ impl DetailOptions {
         self.gpu_memory.map_or(config::POOL_BYTES, |bytes| bytes.0)
     }
 
-    pub fn opening(&self, read: ReadOptions, light: Light) -> Opening {
+    pub fn opening(&self, read: ReadOptions, light: Light) -> OpenOptions {
         let chosen = self.point_budget.is_some() || self.lod.is_some();
         let index = chosen.then_some("--point-budget and --lod choose among the nodes of an index");
         let place = match &self.cache_dir {
             _ if self.no_cache => Some(cache::CacheLocation::Temporary),
             folder => folder.clone().map(cache::CacheLocation::Folder),
         };
-        Opening {
+        OpenOptions {
             read,
             index,
             place,

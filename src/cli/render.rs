@@ -13,8 +13,8 @@ use crate::passes::{Effects, project::Statistics, shadows, significant, strokes}
 use crate::progress::Progress;
 use crate::render::frame::{self, Done};
 use crate::render::settings::FrameConfig;
+use crate::render::source::{GpuCloud, SelectionReport, Source};
 use crate::resident::Resident;
-use crate::source::{Brought, Source, Taken};
 use crate::view::View;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -120,13 +120,13 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
     stages.done("settings");
     let mut gpu = Gpu::open(&arguments.device.wish())?;
     stages.done("open device");
-    let mut brought = source.bring(&mut gpu, shown, picture.detail.pool_bytes(), progress)?;
-    brought.leave_out(picture.opacities(), picture.clips());
+    let mut cloud = source.upload(&mut gpu, shown, picture.detail.pool_bytes(), progress)?;
+    cloud.set_filters(picture.opacities(), picture.clips());
     stages.done("organise");
     if arguments.tile.is_some() || tiled::needs_pieces(&gpu, view.size, arguments.piece) {
-        return in_pieces(arguments, &picture, &view, &mut gpu, brought, progress);
+        return in_pieces(arguments, &picture, &view, &mut gpu, cloud, progress);
     }
-    facts.taken = brought.wait_until_resident(
+    facts.taken = cloud.wait_until_resident(
         &mut gpu,
         &view,
         &picture.detail.lod().of(view.size),
@@ -139,7 +139,7 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
         eprintln!("pointillist: note: {note}");
     }
     stages.done("load");
-    let resident = brought.resident();
+    let resident = cloud.resident();
     let config = FrameConfig::new(&settings, &view, resident);
     config.warnings(resident).iter().for_each(|note| eprintln!("pointillist: note: {note}"));
 
@@ -176,7 +176,7 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
         stages.print(&frame);
     }
     frame.recycle(&mut gpu);
-    brought.free(&mut gpu);
+    cloud.free(&mut gpu);
     Ok(())
 }
 
@@ -186,7 +186,7 @@ fn in_pieces(
     picture: &PictureOptions,
     view: &View,
     gpu: &mut Gpu,
-    mut brought: Brought,
+    mut cloud: GpuCloud,
     progress: &dyn Progress,
 ) -> Result<()> {
     let (Some(output), None, None, false) =
@@ -204,10 +204,10 @@ fn in_pieces(
         piece: arguments.piece,
         tile: arguments.tile,
     };
-    for note in tiled::write(gpu, &mut brought, wanted, output, progress)? {
+    for note in tiled::write(gpu, &mut cloud, wanted, output, progress)? {
         eprintln!("pointillist: note: {note}");
     }
-    brought.free(gpu);
+    cloud.free(gpu);
     Ok(())
 }
 
@@ -232,7 +232,7 @@ struct Facts {
     shows: String,
     why_shown: String,
     view: View,
-    taken: Option<Taken>,
+    taken: Option<SelectionReport>,
     /// Where shadows are cast.
     shadows: Option<shadows::Facts>,
     /// Where points are painted.
@@ -259,7 +259,7 @@ fn explain(
         facts.nodes.unwrap_or(resident.nodes.len()),
         resident.bytes() >> 20
     );
-    text += &facts.taken.as_ref().map_or(String::new(), Taken::to_string);
+    text += &facts.taken.as_ref().map_or(String::new(), SelectionReport::to_string);
     text += &format!(
         "memory: {} MiB in buffers and images of the device\n",
         gpu.memory.allocated >> 20

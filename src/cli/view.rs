@@ -7,7 +7,7 @@ use crate::gpu;
 use crate::index::format::fault_injection::Fault;
 use crate::progress::Progress;
 use crate::render::scene::Scene;
-use crate::source::Opening;
+use crate::render::source::OpenOptions;
 use crate::view::Camera;
 use crate::view::camera_path::CameraPath;
 use std::io::Write;
@@ -95,7 +95,7 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
     };
     let options = Options {
         files: arguments.files.clone(),
-        opening: Opening {
+        opening: OpenOptions {
             fault: arguments.fail_reading,
             ..picture.detail.opening(picture.read_options(arguments.strict), picture.light)
         },

@@ -8,7 +8,7 @@ use crate::passes::encode::{self, Encoded};
 use crate::progress::Progress;
 use crate::render::frame::{self, Outcome};
 use crate::render::settings::FrameConfig;
-use crate::source::Brought;
+use crate::render::source::GpuCloud;
 use std::path::Path;
 
 /// The images to download.
@@ -56,7 +56,7 @@ impl Downloads {
 /// Draws a frame and writes its layers to a file, in one piece. Returns warnings.
 pub fn write(
     gpu: &mut Gpu,
-    cloud: &mut Brought,
+    cloud: &mut GpuCloud,
     request: &PictureRequest,
     path: &Path,
     progress: &dyn Progress,

@@ -19,8 +19,8 @@ use crate::passes::{BLOCK_PX, encode, visibility};
 use crate::progress::{Progress, Whole};
 use crate::render::frame;
 use crate::render::settings::{FrameConfig, RenderSettings};
+use crate::render::source::{GpuCloud, SelectionReport};
 use crate::select::lod::LodOptions;
-use crate::source::{Brought, Taken};
 use crate::view::View;
 use std::path::{Path, PathBuf};
 
@@ -185,7 +185,7 @@ impl TiledPicture {
     pub fn step(
         &mut self,
         gpu: &mut Gpu,
-        cloud: &mut Brought,
+        cloud: &mut GpuCloud,
         progress: &dyn Progress,
     ) -> Result<bool> {
         let mut plan = match self.plan.take() {
@@ -207,7 +207,7 @@ impl TiledPicture {
     fn plan(
         &mut self,
         gpu: &mut Gpu,
-        cloud: &mut Brought,
+        cloud: &mut GpuCloud,
         progress: &dyn Progress,
     ) -> Result<Plan> {
         let PictureRequest { view, settings, lod, piece, tile } = self.request.clone();
@@ -231,7 +231,7 @@ impl TiledPicture {
         &mut self,
         plan: &mut Plan,
         gpu: &mut Gpu,
-        cloud: &mut Brought,
+        cloud: &mut GpuCloud,
         progress: &dyn Progress,
     ) -> Result<()> {
         let Tile { part, loaded, row: [top, height], is_last } = plan.tiles[plan.done];
@@ -272,7 +272,7 @@ impl TiledPicture {
     }
 }
 
-fn notes_of(taken: Option<Taken>) -> Vec<String> {
+fn notes_of(taken: Option<SelectionReport>) -> Vec<String> {
     taken.map_or(Vec::new(), |taken| taken.notes)
 }
 
@@ -316,7 +316,7 @@ fn row_of_tiles(view: &View, row: &[Piece], side_and_border: Option<(u32, u32)>)
 /// Draws a picture into a file. Returns warnings.
 pub fn write(
     gpu: &mut Gpu,
-    cloud: &mut Brought,
+    cloud: &mut GpuCloud,
     request: PictureRequest,
     path: &Path,
     progress: &dyn Progress,

@@ -3,3 +3,4 @@
 pub mod frame;
 pub mod scene;
 pub mod settings;
+pub mod source;

@@ -10,9 +10,9 @@ use crate::error::{Error, Result};
 use crate::output::export;
 use crate::output::tiled::{self, TiledPicture};
 use crate::progress::{Progress, Silent};
+use crate::render::source::GpuCloud;
 use crate::select::clip::Clips;
 use crate::select::opacity::Opacities;
-use crate::source::Brought;
 use crate::view::View;
 use std::path::{Path, PathBuf};
 
@@ -28,7 +28,7 @@ pub(super) struct PendingSave {
 
 /// A cloud that the window no longer shows.
 pub(super) struct RetiredCloud {
-    cloud: Brought,
+    cloud: GpuCloud,
     /// That wait, and are of it.
     pictures: usize,
 }
@@ -66,7 +66,7 @@ impl RenderLoop {
         };
         // Of what the window shows whole, there is nothing to wait for.
         let is_there =
-            self.redraw == Redraw::Nothing || matches!(self.cloud, Some(Brought::Whole(_)));
+            self.redraw == Redraw::Nothing || matches!(self.cloud, Some(GpuCloud::Whole(_)));
         let at_once = is_there
             && self.saves.is_empty()
             && size.map(u64::from).iter().product::<u64>() <= self.pixels();
@@ -106,7 +106,7 @@ impl RenderLoop {
         else {
             return Ok(());
         };
-        cloud.leave_out(saving.opacities.clone(), saving.clips.clone());
+        cloud.set_filters(saving.opacities.clone(), saving.clips.clone());
         let newer = Superseded { count: &self.count, handled: self.handled };
         let progress = if gives_way { &newer as &dyn Progress } else { &Silent };
         let written = match &mut saving.asked {
@@ -160,7 +160,7 @@ impl RenderLoop {
     }
 
     /// A cloud that the window no longer shows is given back once all pictures of it are there.
-    pub(super) fn retire(&mut self, cloud: Brought) {
+    pub(super) fn retire(&mut self, cloud: GpuCloud) {
         // Pictures are made in the order that they were asked for in, so those of clouds before it come first.
         let pictures =
             self.saves.len() - self.retired.iter().map(|retired| retired.pictures).sum::<usize>();
@@ -178,8 +178,8 @@ impl RenderLoop {
             return Ok(());
         };
         self.filters_replaced = false;
-        cloud.leave_out(scene.opacities.clone(), scene.clips.clone());
-        if let Brought::Parts(residency) = cloud {
+        cloud.set_filters(scene.opacities.clone(), scene.clips.clone());
+        if let GpuCloud::Parts(residency) = cloud {
             let update = residency.update(
                 &mut self.gpu,
                 &View::new(scene.camera, present.size())?,

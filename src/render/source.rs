@@ -31,7 +31,7 @@ use std::time::{Duration, Instant};
 
 /// How files are opened.
 #[derive(Clone, Debug)]
-pub struct Opening {
+pub struct OpenOptions {
     pub read: ReadOptions,
     /// Why files are indexed before they are drawn, however few points they hold.
     pub index: Option<&'static str>,
@@ -43,7 +43,7 @@ pub struct Opening {
     pub fault: Option<Fault>,
 }
 
-impl Opening {
+impl OpenOptions {
     /// Whether files have to be indexed before they are drawn, and why.
     pub fn needs_index(&self, files: &[PathBuf]) -> Result<Option<String>> {
         if let Some(why) = self.index {
@@ -108,7 +108,11 @@ pub enum Source {
 
 impl Source {
     /// An index is opened alone: what belongs together is indexed together. Files too large to be drawn whole are indexed first, or their index is found.
-    pub fn open(paths: &[PathBuf], opening: &Opening, progress: &dyn Progress) -> Result<Source> {
+    pub fn open(
+        paths: &[PathBuf],
+        opening: &OpenOptions,
+        progress: &dyn Progress,
+    ) -> Result<Source> {
         match paths.iter().find(|path| Index::is_one(path)) {
             Some(path) if paths.len() == 1 => {
                 refuse_rgb_range(path, opening.read.rgb_range)?;
@@ -147,7 +151,7 @@ impl Source {
     /// Some of the points, for as long as files are being indexed or slowly read; none where they are there soon.
     pub fn preview(
         paths: &[PathBuf],
-        opening: &Opening,
+        opening: &OpenOptions,
         progress: &dyn Progress,
     ) -> Result<Option<Preview>> {
         if paths.iter().any(|path| Index::is_one(path)) {
@@ -361,19 +365,19 @@ impl Source {
     }
 
     /// Files go there whole; of an index nothing yet.
-    pub fn bring(
+    pub fn upload(
         self,
         gpu: &mut Gpu,
         shown: DisplayAttribute,
         pool_bytes: u64,
         progress: &dyn Progress,
-    ) -> Result<Brought> {
+    ) -> Result<GpuCloud> {
         Ok(match self {
             Source::Files(cloud) => {
-                Brought::Whole(Box::new(Resident::fill(gpu, cloud, shown, progress)?))
+                GpuCloud::Whole(Box::new(Resident::fill(gpu, cloud, shown, progress)?))
             }
             Source::Index(index) => {
-                Brought::Parts(Box::new(Residency::open(gpu, index, shown, pool_bytes)?))
+                GpuCloud::Parts(Box::new(Residency::open(gpu, index, shown, pool_bytes)?))
             }
         })
     }
@@ -384,20 +388,20 @@ impl Source {
         shown: DisplayAttribute,
         found: &Arc<StrokeCache>,
         progress: &dyn Progress,
-    ) -> Result<Prepared> {
+    ) -> Result<PreparedCloud> {
         Ok(match self {
             Source::Files(cloud) => {
                 let mut upload = CloudUpload::new(cloud, shown, Some(found.clone()));
                 while upload.build_nodes(index::partition, progress)? {}
-                Prepared::Files(Box::new(upload))
+                PreparedCloud::Files(Box::new(upload))
             }
-            Source::Index(index) => Prepared::Index(index, Box::new(shown)),
+            Source::Index(index) => PreparedCloud::Index(index, Box::new(shown)),
         })
     }
 }
 
 /// A source that needs nothing but the device.
-pub enum Prepared {
+pub enum PreparedCloud {
     Files(Box<CloudUpload>),
     Index(Arc<Index>, Box<DisplayAttribute>),
 }
@@ -405,17 +409,17 @@ pub enum Prepared {
 /// Of bringing files, at a time: half of a frame at 33 ms.
 const STEP: Duration = Duration::from_millis(16);
 
-impl Prepared {
+impl PreparedCloud {
     pub fn points(&self) -> u64 {
         match self {
-            Prepared::Files(upload) => upload.points(),
-            Prepared::Index(index, _) => index.directory.contents.points,
+            PreparedCloud::Files(upload) => upload.points(),
+            PreparedCloud::Index(index, _) => index.directory.contents.points,
         }
     }
 
     /// Some of it goes to the device; whether more is to go there.
     pub fn step(&mut self, gpu: &mut Gpu, progress: &dyn Progress) -> Result<bool> {
-        let Prepared::Files(upload) = self else { return Ok(false) };
+        let PreparedCloud::Files(upload) = self else { return Ok(false) };
         let began = Instant::now();
         while upload.upload_nodes(gpu, rayon::current_num_threads(), progress)? {
             if began.elapsed() >= STEP {
@@ -426,17 +430,17 @@ impl Prepared {
     }
 
     /// Once all of it has gone.
-    pub fn finish(self, gpu: &mut Gpu, pool_bytes: u64) -> Result<Brought> {
+    pub fn finish(self, gpu: &mut Gpu, pool_bytes: u64) -> Result<GpuCloud> {
         Ok(match self {
-            Prepared::Files(upload) => Brought::Whole(Box::new(upload.finish(gpu))),
-            Prepared::Index(index, shown) => {
-                Brought::Parts(Box::new(Residency::open(gpu, index, *shown, pool_bytes)?))
+            PreparedCloud::Files(upload) => GpuCloud::Whole(Box::new(upload.finish(gpu))),
+            PreparedCloud::Index(index, shown) => {
+                GpuCloud::Parts(Box::new(Residency::open(gpu, index, *shown, pool_bytes)?))
             }
         })
     }
 
     pub fn free(self, gpu: &mut Gpu) {
-        if let Prepared::Files(upload) = self {
+        if let PreparedCloud::Files(upload) = self {
             upload.free(gpu);
         }
     }
@@ -517,14 +521,14 @@ fn core_samples(index: &Index) -> Vec<DVec3> {
 }
 
 /// A source on the device.
-pub enum Brought {
+pub enum GpuCloud {
     Whole(Box<Resident>),
     Parts(Box<Residency>),
 }
 
 /// What a picture took of an index, for `--explain`.
 #[derive(Clone, Debug, serde::Serialize)]
-pub struct Taken {
+pub struct SelectionReport {
     pub nodes: usize,
     pub points: u64,
     pub nodes_outside: usize,
@@ -541,7 +545,7 @@ pub struct Taken {
     pub notes: Vec<String>,
 }
 
-impl Brought {
+impl GpuCloud {
     /// Waits for all that the view shows; nothing to wait for where the whole cloud is there.
     pub fn wait_until_resident(
         &mut self,
@@ -549,8 +553,8 @@ impl Brought {
         view: &View,
         detail: &Detail,
         progress: &dyn Progress,
-    ) -> Result<Option<Taken>> {
-        let Brought::Parts(residency) = self else { return Ok(None) };
+    ) -> Result<Option<SelectionReport>> {
+        let GpuCloud::Parts(residency) = self else { return Ok(None) };
         let Update { cut, budget, bytes_read, errors: mut notes, .. } =
             residency.wait_until_resident(gpu, view, detail, progress)?;
         let [pool_bytes, pool_used_bytes] = residency.pool_bytes();
@@ -561,7 +565,7 @@ impl Brought {
                 cut.points
             ));
         }
-        Ok(Some(Taken {
+        Ok(Some(SelectionReport {
             nodes: cut.nodes.len(),
             points: cut.points,
             nodes_outside: cut.nodes_outside,
@@ -579,16 +583,16 @@ impl Brought {
 
     pub fn resident(&self) -> &Resident {
         match self {
-            Brought::Whole(resident) => resident,
-            Brought::Parts(residency) => residency.resident(),
+            GpuCloud::Whole(resident) => resident,
+            GpuCloud::Parts(residency) => residency.resident(),
         }
     }
 
     /// What is not drawn, or not all of it.
-    pub fn leave_out(&mut self, opacities: Opacities, mut clips: Clips) {
+    pub fn set_filters(&mut self, opacities: Opacities, mut clips: Clips) {
         let resident = match self {
-            Brought::Whole(resident) => resident,
-            Brought::Parts(residency) => {
+            GpuCloud::Whole(resident) => resident,
+            GpuCloud::Parts(residency) => {
                 clips.0.extend(residency.index().hidden.iter().flat_map(Clip::around));
                 residency.resident_mut()
             }
@@ -598,13 +602,13 @@ impl Brought {
 
     pub fn free(self, gpu: &mut Gpu) {
         match self {
-            Brought::Whole(resident) => resident.free(gpu),
-            Brought::Parts(residency) => residency.free(gpu),
+            GpuCloud::Whole(resident) => resident.free(gpu),
+            GpuCloud::Parts(residency) => residency.free(gpu),
         }
     }
 }
 
-impl std::fmt::Display for Taken {
+impl std::fmt::Display for SelectionReport {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         let share = 100.0 * self.bytes_read as f64 / self.index_bytes.max(1) as f64;
         writeln!(
