@@ -75,7 +75,7 @@ fn drawn(
     let look = FrameConfig::new(settings, view, resident);
     let mut g = Graph::new(gpu);
     let outcome = frame::record(&mut g, view, resident, &look).unwrap();
-    let (index, picture) = (g.download(&outcome.layers.index), g.download(&outcome.picture));
+    let (index, picture) = (g.download(&outcome.gbuffer.index), g.download(&outcome.picture));
     let frame = g.submit_and_wait(&[]).unwrap();
     let drawn = (frame.read(&index).to_vec(), frame.read(&picture).to_vec(), outcome.statistics);
     frame.recycle(gpu);

@@ -35,7 +35,7 @@ use pointillist::error::Error;
 use pointillist::graph::Graph;
 use pointillist::index::{self, build::pack};
 use pointillist::passes::project::{Band, Keys, Precision};
-use pointillist::passes::{Scene, Switch, composite, edl, resolve};
+use pointillist::passes::{FrameContext, Switch, composite, edl, resolve};
 use pointillist::progress::Silent;
 use pointillist::render::settings::{FrameConfig, RenderSettings};
 use pointillist::resident::Resident;
@@ -120,7 +120,7 @@ fn resolved(
         let mut g = Graph::new(gpu);
         let uploaded = g.upload("keys", keys).unwrap();
         let paint = resolve::paint(&mut g, &resident, &Default::default()).unwrap();
-        let resolved = resolve::layers(&mut g, view);
+        let resolved = resolve::begin(&mut g, view);
         let resolved = resolve::record(
             &mut g,
             &Keys::nearest(uploaded),
@@ -128,13 +128,17 @@ fn resolved(
             Band { top: 0, size: view.size },
             resolved,
         );
-        let layers = resolved.layers(&mut g, view, &resident).unwrap();
+        let gbuffer = resolved.gbuffer(&mut g, view, &resident).unwrap();
         let [depth, index, color] =
-            [&layers.depth, &layers.index, &layers.color].map(|image| g.download(image));
-        let layers =
-            edl::record(&mut g, &Scene::of(view, &resident, Light::default()), settings, layers);
-        let lit = g.download(&layers.color);
-        let picture = composite::record(&mut g, view, BACKGROUND, &layers);
+            [&gbuffer.depth, &gbuffer.index, &gbuffer.color].map(|image| g.download(image));
+        let gbuffer = edl::record(
+            &mut g,
+            &FrameContext::of(view, &resident, Light::default()),
+            settings,
+            gbuffer,
+        );
+        let lit = g.download(&gbuffer.color);
+        let picture = composite::record(&mut g, view, BACKGROUND, &gbuffer);
         let picture = g.download(&picture);
         let frame = g.submit_and_wait(&[]).unwrap();
         let resolved = Resolved {

@@ -8,7 +8,7 @@ use pointillist::cloud::attribute::{Attribute, DisplayAttribute};
 use pointillist::cloud::colormap::srgb_to_linear;
 use pointillist::cloud::{Cloud, Lattice};
 use pointillist::graph::Graph;
-use pointillist::passes::Scene;
+use pointillist::passes::FrameContext;
 use pointillist::progress::Silent;
 use pointillist::render::frame;
 use pointillist::render::settings::{FrameConfig, RenderSettings};
@@ -54,11 +54,11 @@ fn draw(cloud: &Cloud, view: &View, way: Way, opacities: &[&str], effects: &[&st
             .iter()
             .chain(effects)
             .for_each(|effect| settings.effects.set(effect).unwrap());
-        let layer_m = Scene::of(view, &resident, settings.light).layer_m(0.0);
+        let layer_m = FrameContext::of(view, &resident, settings.light).layer_m(0.0);
         let config = FrameConfig::new(&settings, view, &resident);
         let mut g = Graph::new(gpu);
         let outcome = frame::record(&mut g, view, &resident, &config).unwrap();
-        let layers = outcome.layers.front.expect("transparency runs");
+        let layers = outcome.gbuffer.accumulation.expect("transparency runs");
         let (front, peeled) = (g.download(&layers.color), g.download(&layers.peeled));
         let left_over = g.download_buffer(&layers.left);
         let frame = g.submit_and_wait(&[]).unwrap();

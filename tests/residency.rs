@@ -95,8 +95,9 @@ fn draw(gpu: &mut Gpu, view: &View, resident: &Resident) -> Picture {
     let config = FrameConfig::new(&settings, view, resident);
     let mut g = Graph::new(gpu);
     let outcome = frame::record(&mut g, view, resident, &config).unwrap();
-    let [depth, index, picture] = [&outcome.layers.depth, &outcome.layers.index, &outcome.picture]
-        .map(|image| g.download(image));
+    let [depth, index, picture] =
+        [&outcome.gbuffer.depth, &outcome.gbuffer.index, &outcome.picture]
+            .map(|image| g.download(image));
     let frame = g.submit_and_wait(&[]).expect("drawn, and no validation message");
     let drawn =
         (frame.read(&depth).to_vec(), frame.read(&index).to_vec(), frame.read(&picture).to_vec());

@@ -14,7 +14,7 @@ use pointillist::index::format::Index;
 use pointillist::passes::project::Precision;
 use pointillist::passes::shadows::cameras::Sight;
 use pointillist::passes::shadows::{self, Facts, Layer, Method, Reached, Settings, disc};
-use pointillist::passes::{Effects, Scene, Switch};
+use pointillist::passes::{Effects, FrameContext, Switch};
 use pointillist::progress::Silent;
 use pointillist::render::frame;
 use pointillist::render::settings::{FrameConfig, RenderSettings};
@@ -51,15 +51,21 @@ fn marked(cloud: &Cloud, light: Light, settings: Settings) -> (Vec<(DVec3, u8)>,
         let view =
             View::new(Camera::framing(Preset::Fit, &cloud.core_points(), [64, 64]), [64, 64])
                 .unwrap();
-        let scene = Scene::of(&view, &resident, light);
+        let scene = FrameContext::of(&view, &resident, light);
         let mut effects = Effects::default();
         effects.shadows.switch = Switch::On;
         effects.shadows.settings = settings;
         let mut g = Graph::new(gpu);
-        let marks =
-            shadows::marks(&mut g, &scene, &resident, &effects, &effects.decide(&scene), None)
-                .unwrap()
-                .expect("switched on");
+        let marks = shadows::light_visibility(
+            &mut g,
+            &scene,
+            &resident,
+            &effects,
+            &effects.decide(&scene),
+            None,
+        )
+        .unwrap()
+        .expect("switched on");
         let counts = g.download_buffer(&marks.counts);
         let frame = g.submit_and_wait(&[]).unwrap();
         let counts: &[u8] = frame.read(&counts);
@@ -539,11 +545,11 @@ fn samples_add_up_frame_by_frame_to_the_same_marks() {
                         [64, 64],
                     )
                     .unwrap();
-                    let scene = Scene::of(&view, &resident, light);
+                    let scene = FrameContext::of(&view, &resident, light);
                     let frames: Vec<_> = (at_once.iter())
                         .map(|&at_once| {
                             let mut g = Graph::new(gpu);
-                            let marks = shadows::marks(
+                            let marks = shadows::light_visibility(
                                 &mut g,
                                 &scene,
                                 &resident,
@@ -612,8 +618,8 @@ fn marks_of_nodes_that_come_and_go_are_those_of_casting_all_anew() {
                 if anew {
                     ["marks", "marks beside"].iter().for_each(|name| g.invalidate(name));
                 }
-                let scene = Scene::of(view, resident, light);
-                let marks = shadows::marks(
+                let scene = FrameContext::of(view, resident, light);
+                let marks = shadows::light_visibility(
                     &mut g,
                     &scene,
                     resident,

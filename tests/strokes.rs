@@ -245,7 +245,7 @@ mod painted {
             let mut g = Graph::new(gpu);
             let outcome = frame::record(&mut g, view, &resident, &config).unwrap();
             let [picture, depth] =
-                [&outcome.picture, &outcome.layers.depth].map(|image| g.download(image));
+                [&outcome.picture, &outcome.gbuffer.depth].map(|image| g.download(image));
             let frame = g.submit_and_wait(&[]).expect("drawn, and no validation message");
             let painted = Painted {
                 picture: frame.read(&picture).to_vec(),

@@ -328,10 +328,10 @@ fn refine_shadows(
     config: &FrameConfig,
     newer: &Superseded,
 ) -> Result<()> {
-    let (scene, began) = (config.scene(view, resident), Instant::now());
+    let (scene, began) = (config.frame_context(view, resident), Instant::now());
     loop {
         let mut g = Graph::new(gpu);
-        let marks = match shadows::marks(
+        let marks = match shadows::light_visibility(
             &mut g,
             &scene,
             resident,
@@ -346,7 +346,9 @@ fn refine_shadows(
                 return if let Error::Request(_) = error { Ok(()) } else { Err(error) };
             }
         };
-        let Some(shadows::Marks { counts, saved: None, facts, .. }) = marks else { return Ok(()) };
+        let Some(shadows::LightVisibility { counts, saved: None, facts, .. }) = marks else {
+            return Ok(());
+        };
         g.submit_and_wait(&[counts.resource()])?.recycle(gpu);
         if facts.cast == facts.samples
             || began.elapsed() >= REFINE_BUDGET
@@ -699,7 +701,7 @@ impl RenderLoop {
         encode::record(&mut g, &outcome.picture, &mut screen)?;
         let warned = Warned::ask(&mut g, &drawn.effects);
         let [depth, index] =
-            [&outcome.layers.depth, &outcome.layers.index].map(|layer| g.download(layer));
+            [&outcome.gbuffer.depth, &outcome.gbuffer.index].map(|layer| g.download(layer));
         times.recording = recording.elapsed();
         let (began, handled) = (Instant::now(), self.handled);
         let running = match g.submit_async(&[screen.words.resource()]) {
@@ -732,8 +734,8 @@ impl RenderLoop {
         self.scale = self.scale.after(divisor, took);
         self.last_drawn = identity;
         let lit = outcome
-            .layers
-            .marks
+            .gbuffer
+            .light_visibility
             .as_ref()
             .is_none_or(|marks| marks.facts.cast == marks.facts.samples);
         let finest = divisor == 1 && drawn.effects == config.effects && lit && ordered;

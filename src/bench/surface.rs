@@ -190,12 +190,12 @@ fn draw(
     let config = FrameConfig::new(&settings, view, resident);
     let mut g = Graph::new(gpu);
     let outcome = frame::record(&mut g, view, resident, &config)?;
-    let mut wanted = vec![outcome.layers.depth.resource(), outcome.picture.resource()];
+    let mut wanted = vec![outcome.gbuffer.depth.resource(), outcome.picture.resource()];
     if passes == ["plain"] {
         let mut mean = g.image("mean", view.size, Kind::R32f);
         g.run(
             shader::Plain {
-                depth: &outcome.layers.depth,
+                depth: &outcome.gbuffer.depth,
                 mean: &mut mean,
                 push: shader::plain::Push { size: view.size },
             },

@@ -147,8 +147,9 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
     let Done { frame, asked, notes } =
         frame::draw(&mut gpu, &view, resident, &config, progress, |g, outcome| {
             facts.strokes = outcome.strokes.as_ref().map(|painted| painted.facts);
-            facts.shadows = outcome.layers.marks.as_ref().map(|marks| marks.facts);
-            let counts = arguments.explain.is_some().then(|| counts::Asked::of(g, &outcome.layers));
+            facts.shadows = outcome.gbuffer.light_visibility.as_ref().map(|marks| marks.facts);
+            let counts =
+                arguments.explain.is_some().then(|| counts::Asked::of(g, &outcome.gbuffer));
             Ok((Downloads::ask(g, outcome, png, exr)?, counts, outcome.statistics))
         })?;
     let (downloads, counts, statistics) = asked;
@@ -282,7 +283,7 @@ fn explain(
             drawn.points_compared
         );
     }
-    let scene = config.scene(&facts.view, resident);
+    let scene = config.frame_context(&facts.view, resident);
     text += &format!(
         "spacing: {} m between points, and {} m between layers, {}; depths are known to {} m\n",
         significant(scene.sampling.spacing_m),
@@ -339,7 +340,7 @@ fn explain_json(
         "drawn": drawn,
         "index": facts.taken,
         "spacing_m": resident.spacing_m(),
-        "layer_m": config.scene(&facts.view, resident).layer_m(0.0),
+        "layer_m": config.frame_context(&facts.view, resident).layer_m(0.0),
         "quantum_m": config.quantum_m,
         "light": config.light,
         "shadows": facts.shadows,

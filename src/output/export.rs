@@ -28,12 +28,12 @@ impl Downloads {
     pub fn ask(g: &mut Graph, outcome: &Outcome, picture: bool, layers: bool) -> Result<Downloads> {
         let picture = picture.then(|| encode::download(g, &outcome.picture)).transpose()?;
         let linear = layers.then(|| g.download(&outcome.picture));
-        let depth = layers.then(|| g.download(&outcome.layers.depth));
-        let index = layers.then(|| g.download(&outcome.layers.index));
-        let raw = layers.then(|| g.download(&outcome.layers.raw));
-        let raw_index = layers.then(|| g.download(&outcome.layers.raw_index));
+        let depth = layers.then(|| g.download(&outcome.gbuffer.depth));
+        let index = layers.then(|| g.download(&outcome.gbuffer.index));
+        let raw = layers.then(|| g.download(&outcome.gbuffer.projected_depth));
+        let raw_index = layers.then(|| g.download(&outcome.gbuffer.projected_index));
         let normal = layers.then(|| g.download(&outcome.normal));
-        let lit = outcome.layers.lit.as_ref().filter(|_| layers).map(|lit| g.download(lit));
+        let lit = outcome.gbuffer.shading.as_ref().filter(|_| layers).map(|lit| g.download(lit));
         Ok(Downloads { picture, linear, depth, index, raw, raw_index, normal, lit })
     }
 

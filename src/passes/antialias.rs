@@ -10,7 +10,7 @@
 
 use super::smooth::Pixels;
 use super::visibility::Looked;
-use super::{Decided, Effects, LIST_HEADER, Layers, Reason, Scene, Setting, Value, tiles};
+use super::{Decided, Effects, FrameContext, GBuffer, LIST_HEADER, Reason, Setting, Value, tiles};
 use crate::graph::{Dispatch, Graph, Kind};
 use crate::shader::{self, antialias, antialias_close, silhouettes};
 use crate::view::View;
@@ -97,7 +97,7 @@ pub fn reach_px(_view: &View, _settings: &Settings) -> Option<u32> {
     Some(2)
 }
 
-pub fn called_for(_scene: &Scene, asked: &Effects, before: &Decided) -> Reason {
+pub fn called_for(_scene: &FrameContext, asked: &Effects, before: &Decided) -> Reason {
     let smooths = before.runs("smooth")
         && (before.runs("fill") || asked.smooth.settings.pixels == Pixels::All);
     let (runs, why) = match before.runs("fill") {
@@ -111,8 +111,13 @@ pub fn called_for(_scene: &Scene, asked: &Effects, before: &Decided) -> Reason {
     Reason { runs, why: why.to_string() }
 }
 
-pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, layers: Layers) -> Layers {
-    let size = scene.view.size;
+pub fn record(
+    g: &mut Graph,
+    context: &FrameContext,
+    settings: &Settings,
+    gbuffer: GBuffer,
+) -> GBuffer {
+    let size = context.view.size;
     let across = tiles(size);
     let count = across[0] * across[1];
     let (inverse, high) =
@@ -133,7 +138,7 @@ pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, layers: Layers)
     let spec = silhouettes::Spec { inverse, high };
     g.run(
         shader::Silhouettes {
-            depth: &layers.depth,
+            depth: &gbuffer.depth,
             found: &mut found,
             lists: &mut lists,
             push,
@@ -142,7 +147,7 @@ pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, layers: Layers)
         Dispatch::PerEightTiles(count),
     );
 
-    let Layers { depth, mut color, mut lit, .. } = layers;
+    let GBuffer { depth, mut color, shading: mut lit, .. } = gbuffer;
     let mut blended = g.image("blended", size, Kind::Rgba32f);
     // Without light there is nothing to read or write; a binding wants an image all the same.
     let lit_by = lit.is_some();
@@ -180,5 +185,5 @@ pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, layers: Layers)
         },
         Dispatch::Indirect(&lists, 0),
     );
-    Layers { depth, color, lit, ..layers }
+    GBuffer { depth, color, shading: lit, ..gbuffer }
 }

@@ -3,7 +3,7 @@
 //! By the horizons around a pixel above its own tangent plane: normals, fitted to the depths as for `phong`, keep steep planes from darkening, which depths alone would not. Runs on what filling and
 //! smoothing leave, and multiplies the light that shape depiction leaves.
 
-use super::{Decided, Effects, Layers, Reason, Scene, Setting, Value, phong};
+use super::{Decided, Effects, FrameContext, GBuffer, Reason, Setting, Value, phong};
 use crate::graph::{Dispatch, Graph, Kind};
 use crate::shader::{self, ao::Push, ao::Spec};
 use crate::view::{Projection, View};
@@ -82,8 +82,8 @@ pub fn reach_px(view: &View, settings: &Settings) -> Option<u32> {
         .then(|| (radius(view, settings) * view.focal_px()).ceil() as u32 + WINDOW_PX as u32 + 1)
 }
 
-pub fn called_for(scene: &Scene, _asked: &Effects, _before: &Decided) -> Reason {
-    let why = match scene.points {
+pub fn called_for(context: &FrameContext, _asked: &Effects, _before: &Decided) -> Reason {
+    let why = match context.points {
         0 => "there is nothing to shade",
         _ => "nobody asked: it shades beside what shades already; --effect ao=on",
     };
@@ -105,8 +105,13 @@ pub fn turn(settings: &Settings) -> [f32; 2] {
     [angle.cos() as f32, angle.sin() as f32]
 }
 
-pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, layers: Layers) -> Layers {
-    let view = scene.view;
+pub fn record(
+    g: &mut Graph,
+    context: &FrameContext,
+    settings: &Settings,
+    gbuffer: GBuffer,
+) -> GBuffer {
+    let view = context.view;
     let mut left = g.image("left", view.size, Kind::R32f);
     let push = Push {
         size: view.size,
@@ -124,14 +129,14 @@ pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, layers: Layers)
     let perspective = view.camera.projection == Projection::Perspective;
     let spec = Spec {
         perspective,
-        lit_by: layers.lit.is_some(),
+        lit_by: gbuffer.shading.is_some(),
         metres: perspective && settings.radius > 0.0,
     };
     // Without light there is nothing to read; a binding wants an image all the same.
-    let lit = layers.lit.as_ref().unwrap_or(&layers.depth);
+    let lit = gbuffer.shading.as_ref().unwrap_or(&gbuffer.depth);
     g.run(
-        shader::Ao { depth: &layers.depth, lit, left: &mut left, push, spec },
+        shader::Ao { depth: &gbuffer.depth, lit, left: &mut left, push, spec },
         Dispatch::PerPixel,
     );
-    Layers { lit: Some(left), ..layers }
+    GBuffer { shading: Some(left), ..gbuffer }
 }

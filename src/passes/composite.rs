@@ -1,19 +1,19 @@
 //! LAYERS -> PICTURE: lit colour over the background, linear.
 
-use super::Layers;
+use super::GBuffer;
 use crate::graph::{Dispatch, Graph, Image, Kind};
 use crate::shader::{self, composite::Push, composite::Spec};
 use crate::view::View;
 
-pub fn record(g: &mut Graph, view: &View, background: [f32; 3], layers: &Layers) -> Image {
+pub fn record(g: &mut Graph, view: &View, background: [f32; 3], gbuffer: &GBuffer) -> Image {
     let mut picture = g.image("picture", view.size, Kind::Rgba32f);
     // What several layers show together is lit already.
-    let (color, lit) = layers
-        .front
+    let (color, lit) = gbuffer
+        .accumulation
         .as_ref()
-        .map_or((&layers.color, layers.lit.as_ref()), |front| (&front.color, None));
+        .map_or((&gbuffer.color, gbuffer.shading.as_ref()), |layers| (&layers.color, None));
     // Without light there is nothing to read; a binding wants an image all the same.
-    let (lit, spec) = (lit.unwrap_or(&layers.depth), Spec { lit_by: lit.is_some() });
+    let (lit, spec) = (lit.unwrap_or(&gbuffer.depth), Spec { lit_by: lit.is_some() });
     let push = Push { size: view.size, background };
     g.run(
         shader::Composite { color, lit, picture: &mut picture, push, spec },

@@ -2,7 +2,7 @@
 
 use super::shadows::Method;
 use super::visibility;
-use super::{Effects, LIST_HEADER, Layers, TILE_PX, fill, significant, tiles};
+use super::{Effects, GBuffer, LIST_HEADER, TILE_PX, fill, significant, tiles};
 use crate::graph::{Buffer, CompletedSubmission, Graph};
 
 /// Lists that come back with the frame; none of a pass that does not run.
@@ -50,8 +50,8 @@ pub struct Counts {
 }
 
 impl Asked {
-    pub fn of(g: &mut Graph, layers: &Layers) -> Asked {
-        let left = layers.front.as_ref().map(|front| g.download_buffer(&front.left));
+    pub fn of(g: &mut Graph, gbuffer: &GBuffer) -> Asked {
+        let left = gbuffer.accumulation.as_ref().map(|front| g.download_buffer(&front.left));
         let mut named = |name: &str| g.find_buffer(name).map(|list| g.download_buffer(&list));
         Asked {
             lists: named("lists"),

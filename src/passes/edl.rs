@@ -1,6 +1,6 @@
 //! Eye-dome lighting: depth and colour in, colour darkened where neighbours stand in front out (Boucheny 2009, ch. 5).
 
-use super::{Decided, Effects, Layers, Reason, Scene, Setting, Value};
+use super::{Decided, Effects, FrameContext, GBuffer, Reason, Setting, Value};
 use crate::graph::{Dispatch, Graph, Kind};
 use crate::shader::{self, edl::Push, edl::Spec};
 use crate::view::{Projection, View};
@@ -56,8 +56,8 @@ pub fn reach_px(_view: &View, settings: &Settings) -> Option<u32> {
     Some(settings.radius.round() as u32)
 }
 
-pub fn called_for(scene: &Scene, _asked: &Effects, before: &Decided) -> Reason {
-    match scene.points {
+pub fn called_for(context: &FrameContext, _asked: &Effects, before: &Decided) -> Reason {
+    match context.points {
         0 => Reason { runs: false, why: "there is nothing to shade".to_string() },
         _ if before.runs("phong") => {
             Reason { runs: false, why: "Phong lighting shades already".to_string() }
@@ -72,8 +72,13 @@ pub fn called_for(scene: &Scene, _asked: &Effects, before: &Decided) -> Reason {
     }
 }
 
-pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, layers: Layers) -> Layers {
-    let view = scene.view;
+pub fn record(
+    g: &mut Graph,
+    context: &FrameContext,
+    settings: &Settings,
+    gbuffer: GBuffer,
+) -> GBuffer {
+    let view = context.view;
     let mut lit = g.image("lit", view.size, Kind::Rgba32f);
     let push = Push {
         size: view.size,
@@ -84,8 +89,8 @@ pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, layers: Layers)
     };
     let spec = Spec { perspective: view.camera.projection == Projection::Perspective };
     g.run(
-        shader::Edl { depth: &layers.depth, color: &layers.color, lit: &mut lit, push, spec },
+        shader::Edl { depth: &gbuffer.depth, color: &gbuffer.color, lit: &mut lit, push, spec },
         Dispatch::PerPixel,
     );
-    Layers { color: lit, ..layers }
+    GBuffer { color: lit, ..gbuffer }
 }

@@ -3,7 +3,7 @@
 //! Colours number their station, and are looked up in a row of a table that is its own: what this takes is the table. It comes before all else that is done to colours, keeps every detail, and leaves to
 //! `luminance` what no factor mends: shadows, the time of day.
 
-use super::{Decided, Effects, Layers, Reason, Scene, Setting};
+use super::{Decided, Effects, FrameContext, GBuffer, Reason, Setting};
 use crate::cloud::attribute::{Attribute, station_code};
 use crate::cloud::colormap::{linear_to_srgb, srgb_to_linear};
 use crate::graph::Graph;
@@ -36,10 +36,10 @@ pub fn reach_px(_view: &View, _settings: &Settings) -> Option<u32> {
 /// Stops between the brightest station and the darkest that are seen.
 const SEEN: f64 = 0.05;
 
-pub fn called_for(scene: &Scene, _asked: &Effects, _before: &Decided) -> Reason {
-    let stations = scene.stations;
-    let (runs, why) = match scene.balance {
-        _ if scene.shown != Attribute::Rgb => (false, "points do not show their colours".to_string()),
+pub fn called_for(context: &FrameContext, _asked: &Effects, _before: &Decided) -> Reason {
+    let stations = context.stations;
+    let (runs, why) = match context.balance {
+        _ if context.shown != Attribute::Rgb => (false, "points do not show their colours".to_string()),
         _ if stations < 2 => (false, "there is one station, and with it one exposure".to_string()),
         None => (false, "nobody knows by how much stations differ: none overlap, or their index is of an earlier version".to_string()),
         Some(balance) if stops(balance) < SEEN => {
@@ -60,8 +60,8 @@ pub fn called_for(scene: &Scene, _asked: &Effects, _before: &Decided) -> Reason 
 }
 
 /// Whether stations are shown with one exposure: their own, or that which this has given them.
-pub fn is_one(scene: &Scene, decided: &Decided) -> bool {
-    decided.runs("exposure") || scene.balance.is_some_and(|balance| stops(balance) < SEEN)
+pub fn is_one(context: &FrameContext, decided: &Decided) -> bool {
+    decided.runs("exposure") || context.balance.is_some_and(|balance| stops(balance) < SEEN)
 }
 
 fn stops(balance: &Balance) -> f64 {
@@ -96,8 +96,13 @@ pub fn levels(gains: &[f64]) -> Vec<u32> {
 }
 
 /// What there was to do was done when colours were looked up.
-pub fn record(_g: &mut Graph, _scene: &Scene, _settings: &Settings, layers: Layers) -> Layers {
-    layers
+pub fn record(
+    _g: &mut Graph,
+    _scene: &FrameContext,
+    _settings: &Settings,
+    gbuffer: GBuffer,
+) -> GBuffer {
+    gbuffer
 }
 
 #[cfg(test)]

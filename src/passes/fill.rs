@@ -17,7 +17,7 @@ mod splat;
 pub use dobrev::APART_PX;
 
 use super::{
-    Decided, Effects, Holes, Layers, MOST_LEVELS, Reason, Scene, Setting, TILE_PX, Value,
+    Decided, Effects, FrameContext, GBuffer, Holes, MOST_LEVELS, Reason, Setting, TILE_PX, Value,
     significant, tiles, visibility,
 };
 use crate::graph::{Dispatch, Graph, Image, Kind};
@@ -135,15 +135,15 @@ pub fn reach_px(_view: &View, settings: &Settings) -> Option<u32> {
     }
 }
 
-pub fn called_for(scene: &Scene, asked: &Effects, before: &Decided) -> Reason {
+pub fn called_for(context: &FrameContext, asked: &Effects, before: &Decided) -> Reason {
     let settings = &asked.fill.settings;
     match settings.method {
         Method::Auto | Method::Median => {}
-        _ if scene.points == 0 => {
+        _ if context.points == 0 => {
             return Reason { runs: false, why: "there is nothing to fill with".to_string() };
         }
         Method::Mask => {
-            let layer_m = scene.layer_m(settings.layer);
+            let layer_m = context.layer_m(settings.layer);
             return Reason {
                 runs: true,
                 why: format!(
@@ -203,26 +203,31 @@ pub fn settled(asked: &Settings, transparent: bool, floods: bool, widest_px: f64
 /// Pixels: as far as steps carry depths at most.
 pub(super) const WIDEST: f64 = 31.0;
 
-pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, layers: Layers) -> Layers {
-    let view = scene.view;
+pub fn record(
+    g: &mut Graph,
+    context: &FrameContext,
+    settings: &Settings,
+    gbuffer: GBuffer,
+) -> GBuffer {
+    let view = context.view;
     match settings.method {
         Method::Median => {}
-        Method::Mask => return dobrev::record(g, scene, settings, layers),
-        Method::Splat => return splat::record(g, view, settings, layers),
+        Method::Mask => return dobrev::record(g, context, settings, gbuffer),
+        Method::Splat => return splat::record(g, view, settings, gbuffer),
         Method::Auto | Method::Pullpush => {
-            return pullpush::record(g, view, settings, scene.shown.is_label(), layers);
+            return pullpush::record(g, view, settings, context.shown.is_label(), gbuffer);
         }
     }
-    let Some(holes) = &layers.holes else { return layers };
-    let labels = [scene.shown.is_label(), false];
-    let filled: Vec<_> = layers
+    let Some(holes) = &gbuffer.holes else { return gbuffer };
+    let labels = [context.shown.is_label(), false];
+    let filled: Vec<_> = gbuffer
         .colors()
         .zip(labels)
-        .map(|(color, labels)| pintus(g, view, settings, holes, &layers.depth, color, labels))
+        .map(|(color, labels)| pintus(g, view, settings, holes, &gbuffer.depth, color, labels))
         .collect();
-    let Layers { mut depth, mut color, mut reached, .. } = layers;
+    let GBuffer { mut depth, mut color, mut shadow_factor, .. } = gbuffer;
     for (color, [filled_depth, filled_color]) in
-        [Some(&mut color), reached.as_mut()].into_iter().flatten().zip(&filled)
+        [Some(&mut color), shadow_factor.as_mut()].into_iter().flatten().zip(&filled)
     {
         let push = fill_close::Push { size: view.size, tiles_across: tiles(view.size)[0] };
         let listed = Dispatch::Indirect(&holes.list, 0);
@@ -238,7 +243,7 @@ pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, layers: Layers)
             listed,
         );
     }
-    Layers { depth, color, reached, holes: None, ..layers }
+    GBuffer { depth, color, shadow_factor, holes: None, ..gbuffer }
 }
 
 /// Depths and colours with what steps have filled, in the form that they go back and forth in.

@@ -12,7 +12,7 @@
 use super::exposure;
 use super::project::{self, Band, Drawn, Group, Shallow, Walk};
 use super::resolve::Paint;
-use super::{Decided, Effects, Layers, Reason, Scene, Setting, Value};
+use super::{Decided, Effects, FrameContext, GBuffer, Reason, Setting, Value};
 use crate::cloud::attribute::Attribute;
 use crate::error::{Error, Result};
 use crate::graph::{Buffer, Dispatch, Graph, Image};
@@ -87,36 +87,37 @@ pub fn reach_px(_view: &View, settings: &Settings) -> Option<u32> {
 /// Of the places that stations share, the part that may differ once all have one exposure.
 const FEW: f64 = 0.05;
 
-pub fn called_for(scene: &Scene, _asked: &Effects, before: &Decided) -> Reason {
-    let (stations, density) = (scene.stations, super::significant(scene.sampling.density));
+pub fn called_for(context: &FrameContext, _asked: &Effects, before: &Decided) -> Reason {
+    let (stations, density) = (context.stations, super::significant(context.sampling.density));
     let (runs, why) = match () {
-        _ if scene.points == 0 => (false, "there is nothing to correct".to_string()),
-        _ if !scene.shown.has_luminance() => (
+        _ if context.points == 0 => (false, "there is nothing to correct".to_string()),
+        _ if !context.shown.has_luminance() => (
             false,
             "what points show has no luminance: neither their colours nor an intensity".to_string(),
         ),
-        _ if scene.shown == Attribute::Corrected => {
+        _ if context.shown == Attribute::Corrected => {
             (false, "the colours that are shown are corrected already".to_string())
         }
         _ if stations < 2 => (false, "there is one station, and with it one light".to_string()),
-        _ if scene.overlap.count == 0 => (
+        _ if context.overlap.count == 0 => (
             false,
             format!("{stations} stations, of which no part of the picture shows more than one"),
         ),
-        _ if scene.sampling.density < ENOUGH => (
+        _ if context.sampling.density < ENOUGH => (
             false,
             format!(
                 "{stations} stations, but half of the points in view lie less densely than {density} a pixel, and {ENOUGH} are needed; --effect luminance=on"
             ),
         ),
-        _ if exposure::is_one(scene, before)
-            && scene.balance.is_some_and(|balance| balance.uneven <= FEW) =>
+        _ if exposure::is_one(context, before)
+            && context.balance.is_some_and(|balance| balance.uneven <= FEW) =>
         {
             (false, "with one exposure stations hardly differ; --effect luminance=on".to_string())
         }
         _ => {
-            let shared =
-                super::significant(100.0 * scene.overlap.count as f64 / scene.overlap.seen as f64);
+            let shared = super::significant(
+                100.0 * context.overlap.count as f64 / context.overlap.seen as f64,
+            );
             (
                 true,
                 format!(
@@ -161,24 +162,24 @@ pub const MOST_POINTS: u64 = (1 << 28) - 1;
 const SPACINGS: f64 = 3.0;
 
 /// Pixels around one whose points count with its own. The 3 x 3 weigh as much as four pixels: where four times as many points as are enough lie in one, that one will do.
-fn around(scene: &Scene, settings: &Settings) -> u32 {
+fn around(context: &FrameContext, settings: &Settings) -> u32 {
     let asked = settings.neighbourhood;
-    (if asked == 0.0 { scene.sampling.density < 4.0 * ENOUGH } else { asked >= 2.0 }) as u32
+    (if asked == 0.0 { context.sampling.density < 4.0 * ENOUGH } else { asked >= 2.0 }) as u32
 }
 
-fn epsilon(scene: &Scene, settings: &Settings) -> f64 {
-    if settings.epsilon == 0.0 { SPACINGS * scene.sampling.spacing_m } else { settings.epsilon }
+fn epsilon(context: &FrameContext, settings: &Settings) -> f64 {
+    if settings.epsilon == 0.0 { SPACINGS * context.sampling.spacing_m } else { settings.epsilon }
 }
 
 /// What the first walk is to find out for the second one; none where there is none.
 pub fn shallow(
     g: &mut Graph,
-    scene: &Scene,
+    context: &FrameContext,
     settings: &Settings,
     drawn: &Drawn,
     paint: &Paint,
 ) -> Option<Shallow> {
-    paint.levels.is_some().then(|| drawn.shallow(g, epsilon(scene, settings) as f32))
+    paint.levels.is_some().then(|| drawn.shallow(g, epsilon(context, settings) as f32))
 }
 
 /// Bytes of a sum: of values, and how many.
@@ -187,7 +188,7 @@ const SUM_BYTES: u64 = 8;
 /// Sums of all pixels, of the points at most epsilon behind the front.
 pub fn sums(
     g: &mut Graph,
-    scene: &Scene,
+    context: &FrameContext,
     settings: &Settings,
     drawn: &Drawn,
     shallow: &Shallow,
@@ -200,11 +201,11 @@ pub fn sums(
             drawn.statistics.points_drawn
         )));
     }
-    let ramp = scene.shown == Attribute::Intensity;
+    let ramp = context.shown == Attribute::Intensity;
     let channels = if settings.space == Space::Rgb && !ramp { 3 } else { 1 };
-    let words: Vec<u32> = scene.overlap.several.iter().map(|&several| several as u32).collect();
+    let words: Vec<u32> = context.overlap.several.iter().map(|&several| several as u32).collect();
     let several =
-        (!scene.overlap.is_everywhere()).then(|| g.upload("several", &words)).transpose()?;
+        (!context.overlap.is_everywhere()).then(|| g.upload("several", &words)).transpose()?;
     let mut sums = Sums {
         bands: Vec::new(),
         paint: paint.again(),
@@ -212,8 +213,8 @@ pub fn sums(
         epsilon: shallow.epsilon,
         several,
     };
-    let again = Again { scene, drawn, shallow, paint, front, channels };
-    let [width, height] = scene.view.size;
+    let again = Again { context, drawn, shallow, paint, front, channels };
+    let [width, height] = context.view.size;
     // Two rows are left for the neighbours of a band.
     let limit = g.binding_limit().saturating_sub(2 * SUM_BYTES * channels as u64 * width as u64);
     for Band { top, size } in project::bands([channels * width, height], SUM_BYTES, limit) {
@@ -233,7 +234,7 @@ pub fn sums(
 
 /// The second walk over points.
 struct Again<'w> {
-    scene: &'w Scene<'w>,
+    context: &'w FrameContext<'w>,
     drawn: &'w Drawn,
     shallow: &'w Shallow,
     paint: &'w Paint,
@@ -242,11 +243,11 @@ struct Again<'w> {
 }
 
 fn walk(g: &mut Graph, again: &Again, band: Band, sums: &mut Buffer) {
-    let &Again { scene, drawn, shallow, paint, front, channels } = again;
+    let &Again { context, drawn, shallow, paint, front, channels } = again;
     let Walk { centre, corner, size, near, lanes, perspective, texels, points_per_chunk } =
-        Walk::new(g, scene.view, band);
+        Walk::new(g, context.view, band);
     let (ramp, levels, [lo, scale]) = (
-        scene.shown == Attribute::Intensity,
+        context.shown == Attribute::Intensity,
         paint.levels.as_ref().unwrap_or(&paint.table),
         paint.ramp,
     );
@@ -341,11 +342,16 @@ fn walk(g: &mut Graph, again: &Again, band: Band, sums: &mut Buffer) {
     }
 }
 
-pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, layers: Layers) -> Layers {
-    let Layers { mut color, sums, .. } = layers;
-    if let Some(Sums { bands, paint, channels, epsilon, several }) = &sums {
-        let (width, corner) = (scene.view.size[0], scene.view.corner);
-        let around = around(scene, settings);
+pub fn record(
+    g: &mut Graph,
+    context: &FrameContext,
+    settings: &Settings,
+    gbuffer: GBuffer,
+) -> GBuffer {
+    let GBuffer { mut color, luminance_sums, .. } = gbuffer;
+    if let Some(Sums { bands, paint, channels, epsilon, several }) = &luminance_sums {
+        let (width, corner) = (context.view.size[0], context.view.corner);
+        let around = around(context, settings);
         let (transparent, by_kind, texels) = (
             paint.opacities.is_some(),
             paint.kinds.is_some(),
@@ -371,7 +377,7 @@ pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, layers: Layers)
                 lo,
                 scale,
                 corner,
-                tiles_across: scene.overlap.size[0],
+                tiles_across: context.overlap.size[0],
             };
             g.run(
                 shader::Luminance {
@@ -382,8 +388,8 @@ pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, layers: Layers)
                     shown: &paint.shown,
                     kinds: paint.kinds(),
                     opacities: paint.opacities(),
-                    front: &layers.raw,
-                    index: &layers.index,
+                    front: &gbuffer.projected_depth,
+                    index: &gbuffer.index,
                     several: several.as_ref().unwrap_or(&paint.table),
                     color: &mut color,
                     push,
@@ -393,5 +399,5 @@ pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, layers: Layers)
             );
         }
     }
-    Layers { color, sums, ..layers }
+    GBuffer { color, luminance_sums, ..gbuffer }
 }

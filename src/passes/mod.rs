@@ -31,29 +31,29 @@ use crate::view::light::Light;
 use std::sync::Arc;
 
 /// What the screen-space passes hand on.
-pub struct Layers {
+pub struct GBuffer {
     /// Planar depth, metres; infinite where nothing is, minus infinite where something is that is not known yet.
     pub depth: Image,
     /// Planar depth as the points were projected.
-    pub raw: Image,
+    pub projected_depth: Image,
     /// Point ids; of pixels that were filled with one point's values, that one's.
     pub index: Image,
     /// Point ids as the points were projected.
-    pub raw_index: Image,
+    pub projected_index: Image,
     /// Linear colour multiplied by its alpha, which is how opaque a surface is, and 0 where none is.
     pub color: Image,
     /// Layers before this one and with it, where they let light through.
-    pub front: Option<transparency::Front>,
+    pub accumulation: Option<transparency::Accumulation>,
     /// For every node by its number, the address of the page with its points' normals, where they have brought any.
-    pub facings: Option<Buffer>,
+    pub normal_pages: Option<Buffer>,
     /// How much of a light reaches each point, where shadows are cast.
-    pub marks: Option<shadows::Marks>,
+    pub light_visibility: Option<shadows::LightVisibility>,
     /// How much of the light reaches each pixel's surface, where lighting is to take that into account: red, green and blue alike. What fills colours fills it like them.
-    pub reached: Option<Image>,
+    pub shadow_factor: Option<Image>,
     /// What each pixel's points add up to, where luminance is corrected.
-    pub sums: Option<luminance::Sums>,
+    pub luminance_sums: Option<luminance::Sums>,
     /// What is left of the light, which multiplies the colour; all of it where no effect takes any.
-    pub lit: Option<Image>,
+    pub shading: Option<Image>,
     /// Of every node of the frame, how far apart its points are, metres; f32.
     pub spacings: Buffer,
     /// The least and the most that may be on the screen, pixels; infinite where the camera is within a node.
@@ -61,15 +61,15 @@ pub struct Layers {
     /// How far apart pixels are whose depths are not those of one point, pixels; 1 where each is its own or lies between those around.
     pub flat_px: u32,
     /// Where each pixel's depth was taken from, if from others: four rows a texel (glsl/lib/source.glsl).
-    pub source: Option<Image>,
+    pub depth_source: Option<Image>,
     /// Tiles with pixels of unknown depth, where a pass has looked for them.
     pub holes: Option<Holes>,
 }
 
-impl Layers {
+impl GBuffer {
     /// What is filled alike: colours, and how much of the light reaches them.
     pub fn colors(&self) -> impl Iterator<Item = &Image> {
-        [Some(&self.color), self.reached.as_ref()].into_iter().flatten()
+        [Some(&self.color), self.shadow_factor.as_ref()].into_iter().flatten()
     }
 }
 
@@ -121,7 +121,7 @@ pub enum Switch {
 }
 
 /// What effects decide by, and work on.
-pub struct Scene<'s> {
+pub struct FrameContext<'s> {
     pub view: &'s View,
     pub light: Light,
     pub points: u64,
@@ -144,9 +144,9 @@ pub struct Scene<'s> {
     pub overlap: Arc<StationOverlap>,
 }
 
-impl<'s> Scene<'s> {
-    pub fn of(view: &'s View, resident: &'s Resident, light: Light) -> Scene<'s> {
-        Scene {
+impl<'s> FrameContext<'s> {
+    pub fn of(view: &'s View, resident: &'s Resident, light: Light) -> FrameContext<'s> {
+        FrameContext {
             view,
             light,
             points: resident.points,
@@ -228,9 +228,9 @@ macro_rules! effects {
             }
 
             /// Whether each effect runs in this scene, and why.
-            pub fn decide(&self, scene: &Scene) -> Decided {
+            pub fn decide(&self, context: &FrameContext) -> Decided {
                 let mut decided = Decided::default();
-                $(let reason = self.$name.decide(stringify!($name), $name::called_for(scene, self, &decided));
+                $(let reason = self.$name.decide(stringify!($name), $name::called_for(context, self, &decided));
                 decided.0.push((stringify!($name), reason));)*
                 decided
             }
@@ -272,11 +272,11 @@ macro_rules! effects {
         }
 
         /// Every effect that runs, in order.
-        pub fn apply(g: &mut Graph, scene: &Scene, effects: &Effects, decided: &Decided, mut layers: Layers) -> Layers {
+        pub fn apply(g: &mut Graph, context: &FrameContext, effects: &Effects, decided: &Decided, mut gbuffer: GBuffer) -> GBuffer {
             $(if decided.runs(stringify!($name)) {
-                layers = $name::record(g, scene, &effects.$name.settings, layers);
+                gbuffer = $name::record(g, context, &effects.$name.settings, gbuffer);
             })*
-            layers
+            gbuffer
         }
     };
 }

@@ -1,11 +1,11 @@
 //! DEPTH -> NORMALS of the surface that is drawn, world. Recorded for whoever reads it: without a reader the pass is dropped.
 
-use super::Layers;
+use super::GBuffer;
 use crate::graph::{Dispatch, Graph, Image, Kind};
 use crate::shader::{self, normal::Push, normal::Spec};
 use crate::view::{Projection, View};
 
-pub fn record(g: &mut Graph, view: &View, layers: &Layers) -> Image {
+pub fn record(g: &mut Graph, view: &View, gbuffer: &GBuffer) -> Image {
     let mut normal = g.image("normal", view.size, Kind::Rgba32f);
     let axis = |axis: glam::DVec3| axis.as_vec3().to_array();
     let push = Push {
@@ -18,7 +18,7 @@ pub fn record(g: &mut Graph, view: &View, layers: &Layers) -> Image {
     };
     let spec = Spec { perspective: view.camera.projection == Projection::Perspective };
     g.run(
-        shader::Normal { depth: &layers.depth, normal: &mut normal, push, spec },
+        shader::Normal { depth: &gbuffer.depth, normal: &mut normal, push, spec },
         Dispatch::PerPixel,
     );
     normal

@@ -7,7 +7,7 @@
 //! A pixel whose point has a normal takes it; one that filling has made takes the mean of those around it on the same surface; and where there are none the normal is fitted to the depths on the screen
 //! (glsl/lib/normal.glsl). All are turned towards the camera. Shape depiction, and shadows, multiply what is left of the light; this colours what they multiply.
 
-use super::{Asked, Decided, Effects, Layers, Reason, Scene, Setting, Switch, Value, fill};
+use super::{Asked, Decided, Effects, FrameContext, GBuffer, Reason, Setting, Switch, Value, fill};
 use crate::graph::{Dispatch, Graph, Image, Kind};
 use crate::shader::{self, facing, phong::Push, phong::Spec};
 use crate::view::light::Light;
@@ -113,9 +113,9 @@ pub fn reach_px(_view: &View, settings: &Settings) -> Option<u32> {
     Some(settings.radius as u32 + 1)
 }
 
-pub fn called_for(scene: &Scene, _asked: &Effects, before: &Decided) -> Reason {
-    let (runs, why) = match scene.light {
-        _ if scene.points == 0 => (false, "there is nothing to shade"),
+pub fn called_for(context: &FrameContext, _asked: &Effects, before: &Decided) -> Reason {
+    let (runs, why) = match context.light {
+        _ if context.points == 0 => (false, "there is nothing to shade"),
         Light::Direction(_) | Light::Position(_) => (true, "a light was asked for with --light"),
         Light::Headlight if before.runs("shape") => {
             (false, "shape depiction shades already, and no light was asked for with --light")
@@ -135,8 +135,8 @@ impl Asked<Settings> {
 }
 
 /// Where normals come from, in words.
-pub fn source(scene: &Scene, settings: &Settings) -> &'static str {
-    match (settings.normals, scene.normals) {
+pub fn source(context: &FrameContext, settings: &Settings) -> &'static str {
+    match (settings.normals, context.normals) {
         (Normals::Depth, _) => {
             "fitted to the depths on the screen, as asked for with normals=depth"
         }
@@ -184,8 +184,8 @@ pub fn reach(view: &View) -> f64 {
 }
 
 /// Of every pixel whose point has a normal, that: right, down and away from the camera, which it is turned towards, and 1; 0 of others. None where points have brought none.
-pub fn facing(g: &mut Graph, view: &View, layers: &Layers) -> Option<Image> {
-    let facings = layers.facings.as_ref()?;
+pub fn facing(g: &mut Graph, view: &View, gbuffer: &GBuffer) -> Option<Image> {
+    let facings = gbuffer.normal_pages.as_ref()?;
     let mut facing = g.image("facing", view.size, Kind::Rgba32f);
     let axis = |axis: DVec3| axis.as_vec3().to_array();
     let basis = &view.basis;
@@ -199,15 +199,20 @@ pub fn facing(g: &mut Graph, view: &View, layers: &Layers) -> Option<Image> {
     };
     let spec = facing::Spec { perspective: view.camera.projection == Projection::Perspective };
     g.run(
-        shader::Facing { index: &layers.index, facings, facing: &mut facing, push, spec },
+        shader::Facing { index: &gbuffer.index, facings, facing: &mut facing, push, spec },
         Dispatch::PerPixel,
     );
     Some(facing)
 }
 
-pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, layers: Layers) -> Layers {
-    let view = scene.view;
-    let facing = if settings.normals == Normals::Depth { None } else { facing(g, view, &layers) };
+pub fn record(
+    g: &mut Graph,
+    context: &FrameContext,
+    settings: &Settings,
+    gbuffer: GBuffer,
+) -> GBuffer {
+    let view = context.view;
+    let facing = if settings.normals == Normals::Depth { None } else { facing(g, view, &gbuffer) };
     let mut lit = g.image("lit", view.size, Kind::Rgba32f);
     let push = Push {
         size: view.size,
@@ -215,14 +220,14 @@ pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, layers: Layers)
         px_per_unit: view.focal_px() as f32,
         reach: reach(view) as f32,
         radius_px: settings.radius as i32,
-        light: seen(view, scene.light),
+        light: seen(view, context.light),
         eye: seen(view, Light::Headlight),
         ambient: settings.ambient as f32,
         diffuse: settings.diffuse as f32,
         specular: settings.specular as f32,
         shininess: settings.shininess as u32,
     };
-    let Layers { depth, color, reached, .. } = &layers;
+    let GBuffer { depth, color, shadow_factor: reached, .. } = &gbuffer;
     let spec = Spec {
         perspective: view.camera.projection == Projection::Perspective,
         of_points: facing.is_some(),
@@ -234,5 +239,5 @@ pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, layers: Layers)
         shader::Phong { depth, color, facing, reached, lit: &mut lit, push, spec },
         Dispatch::PerPixel,
     );
-    Layers { color: lit, reached: None, ..layers }
+    GBuffer { color: lit, shadow_factor: None, ..gbuffer }
 }

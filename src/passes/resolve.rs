@@ -1,7 +1,7 @@
 //! KEYS -> LAYERS: depth, point ids and colours of one band, written into the whole picture's images.
 
 use super::project::{Band, Keys};
-use super::{Decided, Layers, exposure, luminance};
+use super::{Decided, GBuffer, exposure, luminance};
 use crate::cloud::attribute::{Attribute, DisplayAttribute};
 use crate::cloud::colormap::{self, srgb_to_linear};
 use crate::error::Result;
@@ -17,7 +17,7 @@ pub struct Resolved {
     pub color: Image,
 }
 
-pub fn layers(g: &mut Graph, view: &View) -> Resolved {
+pub fn begin(g: &mut Graph, view: &View) -> Resolved {
     Resolved {
         depth: g.image("depth", view.size, Kind::R32f),
         index: g.image("index", view.size, Kind::R32ui),
@@ -156,33 +156,34 @@ pub fn record(
 
 impl Resolved {
     /// The layers that effects start from.
-    pub fn layers(self, g: &mut Graph, view: &View, resident: &Resident) -> Result<Layers> {
+    pub fn gbuffer(self, g: &mut Graph, view: &View, resident: &Resident) -> Result<GBuffer> {
         let Resolved { depth, index, color } = self;
-        let (raw, raw_index) = (g.copy("raw", &depth), g.copy("raw index", &index));
+        let (projected_depth, projected_index) =
+            (g.copy("raw", &depth), g.copy("raw index", &index));
         let spacings: Vec<f32> =
             resident.nodes.iter().map(|node| node.spacing as f32).chain([0.0]).collect();
         let spacings = g.upload("spacings", &spacings)?;
-        let facings = resident
+        let normal_pages = resident
             .shown
             .normal()
             .map(|word| g.upload("facings", &resident.addresses(word)))
             .transpose()?;
-        Ok(Layers {
+        Ok(GBuffer {
             depth,
-            raw,
+            projected_depth,
             index,
-            raw_index,
+            projected_index,
             color,
-            front: None,
-            facings,
-            marks: None,
-            reached: None,
-            sums: None,
-            lit: None,
+            accumulation: None,
+            normal_pages,
+            light_visibility: None,
+            shadow_factor: None,
+            luminance_sums: None,
+            shading: None,
             spacings,
             spacing_px: spacing_px(&view.entire(), resident),
             flat_px: 1,
-            source: None,
+            depth_source: None,
             holes: None,
         })
     }

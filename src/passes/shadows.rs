@@ -22,7 +22,7 @@ pub mod whole;
 pub use reach::{Layer, Reached, reach};
 
 use super::project::{self, Band, Drawn, Precision, Shallow};
-use super::{Decided, Effects, Layers, Reason, Scene, Setting, Value};
+use super::{Decided, Effects, FrameContext, GBuffer, Reason, Setting, Value};
 use crate::config::{POINTS_PER_PAGE, SUN};
 use crate::error::{Error, Result};
 use crate::graph::{Buffer, Dispatch, Graph, Image, Kind};
@@ -163,10 +163,10 @@ pub fn reach_px(_view: &View, _settings: &Settings) -> Option<u32> {
     Some(0)
 }
 
-pub fn called_for(scene: &Scene, _asked: &Effects, _before: &Decided) -> Reason {
-    let why = match scene.points {
+pub fn called_for(context: &FrameContext, _asked: &Effects, _before: &Decided) -> Reason {
+    let why = match context.points {
         0 => "there is nothing to cast any",
-        _ if scene.lit => {
+        _ if context.lit => {
             return Reason { runs: true, why: "they were saved, and cost nothing".into() };
         }
         _ => {
@@ -177,7 +177,7 @@ pub fn called_for(scene: &Scene, _asked: &Effects, _before: &Decided) -> Reason 
 }
 
 /// How much light reaches each point.
-pub struct Marks {
+pub struct LightVisibility {
     /// A byte a point, by its id: how many samples of the light reach it, of those that were cast.
     pub counts: Buffer,
     /// Instead of that, of every node the page with the marks that its points have brought, of which so many say that all of the light reaches a point.
@@ -267,37 +267,37 @@ impl std::fmt::Display for Facts {
 }
 
 /// Marks of all points of the frame; none where shadows do not run. Of the light's samples `at_once` at most are added to those that are kept, and one where there are none; all, where nothing is said.
-pub fn marks(
+pub fn light_visibility(
     g: &mut Graph,
-    scene: &Scene,
+    context: &FrameContext,
     resident: &Resident,
     effects: &Effects,
     decided: &Decided,
     at_once: Option<u32>,
-) -> Result<Option<Marks>> {
+) -> Result<Option<LightVisibility>> {
     if !decided.runs("shadows") {
         return Ok(None);
     }
-    let marks = match saved(g, scene, resident) {
+    let marks = match saved(g, context, resident) {
         Some(saved) => Some(saved?),
         None => counted(
             g,
-            scene,
+            context,
             resident,
-            &Settings { least: scene.asked_layer_m, ..effects.shadows.settings },
+            &Settings { least: context.asked_layer_m, ..effects.shadows.settings },
             at_once,
         )?,
     };
-    Ok(marks.map(|marks| Marks { apart: decided.runs("phong"), ..marks }))
+    Ok(marks.map(|marks| LightVisibility { apart: decided.runs("phong"), ..marks }))
 }
 
 fn counted(
     g: &mut Graph,
-    scene: &Scene,
+    context: &FrameContext,
     resident: &Resident,
     settings: &Settings,
     at_once: Option<u32>,
-) -> Result<Option<Marks>> {
+) -> Result<Option<LightVisibility>> {
     let Some(bounds) = bounds(resident) else { return Ok(None) };
     let bytes = resident.nodes.len() as u64 * POINTS_PER_PAGE as u64;
     if bytes.next_power_of_two() > g.binding_limit() {
@@ -309,18 +309,18 @@ fn counted(
     }
     let samples = settings.samples as u32;
     let wanted = |kept: u32| at_once.map_or(samples, |more| (kept + more).clamp(1, samples));
-    let around = cameras::Wanted::around(resident, bounds, scene.sampling.spacing_m, settings);
+    let around = cameras::Wanted::around(resident, bounds, context.sampling.spacing_m, settings);
     let places = disc::spread(disc::places(samples, settings.pattern, 0));
     let views = |samples: Range<u32>| -> Result<Vec<Sight>> {
         let of = places[samples.start as usize..samples.end as usize]
             .iter()
-            .map(|&place| cameras::cameras(scene.light, &around, place));
+            .map(|&place| cameras::cameras(context.light, &around, place));
         Ok(of.collect::<Result<Vec<_>>>()?.concat())
     };
     let facts =
-        Facts::new(&cameras::cameras(scene.light, &around, places[0])?, around.bounds, settings);
+        Facts::new(&cameras::cameras(context.light, &around, places[0])?, around.bounds, settings);
 
-    let (light, nodes) = (made_of(scene, resident, settings, &around), resident.nodes_identity());
+    let (light, nodes) = (made_of(context, resident, settings, &around), resident.nodes_identity());
     let made_of = [light.as_slice(), &nodes].concat();
     let place = (0..2)
         .find(|&place| {
@@ -362,7 +362,7 @@ fn counted(
         for view in views(kept..end)? {
             cast(g, &view, resident, around.bounds, settings, &mut tally)?;
         }
-        return Ok(Some(Marks {
+        return Ok(Some(LightVisibility {
             counts: tally.marks,
             saved: None,
             apart: false,
@@ -372,7 +372,7 @@ fn counted(
     let (counts, kept) = g.persistent(PLACES[place], bytes, made_of, wanted)?;
     let end = wanted(kept);
     if end == kept {
-        return Ok(Some(Marks {
+        return Ok(Some(LightVisibility {
             counts,
             saved: None,
             apart: false,
@@ -383,7 +383,7 @@ fn counted(
     for view in views(kept..end)? {
         cast(g, &view, resident, around.bounds, settings, &mut tally)?;
     }
-    Ok(Some(Marks {
+    Ok(Some(LightVisibility {
         counts: tally.marks,
         saved: None,
         apart: false,
@@ -402,15 +402,19 @@ fn travel_px(settings: &Settings, sights: &[Sight]) -> f64 {
 }
 
 /// Those that points have brought, where they are of this light.
-fn saved(g: &mut Graph, scene: &Scene, resident: &Resident) -> Option<Result<Marks>> {
+fn saved(
+    g: &mut Graph,
+    context: &FrameContext,
+    resident: &Resident,
+) -> Option<Result<LightVisibility>> {
     let (word, contents) = (resident.shown.light()?, resident.light.as_ref()?);
     // Of an index that somebody else has written, what is not known is nothing.
     let facts: Facts = serde_json::from_value(contents.facts.clone()).unwrap_or_default();
-    let pages = scene
+    let pages = context
         .light
         .is_written(&contents.light)
         .then(|| g.upload("saved marks", &resident.addresses(word)))?;
-    Some(pages.map(|counts| Marks {
+    Some(pages.map(|counts| LightVisibility {
         counts,
         saved: Some(contents.full),
         apart: false,
@@ -420,12 +424,12 @@ fn saved(g: &mut Graph, scene: &Scene, resident: &Resident) -> Option<Result<Mar
 
 /// All that marks depend on but the nodes.
 fn made_of(
-    scene: &Scene,
+    context: &FrameContext,
     resident: &Resident,
     settings: &Settings,
     around: &cameras::Wanted,
 ) -> Vec<u64> {
-    let (kind, place) = match scene.light {
+    let (kind, place) = match context.light {
         Light::Headlight => (0, SUN),
         Light::Direction(direction) => (1, direction),
         Light::Position(position) => (2, position),
@@ -581,32 +585,44 @@ fn by_depth(
     }
 }
 
-pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, layers: Layers) -> Layers {
-    match &layers.marks {
-        Some(marks) if marks.apart => reached(g, scene.view.size, layers),
-        Some(marks) => {
-            Layers { color: shaded(g, scene.view.size, marks, settings.ambient, &layers), ..layers }
-        }
-        None => layers,
+pub fn record(
+    g: &mut Graph,
+    context: &FrameContext,
+    settings: &Settings,
+    gbuffer: GBuffer,
+) -> GBuffer {
+    match &gbuffer.light_visibility {
+        Some(marks) if marks.apart => shadow_factor(g, context.view.size, gbuffer),
+        Some(marks) => GBuffer {
+            color: shaded(g, context.view.size, marks, settings.ambient, &gbuffer),
+            ..gbuffer
+        },
+        None => gbuffer,
     }
 }
 
 /// How much of the light reaches the point of each pixel, where lighting comes after: again once pixels were given other points.
-pub fn reached(g: &mut Graph, size: [u32; 2], layers: Layers) -> Layers {
-    let reached = layers
-        .marks
+pub fn shadow_factor(g: &mut Graph, size: [u32; 2], gbuffer: GBuffer) -> GBuffer {
+    let reached = gbuffer
+        .light_visibility
         .as_ref()
         .filter(|marks| marks.apart)
-        .map(|marks| shaded(g, size, marks, 0.0, &layers));
-    Layers { reached, ..layers }
+        .map(|marks| shaded(g, size, marks, 0.0, &gbuffer));
+    GBuffer { shadow_factor: reached, ..gbuffer }
 }
 
-fn shaded(g: &mut Graph, size: [u32; 2], marks: &Marks, ambient: f64, layers: &Layers) -> Image {
+fn shaded(
+    g: &mut Graph,
+    size: [u32; 2],
+    marks: &LightVisibility,
+    ambient: f64,
+    gbuffer: &GBuffer,
+) -> Image {
     let mut shaded = g.image(if marks.apart { "reached" } else { "shaded" }, size, Kind::Rgba32f);
     let full = marks.saved.unwrap_or(marks.facts.cast);
     let push = shader::shadows::Push { size, full: full as f32, ambient: ambient as f32 };
     let spec = shader::shadows::Spec { saved: marks.saved.is_some(), apart: marks.apart };
-    let Layers { index, color, .. } = layers;
+    let GBuffer { index, color, .. } = gbuffer;
     g.run(
         shader::Shadows {
             index,

@@ -3,7 +3,9 @@
 //! Every level compares a pixel's depth with mean and deviation of its 3 x 3, and hands a smoother depth to the next: fine levels draw lines, coarse ones light whole surfaces.
 //! Levels after the first run where the surface is no plane: on a plane every level gives the same shade (to 1/256).
 
-use super::{Decided, Effects, LIST_HEADER, Layers, Reason, Scene, Setting, TILE_PX, Value, tiles};
+use super::{
+    Decided, Effects, FrameContext, GBuffer, LIST_HEADER, Reason, Setting, TILE_PX, Value, tiles,
+};
 use crate::graph::{Dispatch, Graph, Kind};
 use crate::shader::{self, pack_depth, shape, shape_level, unpack_light, whiten};
 use crate::view::{Projection, View};
@@ -84,8 +86,8 @@ pub fn reach_px(_view: &View, settings: &Settings) -> Option<u32> {
     Some(settings.levels as u32 + TILE_PX * (rings(settings.levels as u32)[1] as u32 + 2))
 }
 
-pub fn called_for(scene: &Scene, _asked: &Effects, _before: &Decided) -> Reason {
-    match scene.points {
+pub fn called_for(context: &FrameContext, _asked: &Effects, _before: &Decided) -> Reason {
+    match context.points {
         0 => Reason { runs: false, why: "there is nothing to shade".to_string() },
         _ => Reason {
             runs: true,
@@ -112,8 +114,13 @@ fn rings(levels: u32) -> [i32; 2] {
     [shaded, shaded + levels.saturating_sub(2).div_ceil(TILE_PX)].map(|rings| rings as i32)
 }
 
-pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, layers: Layers) -> Layers {
-    let view = scene.view;
+pub fn record(
+    g: &mut Graph,
+    context: &FrameContext,
+    settings: &Settings,
+    gbuffer: GBuffer,
+) -> GBuffer {
+    let view = context.view;
     let (size, across) = (view.size, tiles(view.size));
     let count = across[0] * across[1];
     let perspective = view.camera.projection == Projection::Perspective;
@@ -130,7 +137,7 @@ pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, layers: Layers)
     g.fill(&mut wanted, 0);
     let push = pack_depth::Push { size, packed_size: packed, margin: 0, mirror: 0 };
     g.run(
-        shader::PackDepth { depth: &layers.depth, packed_depth: &mut to, push },
+        shader::PackDepth { depth: &gbuffer.depth, packed_depth: &mut to, push },
         Dispatch::PerPixel,
     );
     let [shaded, rings] = rings(weights.len() as u32);
@@ -174,12 +181,12 @@ pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, layers: Layers)
         Dispatch::Groups([size[0].div_ceil(64), size[1].div_ceil(4), 1]),
     );
     let color = match settings.base {
-        Base::Color => layers.color,
+        Base::Color => gbuffer.color,
         Base::White => {
             let mut white = g.image("white", size, Kind::Rgba32f);
             g.run(
                 shader::Whiten {
-                    color: &layers.color,
+                    color: &gbuffer.color,
                     white: &mut white,
                     push: whiten::Push { size },
                 },
@@ -188,5 +195,5 @@ pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, layers: Layers)
             white
         }
     };
-    Layers { color, lit: Some(lit), ..layers }
+    GBuffer { color, shading: Some(lit), ..gbuffer }
 }

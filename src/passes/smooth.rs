@@ -11,7 +11,8 @@
 //! Patches are as wide as points lie apart. Once is enough where that is a pixel; where it is more, steps are taken away by as many times as spread a pixel's value over a patch.
 
 use super::{
-    Decided, Effects, LIST_HEADER, Layers, Reason, Scene, Setting, TILE_PX, Value, fill, tiles,
+    Decided, Effects, FrameContext, GBuffer, LIST_HEADER, Reason, Setting, TILE_PX, Value, fill,
+    tiles,
 };
 use crate::graph::{Dispatch, Graph, Kind};
 use crate::shader::{self, smooth, smooth_close, smooth_tiles};
@@ -132,11 +133,11 @@ pub fn reach_px(_view: &View, settings: &Settings) -> Option<u32> {
     Some(if settings.iterations > 0.0 { settings.iterations } else { MOST / 2.0 } as u32)
 }
 
-pub fn called_for(scene: &Scene, asked: &Effects, before: &Decided) -> Reason {
-    let (filter, often) = chosen(&asked.smooth.settings, scene.sampling.spacing_px());
+pub fn called_for(context: &FrameContext, asked: &Effects, before: &Decided) -> Reason {
+    let (filter, often) = chosen(&asked.smooth.settings, context.sampling.spacing_px());
     let often = if often == 1 { "once".to_string() } else { format!("{often} times") };
     let (runs, why) = match (before.runs("fill"), asked.fill.settings.method) {
-        _ if scene.shown.is_label() => {
+        _ if context.shown.is_label() => {
             (false, "what points show are labels, which are not mixed".to_string())
         }
         (false, _) => (false, "points are not smoothed, and no surface was filled".to_string()),
@@ -155,8 +156,13 @@ pub fn called_for(scene: &Scene, asked: &Effects, before: &Decided) -> Reason {
     Reason { runs, why }
 }
 
-pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, layers: Layers) -> Layers {
-    let size = scene.view.size;
+pub fn record(
+    g: &mut Graph,
+    context: &FrameContext,
+    settings: &Settings,
+    gbuffer: GBuffer,
+) -> GBuffer {
+    let size = context.view.size;
     let tiles = tiles(size);
     let count = tiles[0] * tiles[1];
     let all = settings.pixels == Pixels::All;
@@ -167,10 +173,10 @@ pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, layers: Layers)
     );
     [&mut pixels, &mut found, &mut lists].into_iter().for_each(|words| g.fill(words, 0));
     let push = smooth_tiles::Push { tiles, all: all as u32 };
-    let Layers { raw, mut depth, mut color, mut reached, .. } = layers;
+    let GBuffer { projected_depth, mut depth, mut color, mut shadow_factor, .. } = gbuffer;
     g.run(
         shader::SmoothTiles {
-            raw: &raw,
+            raw: &projected_depth,
             filled: &depth,
             pixels: &mut pixels,
             found: &mut found,
@@ -184,13 +190,13 @@ pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, layers: Layers)
     let mut smooth_color = g.image("smooth color", size, Kind::Rgba32f);
     // Steps of depth and colour are everywhere that something was filled, those of the light only where its edges are; noise in it is taken away with all else. Where it stays there is nothing to read or
     // write; a binding wants an image all the same.
-    let lit_by = all && reached.is_some();
+    let lit_by = all && shadow_factor.is_some();
     let mut nowhere = g.image("nowhere", [1, 1], Kind::Rgba32f);
     let mut smooth_reached =
         g.image("smooth reached", if lit_by { size } else { [1, 1] }, Kind::Rgba32f);
-    let (filter, iterations) = chosen(settings, scene.sampling.spacing_px());
+    let (filter, iterations) = chosen(settings, context.sampling.spacing_px());
     for _ in 0..iterations {
-        let light = reached.as_ref().filter(|_| lit_by).unwrap_or(&color);
+        let light = shadow_factor.as_ref().filter(|_| lit_by).unwrap_or(&color);
         let to = (&mut smooth_depth, &mut smooth_color, &mut smooth_reached);
         let (push, spec) =
             (smooth::Push { tiles, weights: filter.weights() }, smooth::Spec { reached: lit_by });
@@ -209,7 +215,7 @@ pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, layers: Layers)
             },
             Dispatch::Indirect(&lists, 0),
         );
-        let light = reached.as_mut().filter(|_| lit_by).unwrap_or(&mut nowhere);
+        let light = shadow_factor.as_mut().filter(|_| lit_by).unwrap_or(&mut nowhere);
         let (push, spec) =
             (smooth_close::Push { tiles_across: tiles[0] }, smooth_close::Spec { reached: lit_by });
         g.run(
@@ -227,5 +233,5 @@ pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, layers: Layers)
             Dispatch::Indirect(&lists, 0),
         );
     }
-    Layers { raw, depth, color, reached, ..layers }
+    GBuffer { projected_depth, depth, color, shadow_factor, ..gbuffer }
 }

@@ -40,7 +40,7 @@ pub use settings::{Blend, Order, Settings, Sort, Tangents};
 
 use super::project::{self, Band, Drawn, Keys, Precision, Walk};
 use super::resolve::{Paint, Resolved};
-use super::{Decided, Effects, Reason, Scene, TILE_PX, tiles};
+use super::{Decided, Effects, FrameContext, Reason, TILE_PX, tiles};
 use crate::config::POINTS_PER_PAGE;
 use crate::error::{Error, Result};
 use crate::graph::{Buffer, Dispatch, Graph, Image, Kind};
@@ -57,7 +57,7 @@ pub fn reach_px(_view: &View, settings: &Settings) -> Option<u32> {
     Some(settings.radius.ceil() as u32)
 }
 
-pub fn called_for(_scene: &Scene, _asked: &Effects, _before: &Decided) -> Reason {
+pub fn called_for(_scene: &FrameContext, _asked: &Effects, _before: &Decided) -> Reason {
     Reason { runs: false, why: "nobody asked for a painting; --style strokes".to_string() }
 }
 

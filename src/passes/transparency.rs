@@ -13,7 +13,7 @@
 
 use super::project::{self, Band};
 use super::visibility::Looked;
-use super::{Decided, Effects, Layers, Reason, Scene, Setting, Value, fill, significant};
+use super::{Decided, Effects, FrameContext, GBuffer, Reason, Setting, Value, fill, significant};
 use crate::graph::{Buffer, Dispatch, Graph, Image, Kind};
 use crate::shader::{self, peeled, transparency::Push, transparency::Spec};
 use crate::view::View;
@@ -69,21 +69,21 @@ pub fn reach_px(_view: &View, _settings: &Settings) -> Option<u32> {
     Some(fill::WIDEST as u32)
 }
 
-pub fn called_for(scene: &Scene, asked: &Effects, before: &Decided) -> Reason {
+pub fn called_for(context: &FrameContext, asked: &Effects, before: &Decided) -> Reason {
     if before.runs("strokes") {
         return Reason {
             runs: false,
             why: "strokes lie over each other by themselves, each as opaque as its point".into(),
         };
     }
-    if !scene.transparent {
+    if !context.transparent {
         return Reason {
             runs: false,
             why: "all points that are drawn are opaque; --opacity says otherwise".into(),
         };
     }
     let Settings { layers, layer, .. } = asked.transparency.settings;
-    let (layer, s) = (significant(scene.layer_m(layer)), if layers == 1.0 { "" } else { "s" });
+    let (layer, s) = (significant(context.layer_m(layer)), if layers == 1.0 { "" } else { "s" });
     Reason {
         runs: true,
         why: format!(
@@ -99,7 +99,7 @@ const SLANT: f32 = 4.0;
 const UPHILL: f32 = 3.0;
 
 /// All layers so far.
-pub struct Front {
+pub struct Accumulation {
     /// What they show: linear, multiplied by its opacity; alpha is what they hide of what is behind them.
     pub color: Image,
     /// How many surfaces that is, for whoever asks.
@@ -113,11 +113,18 @@ pub struct Front {
 }
 
 /// The layer under those in front of it, and where the next one begins.
-pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, mut layers: Layers) -> Layers {
-    let size = scene.view.size;
+pub fn record(
+    g: &mut Graph,
+    context: &FrameContext,
+    settings: &Settings,
+    mut gbuffer: GBuffer,
+) -> GBuffer {
+    let size = context.view.size;
     let bands = project::bands(size, project::KEY_BEHIND_BYTES, g.gathered_limit());
-    let before =
-        layers.front.take().map(|front| (front.color, front.peeled, front.next, front.layers));
+    let before = gbuffer
+        .accumulation
+        .take()
+        .map(|front| (front.color, front.peeled, front.next, front.layers));
     let (mut front, mut peeled, mut next, number) = before.unwrap_or_else(|| {
         let next = bands
             .iter()
@@ -128,29 +135,29 @@ pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, mut layers: Lay
     let mut left = g.buffer("left", 4);
     g.fill(&mut left, 0);
     // Without light there is nothing to read; a binding wants an image all the same.
-    let lit = layers.lit.as_ref().unwrap_or(&layers.depth);
+    let lit = gbuffer.shading.as_ref().unwrap_or(&gbuffer.depth);
     // The first layer is of the whole picture, and reads neither.
     let (front_before, peeled_before) = if number == 0 {
-        (layers.color.alias(), layers.depth.alias())
+        (gbuffer.color.alias(), gbuffer.depth.alias())
     } else {
         (front.alias(), peeled.alias())
     };
     let (color, push, spec) =
-        (&layers.color, peeled::Push { size }, peeled::Spec { first: number == 0 });
+        (&gbuffer.color, peeled::Push { size }, peeled::Spec { first: number == 0 });
     g.run(
         shader::Peeled { color, before: &peeled_before, peeled: &mut peeled, push, spec },
         Dispatch::PerPixel,
     );
     let last = number + 1 == settings.layers as u32;
     let spec = Spec {
-        lit_by: layers.lit.is_some(),
+        lit_by: gbuffer.shading.is_some(),
         first: number == 0,
         last,
         texels: g.gpu.device.has_large_texel_buffers,
-        taken: layers.source.is_some(),
+        taken: gbuffer.depth_source.is_some(),
     };
     let [slant, uphill] = if settings.layer == 0.0 { [SLANT, UPHILL] } else { [0.0; 2] };
-    let layer = scene.layer_m(settings.layer) as f32;
+    let layer = context.layer_m(settings.layer) as f32;
     for (&Band { top, size }, next) in bands.iter().zip(&mut next) {
         let push = Push {
             size,
@@ -158,11 +165,11 @@ pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, mut layers: Lay
             layer,
             slant,
             uphill,
-            carried: (layers.flat_px - 1) as f32,
-            apart_px: layers.flat_px as i32,
+            carried: (gbuffer.flat_px - 1) as f32,
+            apart_px: gbuffer.flat_px as i32,
         };
-        let source = layers.source.as_ref().unwrap_or(&layers.color);
-        let Layers { color, depth, raw, .. } = &layers;
+        let source = gbuffer.depth_source.as_ref().unwrap_or(&gbuffer.color);
+        let GBuffer { color, depth, projected_depth: raw, .. } = &gbuffer;
         let any_left = &left.racy_alias();
         let keys = &if number == 0 { left.racy_alias() } else { next.racy_alias() };
         g.run(
@@ -185,5 +192,8 @@ pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, mut layers: Lay
             Dispatch::Groups([size[0].div_ceil(64), size[1], 1]),
         );
     }
-    Layers { front: Some(Front { color: front, peeled, next, left, layers: number + 1 }), ..layers }
+    GBuffer {
+        accumulation: Some(Accumulation { color: front, peeled, next, left, layers: number + 1 }),
+        ..gbuffer
+    }
 }

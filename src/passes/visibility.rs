@@ -23,8 +23,8 @@
 //! least 2 pi (1 - cos) at that cotangent, and `slope` is where that is `threshold`.
 
 use super::{
-    Decided, Effects, Holes, LIST_HEADER, Layers, MOST_LEVELS, Reason, Scattered, Scene, Setting,
-    Switch, TILE_PX, Value, fill, gate, significant, tiles,
+    Decided, Effects, FrameContext, GBuffer, Holes, LIST_HEADER, MOST_LEVELS, Reason, Scattered,
+    Setting, Switch, TILE_PX, Value, fill, gate, significant, tiles,
 };
 use crate::graph::{Buffer, Dispatch, Graph, Image, Kind};
 use crate::shader::{
@@ -164,10 +164,10 @@ fn kernel_px(settings: &Settings) -> u32 {
     (settings.kernel as u32 / 2 + 1) << (settings.levels as u32 - 1)
 }
 
-pub fn called_for(scene: &Scene, asked: &Effects, _before: &Decided) -> Reason {
-    match scene.points {
+pub fn called_for(context: &FrameContext, asked: &Effects, _before: &Decided) -> Reason {
+    match context.points {
         0 => Reason { runs: false, why: "there is nothing to hide".to_string() },
-        _ if asked.fill.switch != Switch::Off && asked.fill.settings.method == fill::Method::Mask => beside_masks(scene),
+        _ if asked.fill.switch != Switch::Off && asked.fill.settings.method == fill::Method::Mask => beside_masks(context),
         _ => Reason {
             runs: true,
             why: "points are sparse somewhere, and what lies behind shines through; tiles without gaps are skipped".to_string(),
@@ -179,8 +179,8 @@ pub fn called_for(scene: &Scene, asked: &Effects, _before: &Decided) -> Reason {
 const SPARSER: f64 = 1.4;
 
 /// Before filling by masks.
-fn beside_masks(scene: &Scene) -> Reason {
-    let apart_px = (SPARSER * scene.sampling.spacing_px()).max(scene.sampling.apart_px);
+fn beside_masks(context: &FrameContext) -> Reason {
+    let apart_px = (SPARSER * context.sampling.spacing_px()).max(context.sampling.apart_px);
     let runs = apart_px > fill::APART_PX;
     let why = match runs {
         true => format!(
@@ -193,27 +193,32 @@ fn beside_masks(scene: &Scene) -> Reason {
     Reason { runs, why }
 }
 
-pub fn record(g: &mut Graph, scene: &Scene, asked: &Settings, mut layers: Layers) -> Layers {
+pub fn record(
+    g: &mut Graph,
+    context: &FrameContext,
+    asked: &Settings,
+    mut gbuffer: GBuffer,
+) -> GBuffer {
     let settings =
-        &if layers.front.is_some() { behind(asked, layers.spacing_px[1]) } else { *asked };
-    let mut judged = Judged::new(g, scene.view, settings, &layers);
-    judged.points(g, &layers.depth, 0);
+        &if gbuffer.accumulation.is_some() { behind(asked, gbuffer.spacing_px[1]) } else { *asked };
+    let mut judged = Judged::new(g, context.view, settings, &gbuffer);
+    judged.points(g, &gbuffer.depth, 0);
     if !is_single(settings) {
-        judged.empties(g, &layers.depth);
+        judged.empties(g, &gbuffer.depth);
         let holes = judged.holes.alias();
         gate::only_where(g, &holes, |g| {
             for round in 1..ROUNDS {
-                judged.hide(g, &mut layers, false);
-                judged.points(g, &layers.depth, round);
+                judged.hide(g, &mut gbuffer, false);
+                judged.points(g, &gbuffer.depth, round);
             }
         });
     }
-    judged.hide(g, &mut layers, true);
+    judged.hide(g, &mut gbuffer, true);
     let Judged { holes, kernels, tiles, invisible, scattered, .. } = judged;
     let scattered = (!is_single(settings)).then_some(Scattered { tiles, invisible, scattered });
-    Layers {
+    GBuffer {
         holes: Some(Holes { list: holes, kernels, widest: 2 * kernel_px(settings), scattered }),
-        ..layers
+        ..gbuffer
     }
 }
 
@@ -278,7 +283,7 @@ struct Judged<'s> {
 }
 
 impl<'s> Judged<'s> {
-    fn new(g: &mut Graph, view: &'s View, settings: &'s Settings, layers: &Layers) -> Judged<'s> {
+    fn new(g: &mut Graph, view: &'s View, settings: &'s Settings, gbuffer: &GBuffer) -> Judged<'s> {
         let across = tiles(view.size);
         let count = (across[0] * across[1]) as u64;
         let mut filled = |name: &str, words: u64, word: u32| {
@@ -300,12 +305,12 @@ impl<'s> Judged<'s> {
             slope: slope(view, settings) as f32,
         };
         let spec = classify::Spec { perspective };
-        let Layers { depth, index, spacings, .. } = layers;
+        let GBuffer { depth, index, spacings, .. } = gbuffer;
         g.run(
             shader::Classify { depth, index, spacings, tiles: &mut tiles, push, spec },
             Dispatch::Groups([count.div_ceil(64) as u32, 1, 1]),
         );
-        let sparsest = if layers.front.is_none() { SPARSEST } else { SPARSEST_BEHIND };
+        let sparsest = if gbuffer.accumulation.is_none() { SPARSEST } else { SPARSEST_BEHIND };
         Judged {
             sparsest,
             view,
@@ -586,8 +591,8 @@ impl<'s> Judged<'s> {
     }
 
     /// Takes what is invisible out of the depths, or out of all layers.
-    fn hide(&self, g: &mut Graph, layers: &mut Layers, all: bool) {
-        let Layers { depth, index, color, .. } = layers;
+    fn hide(&self, g: &mut Graph, gbuffer: &mut GBuffer, all: bool) {
+        let GBuffer { depth, index, color, .. } = gbuffer;
         let push = hide::Push { tiles_across: self.across[0] };
         let Judged { holes, invisible, .. } = self;
         g.run(

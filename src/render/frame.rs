@@ -4,12 +4,12 @@ use crate::error::Result;
 use crate::graph::{Buffer, CompletedSubmission, Gpu, Graph, Image, ReusedImages, TileList};
 use crate::passes::project::{Band, Behind, Drawn};
 use crate::passes::resolve::Paint;
-use crate::passes::shadows::Marks;
+use crate::passes::shadows::LightVisibility;
 use crate::passes::strokes::Painting;
-use crate::passes::transparency::Front;
+use crate::passes::transparency::Accumulation;
 use crate::passes::{
-    self, Layers, Scene, composite, counts, gate, luminance, normal, project, resolve, shadows,
-    strokes,
+    self, FrameContext, GBuffer, composite, counts, gate, luminance, normal, project, resolve,
+    shadows, strokes,
 };
 use crate::progress::Progress;
 use crate::render::settings::FrameConfig;
@@ -22,7 +22,7 @@ pub struct Outcome {
     /// World normals of the surface, zero where it has none.
     pub normal: Image,
     /// G-buffer of the nearest surface.
-    pub layers: Layers,
+    pub gbuffer: GBuffer,
     pub statistics: project::Statistics,
     /// Statistics of strokes, if drawn.
     pub strokes: Option<strokes::Painted>,
@@ -80,19 +80,19 @@ pub fn record(
     })?;
     let drawn = drawn.one_sided(config.drops_back_faces(resident));
     let paint = resolve::paint(g, resident, &config.decided)?;
-    let scene = config.scene(view, resident);
+    let context = config.frame_context(view, resident);
     let points =
-        Points { scene: &scene, config, resident, bands: &bands, drawn: &drawn, paint: &paint };
-    let marks = shadows::marks(
+        Points { context: &context, config, resident, bands: &bands, drawn: &drawn, paint: &paint };
+    let light_visibility = shadows::light_visibility(
         g,
-        &scene,
+        &context,
         resident,
         &config.effects,
         &config.decided,
         config.light_at_once,
     )?;
     let mut images = ReusedImages::default();
-    let (layers, strokes) = g.reusing(&mut images, |g| {
+    let (gbuffer, strokes) = g.reusing(&mut images, |g| {
         let (nearest, strokes) = match strokes::begin(
             g,
             view,
@@ -105,14 +105,20 @@ pub fn record(
             None => (points.nearest(g, None)?, None),
         };
         Ok((
-            passes::apply(g, &scene, &config.effects, &config.decided, Layers { marks, ..nearest }),
+            passes::apply(
+                g,
+                &context,
+                &config.effects,
+                &config.decided,
+                GBuffer { light_visibility, ..nearest },
+            ),
             strokes,
         ))
     })?;
-    let layers = behind(g, &points, layers, images)?;
-    let normal = normal::record(g, view, &layers);
-    let picture = composite::record(g, view, config.background, &layers);
-    Ok(Outcome { picture, normal, layers, statistics: drawn.statistics, strokes })
+    let gbuffer = behind(g, &points, gbuffer, images)?;
+    let normal = normal::record(g, view, &gbuffer);
+    let picture = composite::record(g, view, config.background, &gbuffer);
+    Ok(Outcome { picture, normal, gbuffer, statistics: drawn.statistics, strokes })
 }
 
 /// Draws the layers behind the nearest one: the middle of the frame again for each, until the
@@ -121,44 +127,50 @@ pub fn record(
 fn behind(
     g: &mut Graph,
     points: &Points,
-    mut nearest: Layers,
+    mut nearest: GBuffer,
     mut images: ReusedImages,
-) -> Result<Layers> {
+) -> Result<GBuffer> {
     let config = points.config;
     if config.layers() == 1 {
         return Ok(nearest);
     }
     let grows_px = config.effects.grows_px(&config.decided, nearest.spacing_px[1]);
     let mut alive = points.drawn.alive(g);
-    let mut before = gate::covered(g, &nearest.raw, grows_px);
+    let mut before = gate::covered(g, &nearest.projected_depth, grows_px);
     nearest = kept(g, nearest);
     for layer in 1..config.layers() {
-        let front = nearest.front.take().expect("transparency runs where there are several layers");
-        let (marks, behind) =
-            (nearest.marks.take(), Next { front, alive: &mut alive, layer, grows_px });
-        let (next, covered) = g.reusing(&mut images, |g| points.next(g, behind, marks, &before))?;
-        (nearest.marks, nearest.front, before) = (next.marks, next.front, covered);
+        let accumulation =
+            nearest.accumulation.take().expect("transparency runs where there are several layers");
+        let (light_visibility, behind) = (
+            nearest.light_visibility.take(),
+            Next { accumulation, alive: &mut alive, layer, grows_px },
+        );
+        let (next, covered) =
+            g.reusing(&mut images, |g| points.next(g, behind, light_visibility, &before))?;
+        (nearest.light_visibility, nearest.accumulation, before) =
+            (next.light_visibility, next.accumulation, covered);
     }
     Ok(nearest)
 }
 
 /// Copies the images that later layers overwrite; unread copies are culled.
-fn kept(g: &mut Graph, layers: Layers) -> Layers {
+fn kept(g: &mut Graph, gbuffer: GBuffer) -> GBuffer {
     let images = [
-        ("depth", &layers.depth),
-        ("raw", &layers.raw),
-        ("index", &layers.index),
-        ("raw index", &layers.raw_index),
-        ("color", &layers.color),
+        ("depth", &gbuffer.depth),
+        ("raw", &gbuffer.projected_depth),
+        ("index", &gbuffer.index),
+        ("raw index", &gbuffer.projected_index),
+        ("color", &gbuffer.color),
     ];
-    let [depth, raw, index, raw_index, color] = images.map(|(name, image)| g.copy(name, image));
-    let lit = layers.lit.as_ref().map(|lit| g.copy("lit", lit));
-    Layers { depth, raw, index, raw_index, color, lit, ..layers }
+    let [depth, projected_depth, index, projected_index, color] =
+        images.map(|(name, image)| g.copy(name, image));
+    let shading = gbuffer.shading.as_ref().map(|shading| g.copy("lit", shading));
+    GBuffer { depth, projected_depth, index, projected_index, color, shading, ..gbuffer }
 }
 
 /// A layer to draw behind others.
 struct Next<'b> {
-    front: Front,
+    accumulation: Accumulation,
     /// State of the walks over points, kept from layer to layer.
     alive: &'b mut Buffer,
     /// Number of the layer, from 1.
@@ -169,7 +181,7 @@ struct Next<'b> {
 
 /// The inputs of every layer.
 struct Points<'p> {
-    scene: &'p Scene<'p>,
+    context: &'p FrameContext<'p>,
     config: &'p FrameConfig,
     resident: &'p Resident,
     bands: &'p [Band],
@@ -184,11 +196,11 @@ impl Points<'_> {
         &self,
         g: &mut Graph,
         mut behind: Option<(&mut [Buffer], &mut Buffer, u32)>,
-    ) -> Result<Layers> {
-        let view = self.scene.view;
-        let mut resolved = resolve::layers(g, view);
+    ) -> Result<GBuffer> {
+        let view = self.context.view;
+        let mut resolved = resolve::begin(g, view);
         let averaged = &self.config.effects.luminance.settings;
-        let mut shallow = luminance::shallow(g, self.scene, averaged, self.drawn, self.paint);
+        let mut shallow = luminance::shallow(g, self.context, averaged, self.drawn, self.paint);
         for (number, &band) in self.bands.iter().enumerate() {
             let behind = behind.as_mut().map(|(keys, alive, layer)| Behind {
                 keys: &mut keys[number],
@@ -198,20 +210,20 @@ impl Points<'_> {
             let keys = project::record(g, view, self.drawn, behind, shallow.as_mut(), band);
             resolved = resolve::record(g, &keys, self.paint, band, resolved);
         }
-        let layers = resolved.layers(g, view, self.resident)?;
-        let sums = match &shallow {
+        let gbuffer = resolved.gbuffer(g, view, self.resident)?;
+        let luminance_sums = match &shallow {
             Some(shallow) => Some(luminance::sums(
                 g,
-                self.scene,
+                self.context,
                 averaged,
                 self.drawn,
                 shallow,
                 self.paint,
-                &layers.raw,
+                &gbuffer.projected_depth,
             )?),
             None => None,
         };
-        Ok(Layers { sums, ..layers })
+        Ok(GBuffer { luminance_sums, ..gbuffer })
     }
 
     /// Draws the next layer where the one before showed something. Returns it with the area where
@@ -220,27 +232,27 @@ impl Points<'_> {
         &self,
         g: &mut Graph,
         next: Next,
-        marks: Option<Marks>,
+        light_visibility: Option<LightVisibility>,
         before: &TileList,
-    ) -> Result<(Layers, TileList)> {
-        let Next { mut front, alive, layer, grows_px } = next;
+    ) -> Result<(GBuffer, TileList)> {
+        let Next { mut accumulation, alive, layer, grows_px } = next;
         let bounded = grows_px.is_finite();
-        let left = gate::area_where(g, &front.left, before);
-        let (layers, covered) = gate::only_where(g, &front.left, |g| {
+        let left = gate::area_where(g, &accumulation.left, before);
+        let (gbuffer, covered) = gate::only_where(g, &accumulation.left, |g| {
             g.within_tiles(bounded.then_some(&left), |g| {
-                let layers = self.nearest(g, Some((&mut front.next, alive, layer)))?;
-                let covered = gate::covered(g, &layers.raw, grows_px);
-                Ok((layers, covered))
+                let gbuffer = self.nearest(g, Some((&mut accumulation.next, alive, layer)))?;
+                let covered = gate::covered(g, &gbuffer.projected_depth, grows_px);
+                Ok((gbuffer, covered))
             })
         })?;
         let shown = gate::area_where(g, &covered.list, &left);
-        let layers = Layers { marks, front: Some(front), ..layers };
-        let layers = gate::only_where(g, &covered.list, |g| {
+        let gbuffer = GBuffer { light_visibility, accumulation: Some(accumulation), ..gbuffer };
+        let gbuffer = gate::only_where(g, &covered.list, |g| {
             Ok(g.within_tiles(bounded.then_some(&shown), |g| {
-                passes::apply(g, self.scene, &self.config.effects, &self.config.decided, layers)
+                passes::apply(g, self.context, &self.config.effects, &self.config.decided, gbuffer)
             }))
         })?;
-        Ok((layers, covered))
+        Ok((gbuffer, covered))
     }
 
     /// Draws all points as strokes.
@@ -248,13 +260,13 @@ impl Points<'_> {
         &self,
         g: &mut Graph,
         mut painting: Painting,
-    ) -> Result<(Layers, Option<strokes::Painted>)> {
-        let mut resolved = resolve::layers(g, self.scene.view);
+    ) -> Result<(GBuffer, Option<strokes::Painted>)> {
+        let mut resolved = resolve::begin(g, self.context.view);
         for band in painting.bands(g.gathered_limit()) {
             let keys = painting.record(g, self.paint, band)?;
             resolved = resolve::record(g, &keys, self.paint, band, resolved);
         }
         let painted = painting.cover(&mut resolved);
-        Ok((resolved.layers(g, self.scene.view, self.resident)?, Some(painted)))
+        Ok((resolved.gbuffer(g, self.context.view, self.resident)?, Some(painted)))
     }
 }

@@ -5,7 +5,7 @@ mod warnings;
 use crate::cloud::colormap::srgb_to_linear;
 use crate::passes::phong::Backfaces;
 use crate::passes::project::Precision;
-use crate::passes::{Decided, Effects, Scene, Switch, fill, resolve, strokes, visibility};
+use crate::passes::{Decided, Effects, FrameContext, Switch, fill, resolve, strokes, visibility};
 use crate::resident::{PointDensity, Resident, StationOverlap};
 use crate::view::View;
 use crate::view::light::Light;
@@ -122,24 +122,26 @@ pub struct FrameConfig {
 
 impl FrameConfig {
     pub fn new(settings: &RenderSettings, view: &View, resident: &Resident) -> FrameConfig {
-        let scene =
-            Scene { asked_layer_m: settings.layer_m, ..Scene::of(view, resident, settings.light) };
-        let decided = settings.effects.decide(&scene);
+        let context = FrameContext {
+            asked_layer_m: settings.layer_m,
+            ..FrameContext::of(view, resident, settings.light)
+        };
+        let decided = settings.effects.decide(&context);
         // If switched on explicitly, luminance is averaged everywhere.
         let partly = decided.runs("luminance") && settings.effects.luminance.switch == Switch::Auto;
         let effects = settled(
             &settings.effects,
             resolve::spacing_px(&view.entire(), resident)[1],
-            scene.transparent,
+            context.transparent,
         );
         FrameConfig {
             effects,
             decided,
-            sampling: scene.sampling,
+            sampling: context.sampling,
             layer_m: settings.layer_m,
             quantum_m: quantum_m(view, resident),
             overlap: if partly {
-                scene.overlap
+                context.overlap
             } else {
                 Arc::new(StationOverlap::everywhere(view.whole))
             },
@@ -154,12 +156,12 @@ impl FrameConfig {
     }
 
     /// Returns the context of effects for a picture or a part of it.
-    pub fn scene<'v>(&self, view: &'v View, resident: &'v Resident) -> Scene<'v> {
-        Scene {
+    pub fn frame_context<'v>(&self, view: &'v View, resident: &'v Resident) -> FrameContext<'v> {
+        FrameContext {
             sampling: self.sampling,
             asked_layer_m: self.layer_m,
             overlap: self.overlap.clone(),
-            ..Scene::of(view, resident, self.light)
+            ..FrameContext::of(view, resident, self.light)
         }
     }
 

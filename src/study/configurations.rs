@@ -232,9 +232,9 @@ fn draw(
     let config = FrameConfig::new(settings, view, resident);
     let mut g = Graph::new(gpu);
     let outcome = frame::record(&mut g, view, resident, &config)?;
-    let (depth, index) = (g.download(&outcome.layers.depth), g.download(&outcome.layers.index));
-    let lit = outcome.layers.lit.as_ref().map(|lit| g.download(lit));
-    let asked = counts::Asked::of(&mut g, &outcome.layers);
+    let (depth, index) = (g.download(&outcome.gbuffer.depth), g.download(&outcome.gbuffer.index));
+    let lit = outcome.gbuffer.shading.as_ref().map(|lit| g.download(lit));
+    let asked = counts::Asked::of(&mut g, &outcome.gbuffer);
     let frame = g.submit_and_wait(&[])?;
     fn words<T: bytemuck::Pod>(
         frame: &CompletedSubmission,
@@ -262,10 +262,10 @@ fn time(
 ) -> Result<f64> {
     let config = FrameConfig::new(settings, view, resident);
     let mut g = Graph::new(gpu);
-    let layers = frame::record(&mut g, view, resident, &config)?.layers;
-    let wanted = [&layers.depth, &layers.index, &layers.color]
+    let gbuffer = frame::record(&mut g, view, resident, &config)?.gbuffer;
+    let wanted = [&gbuffer.depth, &gbuffer.index, &gbuffer.color]
         .into_iter()
-        .chain(&layers.lit)
+        .chain(&gbuffer.shading)
         .map(Handle::resource)
         .collect::<Vec<_>>();
     let frame = g.submit_and_wait(&wanted)?;

@@ -10,7 +10,7 @@ use crate::cloud::attribute::{Attribute, DisplayAttribute};
 use crate::cloud::colormap::srgb_to_linear;
 use crate::error::{Error, Result};
 use crate::graph::{Gpu, Graph, Handle};
-use crate::passes::Scene;
+use crate::passes::FrameContext;
 use crate::progress::Progress;
 use crate::render::frame;
 use crate::render::settings::{FrameConfig, RenderSettings};
@@ -77,7 +77,7 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
         progress,
     )?;
     resident.opacities = Opacities(vec![Rule { what: What::All, opacity: OPACITY }]);
-    let layer_m = Scene::of(&view, &resident, RenderSettings::default().light).layer_m(0.0);
+    let layer_m = FrameContext::of(&view, &resident, RenderSettings::default().light).layer_m(0.0);
     let configurations =
         KNOBS.iter().flat_map(|(knob, values)| values.iter().map(move |value| (*knob, *value)));
     let configurations = configurations.map(|(knob, (value, effect, distance))| {
@@ -202,7 +202,8 @@ fn errors(
         resident,
         &FrameConfig::new(&configuration.settings, view, resident),
     )?;
-    let front = outcome.layers.front.ok_or(Error::Request("study layers needs points".into()))?;
+    let front =
+        outcome.gbuffer.accumulation.ok_or(Error::Request("study layers needs points".into()))?;
     let (color, peeled) = (g.download(&front.color), g.download(&front.peeled));
     let frame = g.submit_and_wait(&[])?;
     let (colors, layers): (&[[f32; 4]], &[f32]) = (frame.read(&color), frame.read(&peeled));

@@ -335,7 +335,7 @@ pub fn draw(gpu: &mut Gpu, view: &View, resident: &Resident) -> Result<Drawing> 
     let outcome = frame::record(&mut g, view, resident, &config)?;
     let picture = g.download(&outcome.picture);
     let [depth, index] =
-        [&outcome.layers.depth, &outcome.layers.index].map(|image| g.download(image));
+        [&outcome.gbuffer.depth, &outcome.gbuffer.index].map(|image| g.download(image));
     let frame = g.submit_and_wait(&[])?;
     let drawing = Drawing {
         picture: frame.read(&picture).to_vec(),

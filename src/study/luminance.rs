@@ -14,7 +14,7 @@ use crate::cloud::colormap::linear_to_srgb;
 use crate::error::{Error, Result};
 use crate::graph::{Gpu, Graph, Handle};
 use crate::index::attributes::luminance::{NEIGHBOURS, correct};
-use crate::passes::{EFFECTS, Scene};
+use crate::passes::{EFFECTS, FrameContext};
 use crate::progress::Progress;
 use crate::render::frame;
 use crate::render::settings::{FrameConfig, RenderSettings};
@@ -142,7 +142,7 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
         let view = View::new(camera, size)?;
         let off = render_settings("off")?;
         let plain = draw(gpu, &view, &truth, &off)?;
-        let scene = Scene::of(&view, &truth, Light::default());
+        let scene = FrameContext::of(&view, &truth, Light::default());
         let (layer_m, density) = (LAYER * scene.sampling.spacing_m, scene.sampling.density);
         let sight = Sight {
             view,
@@ -265,7 +265,7 @@ fn draw(
 ) -> Result<Drawn> {
     let config = FrameConfig::new(settings, view, resident);
     let mut g = Graph::new(gpu);
-    let layers = frame::record(&mut g, view, resident, &config)?.layers;
+    let layers = frame::record(&mut g, view, resident, &config)?.gbuffer;
     let [color, depth] = [&layers.color, &layers.depth].map(|image| g.download(image));
     let frame = g.submit_and_wait(&[layers.color.resource()])?;
     let drawn = Drawn {

@@ -11,7 +11,7 @@ use crate::config::POINTS_PER_PAGE;
 use crate::error::{Error, Result};
 use crate::graph::{Gpu, Graph, Handle};
 use crate::passes::shadows::{self, Facts};
-use crate::passes::{Effects, Scene as Seen};
+use crate::passes::{Effects, FrameContext};
 use crate::progress::Progress;
 use crate::resident::Resident;
 use crate::synth;
@@ -162,10 +162,11 @@ fn cast(
     view: &View,
     resident: &Resident,
     configuration: &Configuration,
-) -> Result<shadows::Marks> {
-    let scene = Seen::of(view, resident, Light::Direction(DVec3::NEG_Z));
+) -> Result<shadows::LightVisibility> {
+    let scene = FrameContext::of(view, resident, Light::Direction(DVec3::NEG_Z));
     let effects = &configuration.effects;
-    let marks = shadows::marks(g, &scene, resident, effects, &effects.decide(&scene), None)?;
+    let marks =
+        shadows::light_visibility(g, &scene, resident, effects, &effects.decide(&scene), None)?;
     marks.ok_or(Error::Request("study shadows needs points".into()))
 }
 
@@ -176,7 +177,8 @@ fn error(
     configuration: &Configuration,
 ) -> Result<([f64; 2], Facts)> {
     let mut g = Graph::new(gpu);
-    let shadows::Marks { counts, facts, .. } = cast(&mut g, view, resident, configuration)?;
+    let shadows::LightVisibility { counts, facts, .. } =
+        cast(&mut g, view, resident, configuration)?;
     let counts = g.download_buffer(&counts);
     let frame = g.submit_and_wait(&[])?;
     let marks: &[u8] = frame.read(&counts);

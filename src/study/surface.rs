@@ -197,7 +197,7 @@ pub(super) fn draw(
     let config = FrameConfig::new(settings, view, resident);
     let mut g = Graph::new(gpu);
     let outcome = frame::record(&mut g, view, resident, &config)?;
-    let (depth, index) = (g.download(&outcome.layers.depth), g.download(&outcome.layers.index));
+    let (depth, index) = (g.download(&outcome.gbuffer.depth), g.download(&outcome.gbuffer.index));
     let frame = g.submit_and_wait(&[])?;
     let drawing = Drawing {
         depth: frame.read(&depth).to_vec(),

@@ -143,7 +143,7 @@ fn draw(
     let config = FrameConfig::new(settings, view, resident);
     let mut g = Graph::new(gpu);
     let outcome = frame::record(&mut g, view, resident, &config)?;
-    let (picture, depth) = (g.download(&outcome.picture), g.download(&outcome.layers.depth));
+    let (picture, depth) = (g.download(&outcome.picture), g.download(&outcome.gbuffer.depth));
     let frame = g.submit_and_wait(&[])?;
     let seen = Seen::new(frame.read(&picture), view.size, PIXELS_PER_DEGREE);
     let covered = covered(frame.read(&depth));

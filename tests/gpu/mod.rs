@@ -11,8 +11,8 @@ use pointillist::graph::{Buffer, CompletedSubmission, Gpu, Graph};
 use pointillist::passes;
 use pointillist::passes::project::{Band, Keys, Statistics};
 use pointillist::passes::{
-    EFFECTS, Effects, Scene, Switch, antialias, ao, composite, fill, phong, resolve, shape, smooth,
-    visibility,
+    EFFECTS, Effects, FrameContext, Switch, antialias, ao, composite, fill, phong, resolve, shape,
+    smooth, visibility,
 };
 use pointillist::progress::Silent;
 use pointillist::render::frame;
@@ -115,8 +115,12 @@ pub fn draw(way: Way, cloud: &Cloud, view: &View, settings: &RenderSettings) -> 
         let config = FrameConfig::new(settings, view, &resident);
         let mut g = Graph::new(gpu);
         let outcome = frame::record(&mut g, view, &resident, &config).expect("recorded");
-        let images =
-            [&outcome.layers.depth, &outcome.layers.index, &outcome.layers.color, &outcome.picture];
+        let images = [
+            &outcome.gbuffer.depth,
+            &outcome.gbuffer.index,
+            &outcome.gbuffer.color,
+            &outcome.picture,
+        ];
         let [depth, index, color, picture] = images.map(|image| g.download(image));
         let frame = g.submit_and_wait(&[]).expect("drawn, and no validation message");
         let layers = Layers {
@@ -206,11 +210,11 @@ impl Canvas<'_> {
         keys: &[[u32; 2]],
         effects: &Effects,
     ) -> Surface {
-        let scene = Scene::of(view, &self.resident, light);
+        let scene = FrameContext::of(view, &self.resident, light);
         let mut g = Graph::new(self.gpu);
         let uploaded = g.upload("keys", keys).unwrap();
         let paint = resolve::paint(&mut g, &self.resident, &Default::default()).unwrap();
-        let resolved = resolve::layers(&mut g, view);
+        let resolved = resolve::begin(&mut g, view);
         let resolved = resolve::record(
             &mut g,
             &Keys::nearest(uploaded),
@@ -218,42 +222,42 @@ impl Canvas<'_> {
             Band { top: 0, size: view.size },
             resolved,
         );
-        let mut layers = resolved.layers(&mut g, view, &self.resident).unwrap();
+        let mut gbuffer = resolved.gbuffer(&mut g, view, &self.resident).unwrap();
         // Depths come from keys here, and lie anywhere.
-        layers.spacing_px = [0.0, f64::INFINITY];
-        layers.reached = self.reached.then(|| g.copy("reached", &layers.color));
-        let raw = keep(&mut g, &layers);
+        gbuffer.spacing_px = [0.0, f64::INFINITY];
+        gbuffer.shadow_factor = self.reached.then(|| g.copy("reached", &gbuffer.color));
+        let raw = keep(&mut g, &gbuffer);
         let (mut seen, mut filled, mut smoothed, mut shaded, mut blended) =
             (None, None, None, None, None);
         if effects.visibility.switch != Switch::Off {
-            layers = visibility::record(&mut g, &scene, &effects.visibility.settings, layers);
-            seen = Some(keep(&mut g, &layers));
+            gbuffer = visibility::record(&mut g, &scene, &effects.visibility.settings, gbuffer);
+            seen = Some(keep(&mut g, &gbuffer));
         }
         if effects.fill.switch != Switch::Off {
-            layers = fill::record(&mut g, &scene, &effects.fill.settings, layers);
-            filled = Some(keep(&mut g, &layers));
+            gbuffer = fill::record(&mut g, &scene, &effects.fill.settings, gbuffer);
+            filled = Some(keep(&mut g, &gbuffer));
         }
         if effects.smooth.switch != Switch::Off {
-            layers = smooth::record(&mut g, &scene, &effects.smooth.settings, layers);
-            smoothed = Some(keep(&mut g, &layers));
+            gbuffer = smooth::record(&mut g, &scene, &effects.smooth.settings, gbuffer);
+            smoothed = Some(keep(&mut g, &gbuffer));
         }
         if effects.shape.switch != Switch::Off {
-            layers = shape::record(&mut g, &scene, &effects.shape.settings, layers);
+            gbuffer = shape::record(&mut g, &scene, &effects.shape.settings, gbuffer);
         }
         if effects.phong.switch != Switch::Off {
-            layers = phong::record(&mut g, &scene, &effects.phong.settings, layers);
-            shaded = Some(keep(&mut g, &layers));
+            gbuffer = phong::record(&mut g, &scene, &effects.phong.settings, gbuffer);
+            shaded = Some(keep(&mut g, &gbuffer));
         }
-        let lit = layers.lit.as_ref().map(|lit| g.download(lit));
+        let lit = gbuffer.shading.as_ref().map(|lit| g.download(lit));
         if effects.ao.switch != Switch::Off {
-            layers = ao::record(&mut g, &scene, &effects.ao.settings, layers);
+            gbuffer = ao::record(&mut g, &scene, &effects.ao.settings, gbuffer);
         }
         if effects.antialias.switch != Switch::Off {
-            layers = antialias::record(&mut g, &scene, &effects.antialias.settings, layers);
-            blended = Some(keep(&mut g, &layers));
+            gbuffer = antialias::record(&mut g, &scene, &effects.antialias.settings, gbuffer);
+            blended = Some(keep(&mut g, &gbuffer));
         }
-        let left = layers.lit.as_ref().map(|left| g.download(left));
-        let picture = composite::record(&mut g, view, [0.1, 0.2, 0.7], &layers);
+        let left = gbuffer.shading.as_ref().map(|left| g.download(left));
+        let picture = composite::record(&mut g, view, [0.1, 0.2, 0.7], &gbuffer);
         let picture = g.download(&picture);
         let frame = g.submit_and_wait(&[]).expect("drawn, and no validation message");
         let stage = |kept: Option<Kept>| kept.map_or(Stage::default(), |kept| read(&frame, &kept));
@@ -276,9 +280,9 @@ impl Canvas<'_> {
 /// Of a stage.
 type Kept = ([Buffer; 3], Option<Buffer>);
 
-fn keep(g: &mut Graph, layers: &passes::Layers) -> Kept {
-    let images = [&layers.depth, &layers.index, &layers.color].map(|image| g.download(image));
-    (images, layers.reached.as_ref().map(|image| g.download(image)))
+fn keep(g: &mut Graph, gbuffer: &passes::GBuffer) -> Kept {
+    let images = [&gbuffer.depth, &gbuffer.index, &gbuffer.color].map(|image| g.download(image));
+    (images, gbuffer.shadow_factor.as_ref().map(|image| g.download(image)))
 }
 
 fn read(frame: &CompletedSubmission, ([depth, index, color], reached): &Kept) -> Stage {

@@ -109,7 +109,7 @@ fn drawn_and_counted(
         let config = FrameConfig::new(settings, view, &resident);
         let mut g = Graph::new(gpu);
         let outcome = frame::record(&mut g, view, &resident, &config).unwrap();
-        let color = g.download(&outcome.layers.color);
+        let color = g.download(&outcome.gbuffer.color);
         let sums = g.find_buffer("sums").unwrap();
         let sums = g.download_buffer(&sums);
         let frame = g.submit_and_wait(&[]).unwrap();

@@ -6,7 +6,7 @@ use crate::gpu::{
 };
 use pointillist::cloud::attribute::Attribute;
 use pointillist::config::NO_POINT;
-use pointillist::passes::{Scene, fill, shape, visibility};
+use pointillist::passes::{FrameContext, fill, shape, visibility};
 use pointillist::progress::Silent;
 use pointillist::render::settings::RenderSettings;
 use pointillist::resident::{PointDensity, StationOverlap};
@@ -532,7 +532,7 @@ fn hard_00_nothing_that_is_no_number() {
 #[test]
 fn hard_00_surfaces_are_part_of_every_picture() {
     let view = views([16, 16])[0];
-    let decided = RenderSettings::default().effects.decide(&Scene {
+    let decided = RenderSettings::default().effects.decide(&FrameContext {
         view: &view,
         light: Light::default(),
         points: 1000,

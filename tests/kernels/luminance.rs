@@ -126,7 +126,7 @@ fn luminance_of_a_large_picture_is_corrected_band_by_band() {
 fn colors(gpu: &mut Gpu, resident: &Resident, config: &FrameConfig, part: &View) -> Vec<[f32; 4]> {
     let mut g = Graph::new(gpu);
     let outcome = frame::record(&mut g, part, resident, config).unwrap();
-    let color = g.download(&outcome.layers.color);
+    let color = g.download(&outcome.gbuffer.color);
     let frame = g.submit_and_wait(&[]).unwrap();
     let colors = frame.read(&color).to_vec();
     frame.recycle(gpu);

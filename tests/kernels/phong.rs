@@ -8,7 +8,7 @@ use pointillist::cloud::{Cloud, Lattice, octahedral};
 use pointillist::config::NO_POINT;
 use pointillist::graph::Graph;
 use pointillist::passes::project::{Band, Keys};
-use pointillist::passes::{Scene, Switch, phong, resolve};
+use pointillist::passes::{FrameContext, Switch, phong, resolve};
 use pointillist::progress::Silent;
 use pointillist::render::frame;
 use pointillist::render::settings::FrameConfig;
@@ -137,12 +137,12 @@ fn phong_lights_by_the_normals_of_points_as_f64_does() {
                 let light = Light::Direction(DVec3::new(1.0, 2.0, -1.5));
                 let keys = layered_keys(size, random);
                 let settings = phong::Settings { radius: 2.0, ..phong::Settings::default() };
-                let scene = Scene::of(&view, &resident, light);
+                let scene = FrameContext::of(&view, &resident, light);
                 assert!(scene.normals);
                 let mut g = Graph::new(gpu);
                 let uploaded = g.upload("keys", &keys).unwrap();
                 let paint = resolve::paint(&mut g, &resident, &Default::default()).unwrap();
-                let resolved = resolve::layers(&mut g, &view);
+                let resolved = resolve::begin(&mut g, &view);
                 let resolved = resolve::record(
                     &mut g,
                     &Keys::nearest(uploaded),
@@ -150,12 +150,12 @@ fn phong_lights_by_the_normals_of_points_as_f64_does() {
                     Band { top: 0, size },
                     resolved,
                 );
-                let layers = resolved.layers(&mut g, &view, &resident).unwrap();
-                let facing = phong::facing(&mut g, &view, &layers).expect("points have normals");
+                let gbuffer = resolved.gbuffer(&mut g, &view, &resident).unwrap();
+                let facing = phong::facing(&mut g, &view, &gbuffer).expect("points have normals");
                 let [depth, color, index, facing] =
-                    [&layers.depth, &layers.color, &layers.index, &facing]
+                    [&gbuffer.depth, &gbuffer.color, &gbuffer.index, &facing]
                         .map(|image| g.download(image));
-                let lit = phong::record(&mut g, &scene, &settings, layers);
+                let lit = phong::record(&mut g, &scene, &settings, gbuffer);
                 let lit = g.download(&lit.color);
                 let frame = g.submit_and_wait(&[]).expect("drawn, and no validation message");
                 let (depth, color, index): (&[f32], &[[f32; 4]], &[u32]) =
@@ -246,7 +246,7 @@ fn back_faces_are_left_out_where_that_is_asked_for() {
                     let config = FrameConfig::new(&settings, &view, &resident);
                     let mut g = Graph::new(gpu);
                     let outcome = frame::record(&mut g, &view, &resident, &config).unwrap();
-                    let depth = g.download(&outcome.layers.depth);
+                    let depth = g.download(&outcome.gbuffer.depth);
                     let frame = g.submit_and_wait(&[]).expect("drawn, and no validation message");
                     let depth = frame.read::<f32>(&depth).to_vec();
                     frame.recycle(gpu);

@@ -14,7 +14,7 @@
 
 use super::Settings;
 use crate::graph::{Dispatch, Graph, Image, Kind};
-use crate::passes::{Layers, Scene, TILE_PX, shadows, tiles};
+use crate::passes::{FrameContext, GBuffer, TILE_PX, shadows, tiles};
 use crate::shader::{self, fill_dobrev, fill_dobrev_close, fill_dobrev_open};
 use crate::view::Projection;
 
@@ -36,42 +36,47 @@ pub(super) fn most_steps(settings: &Settings, spacing_px: f64) -> u32 {
     }
 }
 
-pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, layers: Layers) -> Layers {
-    let (size, across) = (scene.view.size, tiles(scene.view.size));
+pub fn record(
+    g: &mut Graph,
+    context: &FrameContext,
+    settings: &Settings,
+    gbuffer: GBuffer,
+) -> GBuffer {
+    let (size, across) = (context.view.size, tiles(context.view.size));
     let texels = [TILE_PX * across[0], TILE_PX * across[1] / 4];
     let image = |g: &mut Graph, name: &str| g.image(name, texels, Kind::Rgba32f);
     let mut from = ["even depth", "even source"].map(|name| image(g, name));
     let mut to = ["odd depth", "odd source"].map(|name| image(g, name));
     let [opened, source] = &mut from;
     // As far as the widest kernel that has found holes has seen a point.
-    let found = layers
+    let found = gbuffer
         .holes
         .as_ref()
         .filter(|_| settings.iterations == 0.0)
         .map_or(0, |holes| holes.widest.div_ceil(2).min(super::WIDEST as u32));
-    let most = most_steps(settings, layers.spacing_px[1]).max(found);
+    let most = most_steps(settings, gbuffer.spacing_px[1]).max(found);
     let push = fill_dobrev_open::Push {
         texels,
-        px_per_unit: scene.view.focal_px() as f32,
+        px_per_unit: context.view.focal_px() as f32,
         reach: REACH as f32,
         most: most as f32,
         asked: (settings.iterations > 0.0) as u32,
     };
     let spec = fill_dobrev_open::Spec {
-        perspective: scene.view.camera.projection == Projection::Perspective,
+        perspective: context.view.camera.projection == Projection::Perspective,
     };
-    let Layers { depth, index, spacings, .. } = &layers;
+    let GBuffer { depth, index, spacings, .. } = &gbuffer;
     g.run(
         shader::FillDobrevOpen { depth, index, spacings, opened, source, push, spec },
         Dispatch::PerPackedTexel(texels),
     );
 
-    let layer = scene.layer_m(settings.layer) as f32;
+    let layer = context.layer_m(settings.layer) as f32;
     for occluded in [false, true] {
         let spec = fill_dobrev::Spec {
             texels: g.gpu.device.has_large_texel_buffers,
             occluded,
-            found: layers.holes.is_some(),
+            found: gbuffer.holes.is_some(),
         };
         [from, to] = steps(g, size, most, layer, spec, [from, to]);
     }
@@ -85,8 +90,8 @@ pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, layers: Layers)
         shader::FillDobrevClose {
             filled: &filled,
             source: &source,
-            index: &layers.index,
-            color: &layers.color,
+            index: &gbuffer.index,
+            color: &gbuffer.color,
             filled_depth: to.0,
             filled_index: to.1,
             filled_color: to.2,
@@ -94,17 +99,17 @@ pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, layers: Layers)
         },
         Dispatch::PerPackedTexel([size[0], size[1].div_ceil(4)]),
     );
-    shadows::reached(
+    shadows::shadow_factor(
         g,
         size,
-        Layers {
+        GBuffer {
             depth,
             index,
             color,
             flat_px: FLAT_PX,
-            source: Some(source),
+            depth_source: Some(source),
             holes: None,
-            ..layers
+            ..gbuffer
         },
     )
 }

@@ -11,7 +11,7 @@
 
 use super::{Settings, tolerance};
 use crate::graph::{Buffer, Dispatch, Graph, Image, Kind};
-use crate::passes::{self, Layers, Scattered};
+use crate::passes::{self, GBuffer, Scattered};
 use crate::shader::{self, fill_pull, fill_push, fill_relax, scatter};
 use crate::view::{Projection, View};
 
@@ -28,16 +28,16 @@ pub fn record(
     view: &View,
     settings: &Settings,
     labels: bool,
-    layers: Layers,
-) -> Layers {
-    let flood = layers.holes.is_none();
-    let known = layers
+    gbuffer: GBuffer,
+) -> GBuffer {
+    let flood = gbuffer.holes.is_none();
+    let known = gbuffer
         .holes
         .as_ref()
         .and_then(|holes| holes.scattered.as_ref())
         .map(|scattered| rough(g, view, scattered));
     // Bindings want a buffer, whether it is read or not.
-    let rough = known.as_ref().unwrap_or(&layers.spacings);
+    let rough = known.as_ref().unwrap_or(&gbuffer.spacings);
     let mut pyramid = Pyramid {
         view,
         settings,
@@ -47,11 +47,11 @@ pub fn record(
         is_rough_known: known.is_some(),
         perspective: view.camera.projection == Projection::Perspective,
     };
-    let (depth, color) = pyramid.filled(g, &layers.depth, &layers.color);
+    let (depth, color) = pyramid.filled(g, &gbuffer.depth, &gbuffer.color);
     pyramid.labels = false;
-    let reached =
-        layers.reached.as_ref().map(|reached| pyramid.filled(g, &layers.depth, reached).1);
-    Layers { depth, color, reached, holes: None, ..layers }
+    let shadow_factor =
+        gbuffer.shadow_factor.as_ref().map(|reached| pyramid.filled(g, &gbuffer.depth, reached).1);
+    GBuffer { depth, color, shadow_factor, holes: None, ..gbuffer }
 }
 
 /// The part of the points around, one in eight, from which on scattered ones say that there is no surface.

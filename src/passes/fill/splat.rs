@@ -5,7 +5,7 @@
 
 use super::Settings;
 use crate::graph::{Dispatch, Graph, Kind};
-use crate::passes::{Layers, shadows};
+use crate::passes::{GBuffer, shadows};
 use crate::shader::{self, fill_splat};
 use crate::view::View;
 
@@ -17,12 +17,12 @@ pub fn radius(settings: &Settings) -> f64 {
     if settings.radius == 0.0 { RADIUS_PX } else { settings.radius }
 }
 
-pub fn record(g: &mut Graph, view: &View, settings: &Settings, layers: Layers) -> Layers {
+pub fn record(g: &mut Graph, view: &View, settings: &Settings, gbuffer: GBuffer) -> GBuffer {
     let radius = radius(settings) as f32;
     let mut splat_depth = g.image("splat depth", view.size, Kind::R32f);
     let mut splat_index = g.image("splat index", view.size, Kind::R32ui);
     let mut splat_color = g.image("splat color", view.size, Kind::Rgba32f);
-    let Layers { depth, index, color, .. } = &layers;
+    let GBuffer { depth, index, color, .. } = &gbuffer;
     let push = fill_splat::Push { size: view.size, radius };
     let (of_depth, of_index, of_color) = (&mut splat_depth, &mut splat_index, &mut splat_color);
     g.run(
@@ -37,13 +37,13 @@ pub fn record(g: &mut Graph, view: &View, settings: &Settings, layers: Layers) -
         },
         Dispatch::PerPixel,
     );
-    let splats = Layers {
+    let splats = GBuffer {
         depth: splat_depth,
         index: splat_index,
         color: splat_color,
         flat_px: radius.ceil() as u32,
         holes: None,
-        ..layers
+        ..gbuffer
     };
-    shadows::reached(g, view.size, splats)
+    shadows::shadow_factor(g, view.size, splats)
 }
