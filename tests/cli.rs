@@ -466,12 +466,12 @@ fn a_camera_that_looks_away_and_a_clip_that_leaves_nothing_show_the_background()
 }
 
 #[test]
-fn a_file_that_is_to_be_written_does_not_say_that_it_is_something_else() {
+fn outputs_need_the_extension_of_their_format() {
     let place = Place::new();
     let cloud = place.scan("scan.las", SceneKind::Torus, 100);
     for line in ["-o @a.jpg", "-o @a.png --exr @b.png"] {
         let said = failed(&place.render(&cloud, line), 1);
-        assert!(said.contains("would say otherwise"), "{said}");
+        assert!(said.contains("must end in ."), "{said}");
     }
     let synth = |line: &str| {
         pointillist()

@@ -1,7 +1,7 @@
 //! `pointillist bench`: times of passes against other ways of doing the same.
 
-use super::index::Bytes;
-use super::options::{DetailOptions, DeviceOptions, Size};
+use super::options::{DetailOptions, DeviceOptions};
+use super::units::{Bytes, Size};
 use crate::bench::{self, dobrev, flight, index, luminance, project, strokes, surface, window};
 use crate::error::{Error, Result};
 use crate::progress::Progress;

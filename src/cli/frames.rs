@@ -2,7 +2,8 @@
 //!
 //! Frames are pictures as `render` draws them, each whole or not there. One that is there is drawn again, unless `--resume` keeps it, which is said.
 
-use super::render::{Arguments, refuse_to_overwrite};
+use super::files::refuse_to_overwrite;
+use super::render::Arguments;
 use crate::atomic_file::AtomicFile;
 use crate::error::{Error, Result};
 use crate::graph::Gpu;

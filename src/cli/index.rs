@@ -1,7 +1,8 @@
 //! `pointillist index`: files in, one index out, complete or absent.
 
-use super::options::{ColorOptions, TextArguments, ends_in};
-use super::render::refuse_to_overwrite;
+use super::files::{check_extension, refuse_to_overwrite};
+use super::options::{ColorOptions, TextArguments};
+use super::units::Bytes;
 use crate::cloud::ColumnSet;
 use crate::config;
 use crate::error::{Error, Result};
@@ -58,41 +59,6 @@ pub struct Arguments {
     pub text: TextArguments,
 }
 
-/// A number of bytes: 512MiB, 2GiB, 1000000.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Bytes(pub u64);
-
-impl std::str::FromStr for Bytes {
-    type Err = String;
-
-    fn from_str(text: &str) -> std::result::Result<Bytes, String> {
-        let digits = text.trim_end_matches(|c: char| c.is_ascii_alphabetic());
-        let scale = match text[digits.len()..].to_ascii_lowercase().as_str() {
-            "" | "b" => Some(1),
-            "k" | "kib" => Some(1u64 << 10),
-            "m" | "mib" => Some(1 << 20),
-            "g" | "gib" => Some(1 << 30),
-            "t" | "tib" => Some(1 << 40),
-            "kb" => Some(1_000),
-            "mb" => Some(1_000_000),
-            "gb" => Some(1_000_000_000),
-            "tb" => Some(1_000_000_000_000),
-            _ => None,
-        };
-        let bytes = scale.and_then(|scale| digits.trim().parse::<u64>().ok()?.checked_mul(scale));
-        bytes.map(Bytes).ok_or(format!("{text:?} is not a number of bytes such as 512MiB or 2GiB"))
-    }
-}
-
-impl std::fmt::Display for Bytes {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        let units = [(1 << 30, "GiB"), (1 << 20, "MiB"), (1 << 10, "KiB"), (1, "")];
-        let (size, unit) =
-            units.into_iter().find(|&(size, _)| self.0.is_multiple_of(size)).unwrap_or((1, ""));
-        write!(f, "{}{unit}", self.0 / size)
-    }
-}
-
 /// Below this a chunk of the least size does not fit.
 const LEAST_MEMORY: u64 = 64 << 20;
 
@@ -119,7 +85,7 @@ impl Arguments {
 
 pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
     refuse_to_overwrite(&arguments.output, &arguments.files)?;
-    ends_in(&arguments.output, &["pnti"])?;
+    check_extension(&arguments.output, &["pnti"])?;
     let summary =
         build::build(&arguments.files, &arguments.output, &arguments.options()?, progress)?;
     summary.notes.iter().for_each(|note| eprintln!("pointillist: note: {note}"));

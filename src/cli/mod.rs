@@ -1,6 +1,7 @@
 //! The program: one file a subcommand, and the options that they share.
 
 pub mod bench;
+mod files;
 mod frames;
 pub mod guide;
 pub mod index;
@@ -13,4 +14,5 @@ pub mod shadows;
 pub mod study;
 pub mod synth;
 pub mod terminal;
+pub mod units;
 pub mod view;

@@ -1,6 +1,6 @@
 //! The options that `view`, `render`, `bench` and `study` share: one definition.
 
-use super::index::Bytes;
+use super::units::{Bytes, Size};
 use crate::cloud::attribute::{Attribute, DisplayAttribute, ExtraAttributes};
 use crate::cloud::color::RgbRange;
 use crate::cloud::strays::Treatment;
@@ -24,20 +24,6 @@ use crate::view::{Camera, Preset, View};
 use std::path::{Path, PathBuf};
 
 const MIB: u64 = 1 << 20;
-
-/// Refuses to write something to a file whose name says that it is something else: it ends in none of these. A name without an ending says nothing.
-pub fn ends_in(path: &Path, endings: &[&str]) -> Result<()> {
-    match path.extension() {
-        Some(other) if endings.iter().all(|ending| !other.eq_ignore_ascii_case(ending)) => {
-            Err(Error::Request(format!(
-                "what is written is .{}, and {} would say otherwise",
-                endings.join(" or ."),
-                path.display()
-            )))
-        }
-        _ => Ok(()),
-    }
-}
 
 /// How files are read whose colours do not say what they count to.
 #[derive(clap::Args, Clone, Copy, Debug, Default)]
@@ -220,32 +206,6 @@ pub struct DeviceOptions {
     /// Treat the device as one most of whose memory the CPU cannot write to; for tests
     #[arg(long, hide = true)]
     pub unmapped: bool,
-}
-
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Size(pub [u32; 2]);
-
-/// A row of pixels of which is a megabyte.
-const LARGEST_SIDE: u32 = 262_144;
-
-impl std::str::FromStr for Size {
-    type Err = String;
-
-    fn from_str(text: &str) -> std::result::Result<Size, String> {
-        let sides =
-            text.split_once('x').and_then(|(w, h)| Some([w.parse().ok()?, h.parse().ok()?]));
-        let valid = sides
-            .filter(|sides: &[u32; 2]| sides.iter().all(|side| (1..=LARGEST_SIDE).contains(side)));
-        valid
-            .map(Size)
-            .ok_or(format!("{text:?} is not WIDTHxHEIGHT in pixels, 1 to {LARGEST_SIDE} each"))
-    }
-}
-
-impl std::fmt::Display for Size {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        write!(f, "{}x{}", self.0[0], self.0[1])
-    }
 }
 
 impl PictureOptions {

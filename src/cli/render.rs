@@ -1,8 +1,8 @@
 //! `pointillist render`: files in, one picture out; no window system is touched.
 
+use super::files::{check_extension, refuse_to_overwrite};
 use super::frames;
-use super::options::{DeviceOptions, PictureOptions, ends_in};
-use crate::atomic_file::AtomicFile;
+use super::options::{DeviceOptions, PictureOptions};
 use crate::error::{Error, Result};
 use crate::graph::{CompletedSubmission, Gpu};
 use crate::output::export::Downloads;
@@ -16,7 +16,8 @@ use crate::render::settings::FrameConfig;
 use crate::render::source::{GpuCloud, SelectionReport, Source};
 use crate::resident::Resident;
 use crate::view::View;
-use std::path::{Path, PathBuf};
+use crate::atomic_file::AtomicFile;
+use std::path::PathBuf;
 use std::time::Instant;
 
 const EXAMPLES: &str = "\
@@ -93,7 +94,7 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
     for (output, ending) in [(&arguments.output, "png"), (&arguments.exr, "exr")] {
         let Some(output) = output else { continue };
         refuse_to_overwrite(output, &arguments.files)?;
-        ends_in(output, &[ending])?;
+        check_extension(output, &[ending])?;
         // A folder that cannot be written to is said before the work is done.
         drop(AtomicFile::create(output)?);
     }
@@ -210,18 +211,6 @@ fn in_pieces(
     }
     cloud.free(gpu);
     Ok(())
-}
-
-/// Nothing is ever written over an input.
-pub fn refuse_to_overwrite(output: &Path, inputs: &[PathBuf]) -> Result<()> {
-    let same = |input: &PathBuf| matches!((output.canonicalize(), input.canonicalize()), (Ok(a), Ok(b)) if a == b);
-    match inputs.iter().find(|input| same(input)) {
-        Some(input) => Err(Error::Request(format!(
-            "{} is an input; name another file to write",
-            input.display()
-        ))),
-        None => Ok(()),
-    }
 }
 
 /// What is known once the cloud is gone.

@@ -1,8 +1,8 @@
 //! `pointillist shadows`: an index and a light in, what its shadows leave of the light at every point out, complete or absent.
 
-use super::index::Bytes;
+use super::files::refuse_to_overwrite;
 use super::options::{DeviceOptions, effect};
-use super::render::refuse_to_overwrite;
+use super::units::Bytes;
 use crate::config;
 use crate::error::{Error, Result};
 use crate::graph::Gpu;

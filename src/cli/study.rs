@@ -1,6 +1,7 @@
 //! `pointillist study`: accuracy against time, into a folder of CSV, SVG and one HTML page.
 
-use super::options::{DeviceOptions, Size};
+use super::options::DeviceOptions;
+use super::units::Size;
 use crate::error::Result;
 use crate::graph::Gpu;
 use crate::progress::Progress;

@@ -1,7 +1,8 @@
 //! `pointillist synth`: a simulated scan of an analytic scene into a LAS file, or its truth for a camera into an EXR picture.
 
-use super::options::{Size, ends_in, read_camera};
-use crate::atomic_file::write_atomically;
+use super::files::check_extension;
+use super::options::read_camera;
+use super::units::Size;
 use crate::config;
 use crate::error::{Error, Result};
 use crate::output::image_io::{Samples, write_exr};
@@ -89,7 +90,7 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
         })?;
     }
     if let Some(output) = &arguments.output {
-        ends_in(output, if arguments.truth.is_some() { &["exr"] } else { &["las", "laz"] })?;
+        check_extension(output, if arguments.truth.is_some() { &["exr"] } else { &["las", "laz"] })?;
     }
     match (&arguments.output, &arguments.truth) {
         (Some(output), Some(camera)) => {

@@ -1,6 +1,7 @@
 //! `pointillist view`: files in a window.
 
-use super::options::{DeviceOptions, PictureOptions, Size};
+use super::options::{DeviceOptions, PictureOptions};
+use super::units::Size;
 use crate::app::{self, Options, keys, navigation::NavigationStyle, panel::SaveSize};
 use crate::error::Result;
 use crate::gpu;

@@ -1,0 +1,63 @@
+//! Values of options: bytes and picture sizes.
+
+/// A number of bytes: 512MiB, 2GiB, 1000000.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Bytes(pub u64);
+
+impl std::str::FromStr for Bytes {
+    type Err = String;
+
+    fn from_str(text: &str) -> std::result::Result<Bytes, String> {
+        let digits = text.trim_end_matches(|c: char| c.is_ascii_alphabetic());
+        let scale = match text[digits.len()..].to_ascii_lowercase().as_str() {
+            "" | "b" => Some(1),
+            "k" | "kib" => Some(1u64 << 10),
+            "m" | "mib" => Some(1 << 20),
+            "g" | "gib" => Some(1 << 30),
+            "t" | "tib" => Some(1 << 40),
+            "kb" => Some(1_000),
+            "mb" => Some(1_000_000),
+            "gb" => Some(1_000_000_000),
+            "tb" => Some(1_000_000_000_000),
+            _ => None,
+        };
+        let bytes = scale.and_then(|scale| digits.trim().parse::<u64>().ok()?.checked_mul(scale));
+        bytes.map(Bytes).ok_or(format!("{text:?} is not a number of bytes such as 512MiB or 2GiB"))
+    }
+}
+
+impl std::fmt::Display for Bytes {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let units = [(1 << 30, "GiB"), (1 << 20, "MiB"), (1 << 10, "KiB"), (1, "")];
+        let (size, unit) =
+            units.into_iter().find(|&(size, _)| self.0.is_multiple_of(size)).unwrap_or((1, ""));
+        write!(f, "{}{unit}", self.0 / size)
+    }
+}
+
+/// A picture's size [px], as WIDTHxHEIGHT.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Size(pub [u32; 2]);
+
+/// The longest side of a picture [px]: a row of it takes a megabyte.
+const LARGEST_SIDE: u32 = 262_144;
+
+impl std::str::FromStr for Size {
+    type Err = String;
+
+    fn from_str(text: &str) -> std::result::Result<Size, String> {
+        let sides =
+            text.split_once('x').and_then(|(w, h)| Some([w.parse().ok()?, h.parse().ok()?]));
+        let valid = sides
+            .filter(|sides: &[u32; 2]| sides.iter().all(|side| (1..=LARGEST_SIDE).contains(side)));
+        valid
+            .map(Size)
+            .ok_or(format!("{text:?} is not WIDTHxHEIGHT in pixels, 1 to {LARGEST_SIDE} each"))
+    }
+}
+
+impl std::fmt::Display for Size {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "{}x{}", self.0[0], self.0[1])
+    }
+}
