@@ -1,4 +1,5 @@
-//! Parse, dispatch, exit code: 0 done, 1 could not do it, 2 asked wrongly.
+//! The program: parses, dispatches, and exits with 0 on success, 1 on failure, 2 on wrong usage,
+//! 130 on Ctrl-C.
 
 use clap::Parser;
 use pointillist::cli::{
@@ -27,27 +28,28 @@ struct Program {
 
 #[derive(clap::Subcommand)]
 enum Command {
-    /// A window to fly through point clouds
+    /// Open a window to fly through point clouds
     View(Box<view::Arguments>),
-    /// One picture of one or several point clouds
+    /// Draw a picture of one or several point clouds
     Render(Box<render::Arguments>),
-    /// An index of clouds larger than memory, which render, info and bench take in a file's place
+    /// Build an index of clouds larger than memory, which view, render, info and bench read like a
+    /// file
     Index(index::Arguments),
-    /// Shadows of all points of an index, saved beside it
+    /// Save the shadows of all points of an index
     Shadows(shadows::Arguments),
-    /// What is in a file: counts, bounds and ranges of the points themselves
+    /// Print what is in a file: counts, bounds and ranges of the points themselves
     Info(info::Arguments),
-    /// Simulated scans of analytic scenes, with ground truth
+    /// Simulate scans of analytic scenes, with ground truth
     Synth(synth::Arguments),
-    /// Accuracy against time
+    /// Measure accuracy against time
     Study(study::Arguments),
-    /// Times of passes, against other ways of doing the same
+    /// Measure passes against other ways of doing the same
     Bench(bench::Arguments),
-    /// Pages of the guide
+    /// Print pages of the guide
     Guide(guide::Arguments),
 }
 
-/// The exit code stands where nobody reads standard error any more.
+/// Prints to standard error; a closed standard error does not change the exit code.
 fn say(what: &str) {
     drop(writeln!(std::io::stderr(), "pointillist: {what}"));
 }
@@ -76,7 +78,7 @@ fn main() -> ExitCode {
             ExitCode::from(130)
         }
         Err(error) => {
-            // One line, whatever a path has in it; the validation layers' own words are many.
+            // One line, whatever a path contains; only validation messages have several.
             match error {
                 Error::Validation(_) => say(&error.to_string()),
                 _ => say(&error.to_string().replace('\n', "\\n")),

@@ -1,20 +1,25 @@
-//! Long work tells how far it is, and is told when to stop.
+//! Progress reports of long work, and its cancellation.
 //!
-//! Whoever does something that may take over a second takes a `&dyn Progress`, calls [`Progress::tick`] a few times a second
-//! (a chunk, not a point), and returns its error at once after removing what it had half written.
+//! A function that may take over a second takes a `&dyn Progress` and calls [`Progress::tick`] a
+//! few times a second (per chunk, not per point). If that returns an error, the function removes
+//! what it has half written and returns the error at once.
 
 use crate::error::Result;
 
-/// A listener for long work. `cli` shows a bar on a terminal and turns Ctrl-C into [`crate::error::Error::Interrupted`].
+/// A listener to long work. `cli` shows a bar on a terminal and turns Ctrl-C into
+/// [`crate::error::Error::Interrupted`].
 pub trait Progress: Sync {
-    /// `done` of `total` units of `doing` ("reading scan.laz") are finished; `total` 0 means it is not known.
+    /// Reports that `done` of `total` units of `doing` ("reading scan.laz") are finished; `total`
+    /// is 0 if unknown. Errors if the work is to stop.
     fn tick(&self, doing: &str, done: u64, total: u64) -> Result<()>;
 
-    /// Calls `act`, on any thread, when it is to stop: for who waits, and so does not tick. A listener that never stops anything never calls it.
+    /// Registers `act`, to be called on any thread when work is to stop. For work that waits and so
+    /// does not tick.
     fn when_interrupted(&self, _act: Box<dyn Fn() + Send>) {}
 }
 
-/// How far a whole is, whatever is being done for one of its parts: a film's frame, a picture's piece.
+/// Progress of a whole, unaffected by ticks of one of its parts: a frame of a film, a piece of a
+/// picture.
 pub struct Whole<'p> {
     pub progress: &'p dyn Progress,
     pub doing: &'static str,
@@ -32,10 +37,10 @@ impl Progress for Whole<'_> {
     }
 }
 
-/// How far a whole is, whatever it is called, by how far one of its parts is.
+/// Progress of a whole, advanced by the ticks of one of its parts.
 pub struct Part<'p> {
     pub progress: &'p dyn Progress,
-    /// Before it, and of the whole.
+    /// Units of the whole before this part.
     pub done: u64,
     pub total: u64,
 }
@@ -46,7 +51,7 @@ impl Progress for Part<'_> {
     }
 }
 
-/// Listens to nothing: for tests, and for embedding.
+/// A listener that ignores everything, for tests and embedding.
 pub struct Silent;
 
 impl Progress for Silent {

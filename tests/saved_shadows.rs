@@ -186,7 +186,7 @@ fn shadows_of_another_cloud_or_light_are_refused_and_damaged_ones_are_said() {
         2,
     );
     assert!(
-        said.contains("only shadows are cast here") && !place.at("c.shadows").exists(),
+        said.contains("only settings of shadows apply") && !place.at("c.shadows").exists(),
         "{said}"
     );
     assert!(pointillist().arg("shadows").output().unwrap().status.code() == Some(2));

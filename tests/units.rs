@@ -224,7 +224,7 @@ fn measures_in_feet_have_metres_beside() {
             && feet.contains(" ft ("),
         "{feet}"
     );
-    assert!(text_of("b.las", vec![]).contains("metre, which no file says"));
+    assert!(text_of("b.las", vec![]).contains("metre, assumed: no file states it"));
 }
 
 #[test]

@@ -1,4 +1,4 @@
-//! `pointillist bench`: times of passes against other ways of doing the same.
+//! `pointillist bench`: times of passes, against other ways of doing the same.
 
 use super::options::{DetailOptions, DeviceOptions};
 use super::units::{Bytes, Size};
@@ -10,24 +10,25 @@ use std::path::PathBuf;
 
 const EXAMPLES: &str = "\
 Examples:
-  pointillist bench                                        all that need no file
+  pointillist bench                                        the default benchmarks
   pointillist bench project --points 1000000 --size 1024x1024
-  pointillist bench surface --size 1024x768                visibility, filling and shape, in plain 3 x 3 passes
+  pointillist bench surface --size 1024x768                visibility, filling and shape, as plain 3 x 3 passes
   pointillist bench luminance --points 1000000,4000000,16000000,64000000 --size 1920x1080
                                                            frames with and without luminance correction
   pointillist bench strokes --points 14000000 --size 1000x1000 --model dragon.ply    paintings, against plain points of the same cloud: table 2 of the paper
   pointillist bench dobrev --points 6000000 --size 512x512,1024x1024 --model dragon.ply    layers and shadows, as in the paper's table 3
-  pointillist bench --json > before.json                   keep the rows ...
-  pointillist bench --baseline before.json                 ... and compare with them later
-  pointillist bench index --points 20000000 --laz          how fast an index is made, and how near that is to the floor
-  pointillist bench flight --index site.pnti --gpu-memory 128MiB a camera flight through more than the device may hold
+  pointillist bench --json > before.json                   keep the rows
+  pointillist bench --baseline before.json                 compare with rows kept before
+  pointillist bench index --points 20000000 --laz          time to build an index, and its lower bound
+  pointillist bench flight --index site.pnti --gpu-memory 128MiB    a flight through more than fits the device
   pointillist bench window --index site.pnti --gpu-memory 64MiB --points 1000000 --size 1280x720
-                                                           flights in a window: how even its pictures come";
+                                                           flights in a window: how regular its frames are";
 
 #[derive(clap::Args, Clone, Debug)]
 #[command(after_help = EXAMPLES)]
 pub struct Arguments {
-    /// Which benchmarks to run [default: project, and with --index also flight]: project, surface, dobrev, luminance, strokes, index, flight, window
+    /// Which benchmarks to run [default: project, and with --index also flight]: project, surface,
+    /// dobrev, luminance, strokes, index, flight, window
     #[arg(value_name = "NAME", value_parser = ["project", "surface", "dobrev", "luminance", "strokes", "index", "flight", "window"])]
     pub names: Vec<String>,
     /// Numbers of points
@@ -36,7 +37,8 @@ pub struct Arguments {
     /// Sizes of the picture, pixels
     #[arg(long, value_name = "WxH,...", value_delimiter = ',', default_values_t = [Size([1024, 1024]), Size([1920, 1080])])]
     pub size: Vec<Size>,
-    /// Rounds [default: project 25, since shuffled order depends on how full a shared cache is and few rounds scatter; index 3]
+    /// Rounds [default: project 25, since shuffled points depend on the state of a shared cache;
+    /// index 3]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=10_000))]
     pub repeat: Option<u64>,
     /// Also on this cloud; repeatable
@@ -45,19 +47,19 @@ pub struct Arguments {
     /// Index LAZ instead of LAS
     #[arg(long, help_heading = "Index")]
     pub laz: bool,
-    /// As `index --memory`
+    /// Memory for points, as of `index --memory`
     #[arg(long, value_name = "BYTES", default_value_t = Bytes(crate::config::INDEX_MEMORY), help_heading = "Index")]
     pub memory: Bytes,
-    /// Where input and output lie meanwhile [default: the system's temporary folder]
+    /// Folder for input and output [default: the system's temporary folder]
     #[arg(long, value_name = "FOLDER", help_heading = "Index")]
     pub folder: Option<PathBuf>,
-    /// What to fly through
+    /// Index to fly through
     #[arg(long, value_name = "FILE.pnti", help_heading = "Flight")]
     pub index: Option<PathBuf>,
     /// Frames of the flight
     #[arg(long, default_value_t = 300, help_heading = "Flight", value_parser = clap::value_parser!(u64).range(1..=1_000_000))]
     pub frames: u64,
-    /// Length of the flights
+    /// Length of the flights [s]
     #[arg(long, default_value_t = 10, help_heading = "Window", value_parser = clap::value_parser!(u64).range(1..=3600))]
     pub seconds: u64,
     #[command(flatten)]
@@ -214,7 +216,7 @@ fn paintings(arguments: &Arguments, progress: &dyn Progress) -> Result<Vec<strok
 fn dobrevs(arguments: &Arguments, progress: &dyn Progress) -> Result<Vec<dobrev::Row>> {
     let mut rows = Vec::new();
     for (number, &points) in arguments.points.iter().enumerate() {
-        // Models have the points that they have.
+        // A model has a fixed number of points, so it is measured once.
         let models = if number == 0 { arguments.model.clone() } else { Vec::new() };
         let plan = dobrev::Plan {
             points,
@@ -229,10 +231,9 @@ fn dobrevs(arguments: &Arguments, progress: &dyn Progress) -> Result<Vec<dobrev:
 }
 
 fn flights(arguments: &Arguments, progress: &dyn Progress) -> Result<Vec<flight::Flight>> {
-    let path = arguments
-        .index
-        .clone()
-        .ok_or_else(|| Error::Request("bench flight needs an index: --index FILE.pnti".into()))?;
+    let path = arguments.index.clone().ok_or_else(|| {
+        Error::Request("bench flight needs an index: give --index FILE.pnti".into())
+    })?;
     let detail = &arguments.detail;
     let plan = flight::Plan {
         index: path,

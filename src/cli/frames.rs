@@ -1,6 +1,6 @@
-//! `pointillist render --path`: a camera path in, a numbered picture for every frame of it out, and where they are asked for its layers.
+//! `pointillist render --path`: a camera path in; numbered pictures, and layers with `--exr`, out.
 //!
-//! Frames are pictures as `render` draws them, each whole or not there. One that is there is drawn again, unless `--resume` keeps it, which is said.
+//! Every file is complete or absent. Existing ones are drawn again unless `--resume` keeps them.
 
 use super::files::refuse_to_overwrite;
 use super::render::Arguments;
@@ -16,10 +16,10 @@ use crate::view::View;
 use crate::view::camera_path::CameraPath;
 use std::path::{Path, PathBuf};
 
-/// Of a frame's number, so that names sort as numbers do.
+/// Digits of a frame's number at least, so that names sort like numbers.
 const DIGITS: usize = 4;
 
-/// A file of a frame, counted from 1 on.
+/// Returns the path of a frame; frames are counted from 1.
 fn numbered(output: &Path, extension: &str, number: u64, total: u64) -> PathBuf {
     let digits = total.to_string().len().max(DIGITS);
     let stem = output.file_stem().unwrap_or_default().to_string_lossy();
@@ -45,10 +45,10 @@ pub fn run(arguments: &Arguments, path: &Path, progress: &dyn Progress) -> Resul
     }
     let kept = total - missing.len() as u64;
     if kept > 0 {
-        eprintln!("pointillist: note: {kept} of {total} frames are there already, and kept");
+        eprintln!("pointillist: note: kept {kept} of {total} frames, which exist already");
     }
     let [first, ..] = missing[..] else { return Ok(()) };
-    // A folder that cannot be written to is said before the work is done.
+    // Fails early if the folder is not writable.
     png(first).iter().chain(&exr(first)).try_for_each(|file| AtomicFile::create(file).map(drop))?;
     let options = arguments.picture.with_scene()?;
     let (size, settings) = (options.size.0, options.settings()?);
@@ -67,7 +67,7 @@ pub fn run(arguments: &Arguments, path: &Path, progress: &dyn Progress) -> Resul
         let frames = Whole { progress, doing: "drawing frames", done: number, total };
         let view = View::new(path.frame(number), size)
             .map_err(|error| Error::Request(format!("frame {}: {error}", number + 1)))?;
-        // Once, of however many frames.
+        // Every note once, for the first frame that it concerns.
         let mut say = |note: String| {
             if !said.contains(&note) {
                 eprintln!("pointillist: note: frame {}: {note}", number + 1);

@@ -18,18 +18,20 @@ Examples:
   pointillist index scan.laz -o scan.pnti --normals          planes fitted to the points around each
   pointillist render scan.pnti -o out.png
 
-The folder of OUT.pnti needs room for the index, about 16 bytes a point, and while it is made for what does not fit --memory, about 24 more.";
+The folder of OUT.pnti needs room for the index, about 16 bytes a point, and while it is built about 24 more for points beyond --memory.";
 
 #[derive(clap::Args, Clone, Debug)]
 #[command(after_help = EXAMPLES)]
 pub struct Arguments {
-    /// Point clouds: LAS, LAZ, COPC; also PLY, E57, OBJ, XYZ, CSV, TXT, PTS, PTX, which are read into memory whole
+    /// Point clouds: LAS, LAZ, COPC; also PLY, E57, OBJ, XYZ, CSV, TXT, PTS, PTX, which are read
+    /// into memory whole
     #[arg(required = true, value_name = "FILE")]
     pub files: Vec<PathBuf>,
     /// The index to write
     #[arg(short, long, value_name = "OUT.pnti")]
     pub output: PathBuf,
-    /// Memory for points on their way; what does not fit goes to a temporary file beside the index
+    /// Memory for points while building; what does not fit goes to a temporary file beside the
+    /// index
     #[arg(long, value_name = "BYTES", default_value_t = Bytes(config::INDEX_MEMORY))]
     pub memory: Bytes,
     /// Threads [default: one a core]
@@ -38,35 +40,37 @@ pub struct Arguments {
     /// Keep GPS times, 8 bytes a point
     #[arg(long)]
     pub gps_time: bool,
-    /// Find normals, of the plane through the points around each, where files have none: for `phong` and `--color normal`; 4 bytes a point
+    /// Compute normals where files have none, from a plane through the points around each: for
+    /// `phong` and `--color normal`; 4 bytes a point
     #[arg(long)]
     pub normals: bool,
-    /// Find colours of one luminance for all stations, V averaged over the 40 nearest points, for `--color corrected`; 3 bytes a point
+    /// Compute colours whose luminance agrees between stations, V averaged over the 40 nearest
+    /// points, for `--color corrected`; 3 bytes a point
     #[arg(long)]
     pub luminance: bool,
-    /// Find what brushes need to know, so that `--style strokes` finds it there; with normals 8 bytes a point
+    /// Compute strokes for `--style strokes`; with normals 8 bytes a point
     #[arg(long)]
     pub strokes: bool,
-    /// Refuse a truncated or lying file instead of keeping what is readable
+    /// Refuse a truncated or inconsistent file instead of keeping what is readable
     #[arg(long)]
     pub strict: bool,
     #[command(flatten)]
     pub colors: ColorOptions,
-    /// Print what was made as JSON
+    /// Print a summary as JSON
     #[arg(long)]
     pub json: bool,
     #[command(flatten)]
     pub text: TextArguments,
 }
 
-/// Below this a chunk of the least size does not fit.
+/// The least `--memory`: a chunk of the least size has to fit.
 const LEAST_MEMORY: u64 = 64 << 20;
 
 impl Arguments {
     pub fn options(&self) -> Result<Options> {
         if self.memory.0 < LEAST_MEMORY {
             return Err(Error::Request(format!(
-                "--memory {} is too little; 64MiB is the least",
+                "--memory {} is too little; give at least 64MiB",
                 self.memory
             )));
         }
@@ -108,7 +112,7 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
         per_point(bytes),
         points as f64 / seconds / 1e6,
         if derive_seconds > 0.0 {
-            format!(", {derive_seconds:.1} s of these for what depends on the points around")
+            format!(", {derive_seconds:.1} s of these for normals, strokes and luminance")
         } else {
             String::new()
         },

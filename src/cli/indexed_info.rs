@@ -1,7 +1,10 @@
-//! `pointillist info cloud.pnti`: what went into an index, and the tree.
+//! `pointillist info cloud.pnti`: what an index was built from, and its tree.
 //!
-//! The JSON object has `points`, `bounds`, `unit`, `unit_is_stated`, `spacing`, `strays`, `parts`, `stations`, `notes` as `info` gives them of files (but no ranges of attributes: those would
-//! need every point), of `exposures` the `balance` where it was found, where they were counted `classes` [{`class`, `points`}] and `returns` [{`return`, `points`}], and `index` {`bytes`, `bytes_per_point`, `nodes`, `leaves`, `inner`, `roots`, `levels` [{`level`, `nodes`, `samples`,
+//! The JSON object has `points`, `bounds`, `unit`, `unit_is_stated`, `spacing`, `strays`, `parts`,
+//! `stations`, `notes` as `info` gives them of files (but no ranges of attributes: those would need
+//! every point), of `exposures` the `balance` where it was found, where they were counted `classes`
+//! [{`class`, `points`}] and `returns` [{`return`, `points`}], and `index` {`bytes`,
+//! `bytes_per_point`, `nodes`, `leaves`, `inner`, `roots`, `levels` [{`level`, `nodes`, `samples`,
 //! `spacing`}], `planes` {name: bytes}, `leaf_points` {`least`, `median`, `most`}}.
 
 use super::info::{
@@ -32,7 +35,7 @@ struct Report<'a> {
     unit: Unit,
     unit_is_stated: bool,
     spacing: Spacing,
-    /// Strays, as far as samples of the roots tell.
+    /// Strays among the samples of the roots.
     strays: Strays,
     index: Tree,
     parts: &'a [IndexedPart],
@@ -84,7 +87,7 @@ struct Level {
     level: u8,
     nodes: usize,
     samples: u64,
-    /// The widest of its inner nodes' cells, metres; none without inner nodes.
+    /// Widest cell of the inner nodes [m]; None if there are none.
     spacing: Option<f64>,
 }
 
@@ -95,7 +98,7 @@ struct LeafPoints {
     most: u32,
 }
 
-/// Text, or JSON.
+/// Returns the report, as text or JSON.
 pub fn report(path: &Path, json: bool) -> Result<String> {
     let index = Index::open(path)?;
     let (contents, reference) = (&index.directory.contents, index.reference());

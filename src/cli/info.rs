@@ -1,15 +1,23 @@
-//! `pointillist info`: what is in these files, as measured, next to what their headers say.
+//! `pointillist info`: what is in files, as measured, next to what their headers say.
 //!
-//! In: paths. Out: text, or one JSON object, on standard output. Histograms, bounds and ranges are recomputed from every point; the header's own
-//! are shown beside them, and where the two differ a note says so.
+//! In: paths. Out: text, or one JSON object, on standard output. Histograms, bounds and ranges are
+//! recomputed from every point; the header's own are shown beside them, and where the two differ a
+//! note says so.
 //!
-//! The JSON object is stable; fields may be added:
-//! `points` · `bounds` {`min`, `max`} or null · `unit` {`name`, `metres`} of all lengths · `unit_is_stated` · `spacing` {`value` or null, `how`} · `strays` {`points`, `places` [[x, y, z]] of the first few}, which lie far outside of all others ·
-//! `parts` [{`path`, `name`, `format`, `points`, `header` {`format`, `points`, `bounds` [min, max], `facts` [[what, text]],
-//! `system` {`name`, `epsg`, `kind` (`projected`, `geographic`, `geocentric`, `local`), `unit`, `height_unit`, `degrees`, `proj`, `plane` {`longitude`, `latitude`, `metres_per_degree`}}}, `bounds`, `step`, `offset`,
-//! `attributes` {`rgb` {`bits`, `full` (1, 255, 65535 or as stated), `by` (`file`, `values`, `request`), `min`, `max`}, `intensity` {`min`, `max`}, `class` [{`class`, `points`}],
-//! `returns` {`most`, `impossible`}, `source` {`ids`}, `gps_time` {`min`, `max`, `nan`, `nan_share`}, `normal` {`zero_share`}, `extra` [{`name`, `min`, `max`, `missing`}] of columns of text that are none of these}}] ·
-//! `stations` [{`part`, `source`, `name`, `points`}] · `exposures` {`values`, `overlaps` [{`stations`, `cells`, `step`, `gain`}], `balance` {`gains`, `uneven`}} where two stations have colours · `notes` [`line`]. An attribute that a part lacks is absent.
+//! The JSON object is stable; fields may be added: `points` · `bounds` {`min`, `max`} or null ·
+//! `unit` {`name`, `metres`} of all lengths · `unit_is_stated` · `spacing` {`value` or null, `how`}
+//! · `strays` {`points`, `places` [[x, y, z]] of the first few}, which lie far outside of all
+//! others · `parts` [{`path`, `name`, `format`, `points`, `header` {`format`, `points`, `bounds`
+//! [min, max], `facts` [[what, text]], `system` {`name`, `epsg`, `kind` (`projected`, `geographic`,
+//! `geocentric`, `local`), `unit`, `height_unit`, `degrees`, `proj`, `plane` {`longitude`,
+//! `latitude`, `metres_per_degree`}}}, `bounds`, `step`, `offset`, `attributes` {`rgb` {`bits`,
+//! `full` (1, 255, 65535 or as stated), `by` (`file`, `values`, `request`), `min`, `max`},
+//! `intensity` {`min`, `max`}, `class` [{`class`, `points`}], `returns` {`most`, `impossible`},
+//! `source` {`ids`}, `gps_time` {`min`, `max`, `nan`, `nan_share`}, `normal` {`zero_share`},
+//! `extra` [{`name`, `min`, `max`, `missing`}] of columns of text that are none of these}}] ·
+//! `stations` [{`part`, `source`, `name`, `points`}] · `exposures` {`values`, `overlaps`
+//! [{`stations`, `cells`, `step`, `gain`}], `balance` {`gains`, `uneven`}} where two stations have
+//! colours · `notes` [`line`]. An attribute that a part lacks is absent.
 
 use super::indexed_info;
 use super::options::{ColorOptions, TextArguments};
@@ -45,7 +53,7 @@ pub struct Arguments {
     #[arg(long)]
     pub json: bool,
 
-    /// Refuse a truncated or lying file instead of keeping what is readable
+    /// Refuse a truncated or inconsistent file instead of keeping what is readable
     #[arg(long)]
     pub strict: bool,
 
@@ -64,7 +72,7 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
         }
         Some(path) => {
             return Err(Error::Request(format!(
-                "{} is an index; ask about it alone",
+                "{} is an index; pass it alone, without other files",
                 path.display()
             )));
         }
@@ -72,7 +80,7 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
     };
     text.push('\n');
     match std::io::stdout().lock().write_all(text.as_bytes()) {
-        // Whoever closed the pipe has read enough.
+        // A closed pipe is no error: its reader needs no more.
         Err(error) if error.kind() != std::io::ErrorKind::BrokenPipe => {
             Err(Error::io("write", Path::new("standard output"), error))
         }
@@ -104,7 +112,7 @@ const HOW_SPACING: &str = "the root of the area that each of the eight nearest p
 struct Report<'a> {
     points: u64,
     bounds: Option<Bounds>,
-    /// Of lengths.
+    /// Unit of lengths.
     unit: Unit,
     /// Whether a file names it; metres are assumed where none does.
     unit_is_stated: bool,
@@ -118,7 +126,7 @@ struct Report<'a> {
     notes: &'a [String],
 }
 
-/// World.
+/// A box in the world.
 #[derive(Serialize)]
 pub struct Bounds {
     pub min: DVec3,
@@ -167,17 +175,17 @@ struct Attributes {
 
 #[derive(Serialize)]
 struct Rgb {
-    /// As stored in the file.
+    /// Bits per channel in the file.
     bits: u8,
-    /// What the file's own count to, and who says so.
+    /// Largest value of the file's channels, and where that is known from.
     #[serde(flatten)]
     scale: Scale,
-    /// Of 255.
+    /// Least and largest colours, of 255.
     min: [u8; 3],
     max: [u8; 3],
 }
 
-/// In the file's own values.
+/// A range of the file's own values.
 #[derive(Serialize)]
 struct Range {
     min: f64,
@@ -213,7 +221,7 @@ struct Sources {
 struct Times {
     min: Option<f64>,
     max: Option<f64>,
-    /// Points.
+    /// Points without a time.
     nan: usize,
     nan_share: f64,
 }
@@ -297,11 +305,12 @@ impl<'a> Report<'a> {
     }
 }
 
-/// What the light of a station is multiplied by, as a line about it ends.
+/// Formats a station's gain as the end of its line; empty if there is no balance.
 pub fn gain(balance: Option<&Balance>, station: usize) -> String {
     balance.map_or(String::new(), |balance| format!(", gain {:.3}", balance.gains[station]))
 }
 
+/// Formats how far stations still differ after the balance.
 pub fn uneven(balance: &Balance) -> String {
     format!(
         "with these gains stations differ by more than a quarter of a stop in {:.1} % of the cells that they share",
@@ -309,7 +318,7 @@ pub fn uneven(balance: &Balance) -> String {
     )
 }
 
-/// How many kinds there are, and how many points of each.
+/// Formats the number of kinds, and the points of each.
 pub fn listed(counts: impl ExactSizeIterator<Item = (u8, u64)>) -> String {
     let (kinds, more) = (counts.len(), if counts.len() > LISTED { ", ..." } else { "" });
     let listed: Vec<String> =
@@ -317,7 +326,7 @@ pub fn listed(counts: impl ExactSizeIterator<Item = (u8, u64)>) -> String {
     format!("{kinds}: {}{more}", listed.join(", "))
 }
 
-/// Stations and classes beyond this many are counted, not listed, in text.
+/// Most stations, classes and return numbers that text lists.
 pub const LISTED: usize = 16;
 
 impl<'a> PartReport<'a> {
@@ -491,7 +500,7 @@ fn bounds(bounds: Option<(DVec3, DVec3)>, digits: &Digits) -> Option<Bounds> {
     bounds.map(|(min, max)| Bounds { min: digits.round(min), max: digits.round(max) })
 }
 
-/// A coordinate system, its unit, and where its degrees are drawn.
+/// Formats a coordinate system, its units, and the plane its degrees are drawn in.
 pub fn system_words(system: &System) -> String {
     let unit = match &system.unit {
         Some(unit) if unit.is_metre() => ", in metres".into(),
@@ -507,25 +516,26 @@ pub fn system_words(system: &System) -> String {
     format!("{system}{unit}{heights}{plane}")
 }
 
+/// Formats the unit of lengths.
 pub fn unit_words(unit: &Unit, is_stated: bool) -> String {
-    if is_stated { unit.name.clone() } else { format!("{}, which no file says", unit.name) }
+    if is_stated { unit.name.clone() } else { format!("{}, assumed: no file states it", unit.name) }
 }
 
-/// Two corners.
+/// Formats two corners.
 pub fn words(bounds: &Option<Bounds>) -> String {
     bounds.as_ref().map_or("none".into(), |Bounds { min, max }| {
         format!("{} to {}", triple(*min), triple(*max))
     })
 }
 
-/// Nine decimals say more than any scanner, and hide the last bit of `f64`.
-/// A step may be far less than a nanometre.
+/// Formats a lattice step with nine significant digits, which hide the last bit of `f64`. A step
+/// may be far below a nanometre.
 fn significant(step: f64) -> String {
     let rounded: f64 = format!("{step:.8e}").parse().expect("a number as it was written");
     digits::number(rounded)
 }
 
+/// Formats a vector to nine decimals, which is finer than any scanner.
 fn triple(v: DVec3) -> String {
-    // No zero is below zero.
     v.to_array().map(|v| digits::number(digits::round(v, 9))).join(" ")
 }

@@ -1,4 +1,4 @@
-//! The options that `view`, `render`, `bench` and `study` share: one definition.
+//! Options that `view`, `render`, `bench` and `study` share.
 
 use super::units::{Bytes, Size};
 use crate::cloud::attribute::{Attribute, DisplayAttribute, ExtraAttributes};
@@ -25,10 +25,11 @@ use std::path::{Path, PathBuf};
 
 const MIB: u64 = 1 << 20;
 
-/// How files are read whose colours do not say what they count to.
+/// How colours are read from files that do not state their range.
 #[derive(clap::Args, Clone, Copy, Debug, Default)]
 pub struct ColorOptions {
-    /// What the colours of the files count to [default: as most points show it, which `info` tells]
+    /// Largest value of a colour channel in the files [default: found from most points; `info`
+    /// prints it]
     #[arg(long, value_name = "0..1|255|65535")]
     pub rgb_range: Option<RgbRange>,
 }
@@ -39,47 +40,57 @@ pub struct PictureOptions {
     /// Size of the picture, pixels
     #[arg(long, value_name = "WxH", default_value_t = Size(config::SIZE))]
     pub size: Size,
-    /// Camera file: eye, target, up (world), fov_y, projection (perspective|orthographic), ortho_height
+    /// Camera file: eye, target, up (world), fov_y, projection (perspective|orthographic),
+    /// ortho_height
     #[arg(long, value_name = "CAM.json", conflicts_with = "view")]
     pub camera: Option<PathBuf>,
-    /// What a window has saved: camera, color, effects, opacity, clip boxes, light and background
+    /// Scene file, as the window saves it: camera, color, effects, opacity, clip boxes, light,
+    /// background
     #[arg(long, value_name = "SCENE.json", conflicts_with_all = ["camera", "view", "color", "effect", "style", "light", "layer", "opacity", "clip", "background"])]
     pub scene: Option<PathBuf>,
-    /// Where to look from, when there is no --camera
+    /// Where to look from if no --camera is given
     #[arg(long, value_enum, default_value_t = Preset::Fit)]
     pub view: Preset,
-    /// What the points show [default: rgb where there is any, else intensity that varies, else elevation]
+    /// What the points show [default: rgb if the files have it, else intensity if it varies, else
+    /// elevation]
     #[arg(long, value_enum)]
     pub color: Option<Attribute>,
-    /// Switches an effect and sets its values; repeatable
+    /// Switch an effect and set its values; repeatable
     #[arg(long, value_name = "NAME=off|on|auto[,key=value...]", value_parser = effect)]
     pub effect: Vec<String>,
-    /// How points become a picture
+    /// How points are drawn
     #[arg(long, value_enum, default_value_t)]
     pub style: Style,
-    /// Where light comes from: headlight; direction:X,Y,Z, the way in which it travels; position:X,Y,Z, metres; both in the world
+    /// Light: headlight; direction:X,Y,Z in which it travels; position:X,Y,Z [m]; world coordinates
     #[arg(long, value_name = "KIND[:X,Y,Z]", default_value_t, allow_hyphen_values = true)]
     pub light: Light,
-    /// Layer distance: surfaces nearer to each other than this are one, for filling by masks, transparency and shadows alike [default: four spacings of the points, or of the pixels where those are wider; of shadows as little as keeps surfaces from shading themselves]
+    /// Layer distance: surfaces nearer to each other than this are one surface, for
+    /// fill=method=mask, transparency and shadows [default: four point spacings, or four pixels if
+    /// those are wider; shadows: the least that keeps a surface from shading itself]
     #[arg(long, value_name = "METRES", value_parser = metres, allow_hyphen_values = true)]
     pub layer: Option<f64>,
-    /// How opaque points are, 0 to 1: all, or those of a class, return number, station (its name, `source N`, or its number in the list of `info`) or file; what applies to a point is multiplied; 0 leaves it out. Repeatable
+    /// Opacity, 0 to 1, of all points or of those of a class, return number, station (its name,
+    /// `source N`, or its number in the list of `info`) or file; opacities of a point multiply; 0
+    /// hides it. Repeatable
     #[arg(
         long,
         value_name = "[class:N|return:N|station:S|file:F=]OPACITY",
         allow_hyphen_values = true
     )]
     pub opacity: Vec<Rule>,
-    /// Which part of the cloud is there: what lies in a box, given by two opposite corners in the world, or in one of several; or what lies outside:X0,... of each. Faces are part of a box; inf is a number. Repeatable
+    /// Clip box, by two opposite corners in the world: draws what lies inside a `box`, or in one of
+    /// several, and outside of every `outside` box. Faces belong to a box; inf is a number.
+    /// Repeatable
     #[arg(long, value_name = "box|outside|off:X0,Y0,Z0,X1,Y1,Z1", allow_hyphen_values = true)]
     pub clip: Vec<Clip>,
-    /// Whether points far outside of all others are drawn; they decide nothing either way
+    /// Whether to draw points far outside of all others; they never change bounds or spacings
     #[arg(long, value_enum, default_value_t)]
     pub strays: Treatment,
     /// Colour behind the points, sRGB
     #[arg(long, value_name = "RRGGBB", default_value_t = Background(config::BACKGROUND))]
     pub background: Background,
-    /// Memory for lists and fragments of strokes [default: 512MiB, or as --effect strokes=memory= says]; a painting that needs more is made in parts, and says so
+    /// Memory for lists and fragments of strokes [default: 512MiB, or --effect strokes=memory=MIB];
+    /// a picture that needs more is painted in parts, with a note
     #[arg(long, value_name = "BYTES", value_parser = abuffer)]
     pub abuffer_memory: Option<Bytes>,
     #[command(flatten)]
@@ -88,51 +99,57 @@ pub struct PictureOptions {
     pub detail: DetailOptions,
     #[command(flatten)]
     pub text: TextArguments,
-    /// That of --scene.
+    /// The camera of `--scene`.
     #[arg(skip)]
     pub saved_camera: Option<Camera>,
 }
 
-/// How much of a cloud a picture shows.
+/// How finely a large cloud is drawn.
 #[derive(clap::Args, Clone, Debug)]
 #[command(next_help_heading = "Large clouds")]
 pub struct DetailOptions {
-    /// Points to draw at most [default: 4 for every pixel, a million at least]; what does not fit is drawn from coarser nodes, those that show it least first
+    /// Most points to draw [default: 4 a pixel, at least a million]; beyond it, nodes are drawn
+    /// coarser, starting where it shows least
     #[arg(long, alias = "budget", value_name = "POINTS")]
     pub point_budget: Option<u64>,
-    /// Refine until samples lie this near to each other [default: 1]; 0 draws every point that the budget allows, 4 a sixteenth as many, with gaps
+    /// Refine until samples are this near to each other [default: 1]; 0 draws all points within
+    /// --point-budget, 4 a sixteenth as many, with gaps
     #[arg(long, value_name = "PIXELS", value_parser = pixels)]
     pub lod: Option<f64>,
-    /// Device memory for nodes [default: 1GiB]; a picture that needs more is coarser, and says so
+    /// Device memory for nodes of an index [default: 1GiB]; a picture that needs more is drawn
+    /// coarser, with a note
     #[arg(long, alias = "pool", value_name = "BYTES")]
     pub gpu_memory: Option<Bytes>,
-    /// Where indexes of files are kept that are too large to be drawn whole, or drawn with --point-budget or --lod [default: pointillist in the user's cache folder]
+    /// Folder for indexes of files that are too large to be drawn whole, or are drawn with
+    /// --point-budget or --lod [default: pointillist in the user's cache folder]
     #[arg(long, value_name = "FOLDER")]
     pub cache_dir: Option<PathBuf>,
-    /// Keep no index: make it again each time
+    /// Keep no index; build it again each time
     #[arg(long, conflicts_with = "cache_dir")]
     pub no_cache: bool,
-    /// Shadows of an index that `pointillist shadows` has saved, of the same --light
+    /// Shadows of the index, as `pointillist shadows` saved them for the same --light
     #[arg(long, value_name = "FILE.shadows")]
     pub shadows: Option<PathBuf>,
 }
 
-/// How text files are read, where that is not to be found out.
+/// How text files are read where detection would fail.
 #[derive(clap::Args, Clone, Copy, Debug, Default)]
 #[command(next_help_heading = "Text files")]
 pub struct TextArguments {
-    /// What the columns are, in their order, - to skip one: x,y,z,-,red,green,blue; also nx ny nz intensity class return returns source time [default: by their names, else by their order and values]
+    /// The columns in order, - for one to skip: x,y,z,-,red,green,blue; also nx ny nz intensity
+    /// class return returns source time [default: by names, else by order and values]
     #[arg(long, value_name = "NAME,...")]
     pub columns: Option<Columns>,
-    /// What lies between fields: , ; tab space [default: found out]
+    /// Separator of fields: , ; tab space [default: detected]
     #[arg(long, value_name = "MARK", allow_hyphen_values = true)]
     pub delimiter: Option<Delimiter>,
-    /// The column that intensities are read from, by its name or as "column 7": `--scalar "Illuminance (PCV)" --color intensity` shows it
+    /// Column to read intensities from, by its name or as "column 7": `--scalar "Illuminance (PCV)"
+    /// --color intensity` shows it
     #[arg(long, value_name = "NAME", value_parser = lasting)]
     pub scalar: Option<&'static str>,
 }
 
-/// Keeps a name of the command line for as long as the process lives.
+/// Leaks a name of the command line, so that it lives as long as the process.
 fn lasting(name: &str) -> std::result::Result<&'static str, String> {
     Ok(name.to_owned().leak())
 }
@@ -169,24 +186,24 @@ impl DetailOptions {
     }
 }
 
-/// What an effect is asked for is refused where it is said, whatever else is.
+/// Checks one `--effect`, so that errors name the option that is wrong.
 pub fn effect(text: &str) -> std::result::Result<String, String> {
     Effects::default().set(text).map(|()| text.to_string())
 }
 
-/// Of the setting's own limits.
+/// Parses `--abuffer-memory` within the limits of `strokes=memory`.
 fn abuffer(text: &str) -> std::result::Result<Bytes, String> {
     let bytes = text.parse::<Bytes>().map_err(|error| error.to_string())?;
     if (MIB..=65_536 * MIB).contains(&bytes.0) {
         Ok(bytes)
     } else {
-        Err("from 1MiB to 64GiB".into())
+        Err("it must be from 1MiB to 64GiB".into())
     }
 }
 
 fn metres(text: &str) -> std::result::Result<f64, String> {
     let number = text.parse::<f64>().ok().filter(|number| *number > 0.0 && number.is_finite());
-    number.ok_or(format!("{text:?} is not a number of metres above 0"))
+    number.ok_or(format!("{text:?} is not a length in metres above 0"))
 }
 
 fn pixels(text: &str) -> std::result::Result<f64, String> {
@@ -200,16 +217,16 @@ pub struct DeviceOptions {
     /// Vulkan device: part of its name, or its index
     #[arg(long, value_name = "NAME|INDEX")]
     pub device: Option<String>,
-    /// Run under the Vulkan validation layers; whatever they say is an error
+    /// Run under the Vulkan validation layers; each of their messages is an error
     #[arg(long)]
     pub validate: bool,
-    /// Treat the device as one most of whose memory the CPU cannot write to; for tests
+    /// Treat the device as one whose memory the CPU cannot map; for tests
     #[arg(long, hide = true)]
     pub unmapped: bool,
 }
 
 impl PictureOptions {
-    /// The same with what a scene's file says in its place.
+    /// Returns the options with those that `--scene` holds in their place.
     pub fn with_scene(&self) -> Result<PictureOptions> {
         let Some(path) = &self.scene else { return Ok(self.clone()) };
         let Scene { camera, color, settings, opacities, clips, lod } = Scene::read(path)?;
@@ -257,7 +274,8 @@ impl PictureOptions {
         })
     }
 
-    /// The columns to read for what the points are to show, and to tell stations apart where colours of several are shown together.
+    /// Returns the columns to read: those that points show, and the station if colours of several
+    /// stations may be shown together.
     pub fn wanted(&self) -> ColumnSet {
         let shown = match self.color {
             Some(attribute) => {
@@ -269,7 +287,7 @@ impl PictureOptions {
         shown.and(self.further().wanted())
     }
 
-    /// What points bring to the device beside what they show.
+    /// Returns what points bring to the device besides the displayed attribute.
     pub fn further(&self) -> ExtraAttributes {
         let asked = |asks: &dyn Fn(&Effects) -> bool| {
             self.settings().is_ok_and(|settings| asks(&settings.effects))
@@ -278,7 +296,7 @@ impl PictureOptions {
             kind: self.opacities().needs_kinds(),
             normal: asked(&|effects| effects.phong.wants_normals(self.light)),
             strokes: asked(&|effects| effects.strokes.switch == Switch::On),
-            // That is up to the index.
+            // The index decides.
             light: false,
         }
     }
@@ -300,7 +318,7 @@ impl PictureOptions {
         }
     }
 
-    /// What the points show, and why.
+    /// Returns what the points show, and why.
     pub fn shown(&self, source: &Source) -> Result<(DisplayAttribute, String)> {
         if let Some(lost) = self.opacities().lost(source.stations()) {
             return Err(Error::Request(format!("--opacity: {lost}")));
@@ -311,7 +329,7 @@ impl PictureOptions {
         if shown.further.normal && !source.has_normals() {
             if self.settings()?.effects.phong.settings.normals == Normals::File {
                 return Err(Error::Request(format!(
-                    "phong=normals=file: these points have none; {}",
+                    "phong=normals=file: the points have no normals; {}",
                     source.how_to_find(Attribute::Normal)
                 )));
             }
@@ -320,11 +338,12 @@ impl PictureOptions {
         Ok((shown, why))
     }
 
-    /// The one that is asked for.
+    /// Returns the camera of `--camera` or `--scene`; None if neither is given.
     pub fn camera(&self) -> Result<Option<Camera>> {
         self.camera.as_deref().map(read_camera).transpose().map(|read| read.or(self.saved_camera))
     }
 
+    /// Returns the view: from the given camera, or one that frames the cloud.
     pub fn view(&self, source: &Source) -> Result<View> {
         let camera = match self.camera()? {
             Some(camera) => camera,
@@ -351,7 +370,7 @@ pub fn read_camera(path: &Path) -> Result<Camera> {
         Error::format(
             path,
             format!(
-                "no camera ({error}); it needs at least {{\"eye\": [x,y,z], \"target\": [x,y,z]}}"
+                "it is not a camera ({error}); a camera has at least {{\"eye\": [x,y,z], \"target\": [x,y,z]}}"
             ),
         )
     })

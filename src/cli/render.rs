@@ -26,14 +26,14 @@ Examples:
   pointillist render north.laz south.laz -o both.png --color source --view top
   pointillist render scan.e57 -o out.png --camera cam.json --size 3840x2160 --exr out.exr
   pointillist render scan.laz -o out.png --effect edl=on,strength=0.5,radius=2 --background ffffff
-  pointillist render scan.laz -o out.png --opacity class:6=0.3 --opacity class:5=0    roofs like glass, no trees
+  pointillist render scan.laz -o out.png --opacity class:6=0.3 --opacity class:5=0    glass roofs, no trees
   pointillist render scan.laz -o out.png --clip box:10,-5,0,14,5,3 --clip outside:11,-1,0,12,1,3    a room, without its table
   pointillist render scan.laz -o out.png --explain --timings
-  pointillist render scan.laz -o poster.png --size 40000x20000    in pieces, which do not show
-  pointillist render scan.laz -o out.png --scene scene.json  what a window has saved
-  pointillist render scan.laz -o tour.png --path tour.json   tour-0001.png and so on: a flight along key views
+  pointillist render scan.laz -o poster.png --size 40000x20000    in tiles, without seams
+  pointillist render scan.laz -o out.png --scene scene.json  a scene saved by the window
+  pointillist render scan.laz -o tour.png --path tour.json   tour-0001.png and so on, along a camera path
   pointillist render site.pnti -o out.png --lod 2          an index: coarser, and reads less
-  pointillist render huge.las -o out.png                   indexed first, and found again the next time";
+  pointillist render huge.las -o out.png                   indexed first; the index is kept";
 
 #[derive(clap::Args, Clone, Debug)]
 #[command(after_help = help())]
@@ -44,32 +44,35 @@ pub struct Arguments {
     /// The picture to write, PNG
     #[arg(short, long, value_name = "OUT.png", required_unless_present = "exr")]
     pub output: Option<PathBuf>,
-    /// Also (or only) write the layers: R G B A linear, depth.Z, index.V, coverage.V, normal.X Y Z, lit.V, raw.Z
+    /// Also (or only) write layers: R G B A linear, depth.Z, index.V, coverage.V, normal.X Y Z,
+    /// lit.V, raw.Z
     #[arg(long, value_name = "OUT.exr")]
     pub exr: Option<PathBuf>,
-    /// Draw a frame for every moment of a camera path, as the window saves it: OUT-0001.png, OUT-0001.exr and so on
+    /// Draw every frame of a camera path that the window saved: OUT-0001.png, OUT-0001.exr and so
+    /// on
     #[arg(long, value_name = "PATH.json", conflicts_with_all = ["camera", "view", "explain", "timings"])]
     pub path: Option<PathBuf>,
-    /// Keep frames of --path that are there already, and say how many
+    /// Keep frames of --path that exist already; a note counts them
     #[arg(long, requires = "path")]
     pub resume: bool,
-    /// Draw in pieces of at most so many pixels a side [default: whole up to 33 million pixels and the device's largest image]
+    /// Draw in pieces of at most this many pixels a side [default: whole up to 33 million pixels
+    /// and the device's largest image]
     #[arg(long, value_name = "PIXELS", value_parser = clap::value_parser!(u32).range(8..), conflicts_with = "path")]
     pub piece: Option<u32>,
-    /// Draw in tiles of at most so many pixels a side, as a window saves pictures; for tests
+    /// Draw in tiles of at most this many pixels a side, as the window saves pictures; for tests
     #[arg(long, hide = true, value_name = "PIXELS", value_parser = clap::value_parser!(u32).range(8..), conflicts_with = "path")]
     pub tile: Option<u32>,
     #[command(flatten)]
     pub picture: PictureOptions,
     #[command(flatten)]
     pub device: DeviceOptions,
-    /// Say which passes run and why: to standard error, or as JSON to standard output
+    /// Print which passes run and why: to standard error, or as JSON to standard output
     #[arg(long, value_name = "json", num_args = 0..=1, require_equals = true, default_missing_value = "text", value_parser = ["text", "json"])]
     pub explain: Option<String>,
-    /// Say how long everything took, milliseconds
+    /// Print how long every stage and pass took [ms]
     #[arg(long)]
     pub timings: bool,
-    /// Refuse a truncated, lying or damaged file instead of keeping what is readable
+    /// Refuse a truncated, inconsistent or damaged file instead of keeping what is readable
     #[arg(long)]
     pub strict: bool,
 }
@@ -83,7 +86,7 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
         && png == exr
     {
         return Err(Error::Request(format!(
-            "-o and --exr both name {}; they are two files",
+            "-o and --exr both name {}; name two different files",
             png.display()
         )));
     }
@@ -95,7 +98,7 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
         let Some(output) = output else { continue };
         refuse_to_overwrite(output, &arguments.files)?;
         check_extension(output, &[ending])?;
-        // A folder that cannot be written to is said before the work is done.
+        // Fails early if the folder is not writable.
         drop(AtomicFile::create(output)?);
     }
     let settings = picture.settings()?;
@@ -182,7 +185,7 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
     Ok(())
 }
 
-/// The picture alone.
+/// Draws the picture in pieces; errors if anything besides the picture is asked for.
 fn in_pieces(
     arguments: &Arguments,
     picture: &PictureOptions,
@@ -195,7 +198,7 @@ fn in_pieces(
         (&arguments.output, &arguments.exr, &arguments.explain, arguments.timings)
     else {
         return Err(Error::Request(format!(
-            "{}x{} pixels are drawn in pieces, of which there are no layers, times and reasons; leave out --exr, --explain and --timings, or draw fewer",
+            "{}x{} pixels are drawn in pieces, without --exr, --explain and --timings; leave these out, or draw a smaller --size",
             view.size[0], view.size[1]
         )));
     };
@@ -213,19 +216,19 @@ fn in_pieces(
     Ok(())
 }
 
-/// What is known once the cloud is gone.
+/// Facts for `--explain`, which outlive the source.
 struct Facts {
     points: u64,
     files: usize,
-    /// Of an index.
+    /// Nodes of the index, if it is one.
     nodes: Option<usize>,
     shows: String,
     why_shown: String,
     view: View,
     taken: Option<SelectionReport>,
-    /// Where shadows are cast.
+    /// None if no shadows are cast.
     shadows: Option<shadows::Facts>,
-    /// Where points are painted.
+    /// None if no strokes are painted.
     strokes: Option<strokes::Facts>,
 }
 

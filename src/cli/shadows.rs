@@ -1,4 +1,5 @@
-//! `pointillist shadows`: an index and a light in, what its shadows leave of the light at every point out, complete or absent.
+//! `pointillist shadows`: an index and a light in, the light that reaches every point out, complete
+//! or absent.
 
 use super::files::refuse_to_overwrite;
 use super::options::{DeviceOptions, effect};
@@ -19,7 +20,7 @@ Examples:
   pointillist shadows site.pnti -o site.shadows --light direction:0.3,0.8,-0.8 --effect shadows=samples=16,radius=2
   pointillist render site.pnti -o out.png --light direction:0.3,0.8,-0.8 --shadows site.shadows
 
-All points cast shadows, whatever a view shows of them, and nothing is left to cast when it is drawn. The file has a byte a point.";
+All points of the index cast shadows, whatever a view shows of them; drawing with --shadows then casts none. The file has one byte a point.";
 
 #[derive(clap::Args, Clone, Debug)]
 #[command(after_help = EXAMPLES)]
@@ -30,10 +31,11 @@ pub struct Arguments {
     /// The shadows to write
     #[arg(short, long, value_name = "OUT.shadows")]
     pub output: PathBuf,
-    /// Where light comes from: direction:X,Y,Z, the way in which it travels; position:X,Y,Z, metres; both in the world; headlight: a sun from behind the left shoulder
+    /// Light: direction:X,Y,Z in which it travels; position:X,Y,Z [m]; world coordinates;
+    /// headlight: a sun from behind the left shoulder
     #[arg(long, value_name = "KIND[:X,Y,Z]", default_value_t, allow_hyphen_values = true)]
     pub light: Light,
-    /// How shadows are cast, as `render` takes it: shadows=samples=16,radius=2
+    /// Settings of shadows, as for `render`: shadows=samples=16,radius=2
     #[arg(long, value_name = "shadows=key=value[,...]", value_parser = shadows)]
     pub effect: Vec<String>,
     /// Device memory for points and pictures of the light; with less, points are read more often
@@ -46,10 +48,10 @@ pub struct Arguments {
 fn shadows(text: &str) -> std::result::Result<String, String> {
     match text.strip_prefix("shadows=") {
         Some(settings) if settings.split(',').any(|setting| setting == "off") => {
-            Err("shadows are what this casts".into())
+            Err("this command casts shadows, so they cannot be off".into())
         }
         Some(_) => effect(text),
-        None => Err("only shadows are cast here".into()),
+        None => Err("only settings of shadows apply: shadows=KEY=VALUE".into()),
     }
 }
 

@@ -1,4 +1,4 @@
-//! `pointillist study`: accuracy against time, into a folder of CSV, SVG and one HTML page.
+//! `pointillist study`: accuracy against time, as a folder of CSV, SVG and one HTML page.
 
 use super::options::DeviceOptions;
 use super::units::Size;
@@ -24,19 +24,20 @@ pub struct Arguments {
     /// Folder for NAME.csv, NAME-*.svg and study.html
     #[arg(short, long, value_name = "FOLDER", default_value = "study")]
     pub output: PathBuf,
-    /// Points a scene
+    /// Points per scene
     #[arg(long, value_name = "N", default_value_t = 1_000_000, value_parser = clap::value_parser!(u64).range(1..))]
     pub points: u64,
-    /// The same seed gives the same scenes
+    /// Seed of the scenes
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
-    /// Timed rounds over all settings, after one that warms up
+    /// Timed rounds over all settings, after a warm-up round
     #[arg(long, value_name = "N", default_value_t = 15, value_parser = clap::value_parser!(u64).range(1..))]
     pub repeat: u64,
     /// Size of the pictures, pixels
     #[arg(long, value_name = "WxH", default_value_t = Size([1280, 720]))]
     pub size: Size,
-    /// Scenes of the studies surface, visibility, fill, smooth and shape [default: each study's own]
+    /// Scenes of the studies surface, visibility, fill, smooth and shape [default: each study's
+    /// own]
     #[arg(long, value_name = "NAME,...", value_delimiter = ',', value_parser = clap::builder::PossibleValuesParser::new(cases::NAMES))]
     pub scenes: Vec<String>,
     #[command(flatten)]

@@ -1,4 +1,5 @@
-//! `pointillist synth`: a simulated scan of an analytic scene into a LAS file, or its truth for a camera into an EXR picture.
+//! `pointillist synth`: a simulated scan of an analytic scene as LAS, or its ground truth for a
+//! camera as EXR.
 
 use super::files::check_extension;
 use super::options::read_camera;
@@ -20,7 +21,7 @@ Examples:
   pointillist synth sphere -o s.las --offset 500000,5000000,100   the same sphere, far from the origin
   pointillist synth street --camera-out cam.json                  a good camera for the scene
   pointillist synth street --truth cam.json -o truth.exr --size 1920x1080
-                                                                  what that camera sees, ray cast in f64";
+                                                                  what this camera sees, ray cast in f64";
 
 #[derive(clap::Args, Clone, Debug)]
 #[command(after_help = EXAMPLES)]
@@ -31,13 +32,14 @@ pub struct Arguments {
     /// The file to write: .las or .laz, with --truth .exr
     #[arg(short, long, value_name = "FILE")]
     pub output: Option<PathBuf>,
-    /// How many points, exactly
+    /// Number of points, exactly
     #[arg(long, default_value_t = 1_000_000, value_name = "N")]
     pub points: u64,
-    /// The same seed gives the same file, byte by byte
+    /// Seed; the same seed gives the same file, byte for byte
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
-    /// Standard deviation of the range, metres [default: 0.002 for street, 0.015 for terrain, else 0]
+    /// Standard deviation of the range, metres [default: 0.002 for street, 0.015 for terrain, else
+    /// 0]
     #[arg(long, value_name = "METRES")]
     pub noise: Option<f64>,
     /// Distance between the layers of `step`, metres
@@ -46,7 +48,7 @@ pub struct Arguments {
     /// Lattice step of the coordinates, metres [default: 0.001 for street and terrain, else 0.0001]
     #[arg(long, value_name = "METRES")]
     pub step: Option<f64>,
-    /// Where the scene stands [default: 500000,5000000,100 for street and terrain, else 0,0,0]
+    /// Offset of the scene [m] [default: 500000,5000000,100 for street and terrain, else 0,0,0]
     #[arg(long, value_name = "E,N,H", value_parser = parse_offset, allow_hyphen_values = true)]
     pub offset: Option<DVec3>,
     /// Instead of scanning, ray-cast what this camera sees into an EXR picture
@@ -60,7 +62,7 @@ pub struct Arguments {
     pub camera_out: Option<PathBuf>,
 }
 
-/// What devices draw at most, too; a picture this large takes 14 GiB.
+/// Longest side of a truth [px], as of a device's images; a square of it takes 14 GiB.
 const TRUTH_SIDE: u32 = 16_384;
 
 fn parse_offset(text: &str) -> std::result::Result<DVec3, String> {
@@ -71,13 +73,16 @@ fn parse_offset(text: &str) -> std::result::Result<DVec3, String> {
         .map_err(|e| e.to_string())?;
     match numbers[..] {
         [e, n, h] if e.is_finite() && n.is_finite() && h.is_finite() => Ok(DVec3::new(e, n, h)),
-        _ => Err("three finite numbers are needed: E,N,H".to_owned()),
+        _ => Err("expected three finite numbers: E,N,H".to_owned()),
     }
 }
 
 pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
     if !arguments.gap.is_finite() {
-        return Err(Error::Request(format!("a gap of {} m makes no sense", arguments.gap)));
+        return Err(Error::Request(format!(
+            "--gap {} is not a distance; give a finite number of metres",
+            arguments.gap
+        )));
     }
     let mut world = synth::build(arguments.scene, arguments.seed, arguments.gap);
     world.offset = arguments.offset.unwrap_or(world.offset);
@@ -90,14 +95,17 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
         })?;
     }
     if let Some(output) = &arguments.output {
-        check_extension(output, if arguments.truth.is_some() { &["exr"] } else { &["las", "laz"] })?;
+        check_extension(
+            output,
+            if arguments.truth.is_some() { &["exr"] } else { &["las", "laz"] },
+        )?;
     }
     match (&arguments.output, &arguments.truth) {
         (Some(output), Some(camera)) => {
             if arguments.size.0.iter().any(|&side| side > TRUTH_SIDE) {
                 let size = arguments.size;
                 return Err(Error::Request(format!(
-                    "a truth of {size} pixels is beyond {TRUTH_SIDE} a side; ask for a smaller --size"
+                    "--size {size} is too large for --truth; the most is {TRUTH_SIDE} pixels a side"
                 )));
             }
             let view = View::new(read_camera(camera)?, arguments.size.0)?;
@@ -120,13 +128,12 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
         }
         (None, _) if arguments.camera_out.is_some() => Ok(()),
         (None, _) => Err(Error::Request(
-            "nothing to write: name a file with -o file.las (or --camera-out camera.json)"
-                .to_owned(),
+            "nothing to write: give -o file.las or --camera-out camera.json".to_owned(),
         )),
     }
 }
 
-/// The scene's own camera as the renderer's.
+/// Converts the scene's own camera to the renderer's.
 pub fn camera(viewpoint: Viewpoint) -> Camera {
     Camera {
         eye: viewpoint.eye,
@@ -138,12 +145,12 @@ pub fn camera(viewpoint: Viewpoint) -> Camera {
     }
 }
 
-/// One sample for each pixel centre, as f32 planes; what a checker compares with.
+/// Ground truth of a view: one sample per pixel centre, as f32 planes.
 pub struct Truth {
     pub size: [u32; 2],
-    /// Name and values, row by row from the top left.
+    /// Name and values of every channel, row by row from the top left.
     pub channels: Vec<(&'static str, Vec<f32>)>,
-    /// Part id of each pixel, `NO_POINT` where there is nothing.
+    /// Part id of each pixel; `NO_POINT` where the ray hits nothing.
     pub parts: Vec<u32>,
 }
 
@@ -162,7 +169,7 @@ const CHANNELS: [&str; 12] = [
     "luminance.V",
 ];
 
-/// Casts the ray of every pixel centre. Where there is nothing: depth infinite, everything else 0.
+/// Casts a ray through every pixel centre. Misses have infinite depth and 0 elsewhere.
 pub fn truth(world: &World, view: &View, progress: &dyn Progress) -> Result<Truth> {
     let [width, height] = view.size.map(|n| n as usize);
     let mut channels = vec![Vec::with_capacity(width * height); CHANNELS.len()];

@@ -10,10 +10,11 @@ use std::time::{Duration, Instant};
 
 static INTERRUPTED: AtomicBool = AtomicBool::new(false);
 
-/// What is to be called then.
+/// Callbacks of [`Progress::when_interrupted`].
 static WAITING: Mutex<Vec<Box<dyn Fn() + Send>>> = Mutex::new(Vec::new());
 
-/// A bar for whatever takes over a second, on a terminal only; turns Ctrl-C into an error, so that what is half written gets removed.
+/// A progress bar for work of over a second, on a terminal only. Turns Ctrl-C into an error, so
+/// that half-written files are removed.
 pub struct Terminal {
     shows: bool,
     since: Instant,
@@ -22,7 +23,7 @@ pub struct Terminal {
 
 impl Terminal {
     pub fn new() -> Terminal {
-        // Without a handler Ctrl-C ends the process as it always does.
+        // If no handler can be set, Ctrl-C ends the process at once.
         let _ = ctrlc::set_handler(|| {
             if INTERRUPTED.swap(true, Relaxed) {
                 crate::atomic_file::remove_unfinished();
@@ -78,9 +79,10 @@ impl Progress for Terminal {
         }
         Ok(())
     }
+
     fn when_interrupted(&self, act: Box<dyn Fn() + Send>) {
         WAITING.lock().unwrap_or_else(|poisoned| poisoned.into_inner()).push(act);
-        // Nobody else has called it if that was before.
+        // The signal may have come before the callback was registered.
         if INTERRUPTED.load(Relaxed) {
             call_waiting();
         }

@@ -1,4 +1,4 @@
-//! Values of options: bytes and picture sizes.
+//! Types of option values: numbers of bytes, sizes of pictures.
 
 /// A number of bytes: 512MiB, 2GiB, 1000000.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -22,7 +22,7 @@ impl std::str::FromStr for Bytes {
             _ => None,
         };
         let bytes = scale.and_then(|scale| digits.trim().parse::<u64>().ok()?.checked_mul(scale));
-        bytes.map(Bytes).ok_or(format!("{text:?} is not a number of bytes such as 512MiB or 2GiB"))
+        bytes.map(Bytes).ok_or(format!("{text:?} is not a number of bytes, such as 512MiB or 2GiB"))
     }
 }
 

@@ -1,4 +1,4 @@
-//! `pointillist view`: files in a window.
+//! `pointillist view`: point clouds in a window.
 
 use super::options::{DeviceOptions, PictureOptions};
 use super::units::Size;
@@ -19,8 +19,8 @@ const EXAMPLES: &str = "\
 Examples:
   pointillist view scan.laz
   pointillist view north.laz south.laz --color source --navigation blender
-  pointillist view site.pnti --effect edl=on                an index: there at once
-  pointillist view site.pnti --path tour.json --flight 20 --timings    how long pictures take, without hands";
+  pointillist view site.pnti --effect edl=on                an index opens at once
+  pointillist view site.pnti --path tour.json --flight 20 --timings    measures a scripted flight";
 
 #[derive(clap::Args, Clone, Debug)]
 #[command(after_help = help())]
@@ -32,31 +32,33 @@ pub struct Arguments {
     pub picture: PictureOptions,
     #[command(flatten)]
     pub device: DeviceOptions,
-    /// Whose mouse buttons
+    /// Mouse buttons as in this program
     #[arg(long, value_enum, default_value_t)]
     pub navigation: NavigationStyle,
-    /// Key views to fly along, as the window saves them; Space plays them
+    /// Camera path to fly along, as the window saves it; Space plays it
     #[arg(long, value_name = "PATH.json")]
     pub path: Option<PathBuf>,
-    /// Fly for so many seconds without hands, along --path or else ahead, rest, and close; for --timings
+    /// Fly this many seconds along --path, or else straight ahead, then rest and close; for
+    /// --timings
     #[arg(long, value_name = "SECONDS", value_parser = clap::value_parser!(u16).range(1..=3600))]
     pub flight: Option<u16>,
-    /// How large pictures are that the window saves: so many times as large as it, or so many pixels
+    /// Size of the pictures that the window saves: a multiple of its own, or pixels
     #[arg(long, value_name = "Nx|WxH", default_value = "1x", value_parser = save_size)]
     pub save_size: SaveSize,
-    /// Say at the end how long pictures took, milliseconds: to standard error, or as JSON to standard output
+    /// Print at the end how long pictures took [ms]: to standard error, or as JSON to standard
+    /// output
     #[arg(long, value_name = "json", num_args = 0..=1, require_equals = true, default_missing_value = "text", value_parser = ["text", "json"])]
     pub timings: Option<String>,
-    /// Treat the device as lost after so many submissions; for tests
+    /// Treat the device as lost after this many submissions; for tests
     #[arg(long, hide = true, value_name = "SUBMISSIONS")]
     pub lose_device: Option<u64>,
-    /// Treat the window's surface as lost after so many pictures; for tests
+    /// Treat the window's surface as lost after this many pictures; for tests
     #[arg(long, hide = true, value_name = "PICTURES")]
     pub lose_surface: Option<u64>,
-    /// Let the reading of an index go wrong at a node: panic:N, hang:N, end:N; for tests
+    /// Fail to read an index at a node: panic:N, hang:N, end:N; for tests
     #[arg(long, hide = true, value_name = "FAULT")]
     pub fail_reading: Option<Fault>,
-    /// Refuse a truncated, lying or damaged file instead of keeping what is readable
+    /// Refuse a truncated, inconsistent or damaged file instead of keeping what is readable
     #[arg(long)]
     pub strict: bool,
 }
@@ -71,7 +73,7 @@ fn save_size(text: &str) -> std::result::Result<SaveSize, String> {
         None => text
             .parse()
             .map(|Size(size)| SaveSize::To(size))
-            .map_err(|why| format!("{why}, nor 1x to 64x")),
+            .map_err(|why| format!("{why}; nor is it a multiple of the window from 1x to 64x")),
     }
 }
 
@@ -119,7 +121,7 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
     };
     let summary = app::run(options, progress)?;
     match arguments.timings.as_deref() {
-        // Where nobody reads it any more, the window was closed all the same.
+        // A closed pipe is no error: the window has closed by then.
         Some("json") => drop(writeln!(std::io::stdout(), "{}", serde_json::json!(summary))),
         Some(_) => drop(write!(std::io::stderr(), "{summary}")),
         None => {}
