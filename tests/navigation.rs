@@ -200,7 +200,7 @@ proptest! {
                 _ => {
                     navigation.handle(Input::Fly { direction: Direction::Forward, pressed: true });
                     navigation.advance(0.1);
-                    navigation.let_go();
+                    navigation.release_all();
                 }
             }
             prop_assert!(View::new(navigation.camera, SIZE).is_ok(), "{:?}", navigation.camera);

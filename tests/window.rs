@@ -62,7 +62,7 @@ fn the_window_shows_what_render_draws_through_keys_drags_and_sizes_and_rests() {
     place.shows_its_scene(&mut viewer, &[&cloud], gestures.len() + 1, "--size 300x200");
 
     let said = viewer.close();
-    assert!(said.contains("first picture after"), "{said}");
+    assert!(said.contains("first frame after"), "{said}");
 }
 
 #[test]

@@ -1,4 +1,4 @@
-//! PANEL, KEYS -> ACTIONS: what was chosen there, and the files that come of it.
+//! Actions: what keys and the panel can do, and the files that some of them write.
 
 use super::navigation::Input;
 use super::profile;
@@ -12,40 +12,41 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 use winit::window::Fullscreen;
 
-/// What is done at once, by a key or in the panel, besides changing the scene.
+/// A command of a key or of the panel that does more than change the scene.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Action {
     Navigate(Input),
     SavePicture,
-    /// With all that is known of its pixels.
+    /// Saves the picture's layers as EXR.
     SaveLayers,
     SaveScene,
-    /// The one that was saved last.
+    /// Loads the scene that was saved last.
     LoadScene,
     SavePath,
-    /// What was picked, with this extension: csv or geojson.
+    /// Saves the picked points in a file with this extension: csv or geojson.
     Export(&'static str),
-    /// Along what was picked, from the first point to the last.
+    /// Makes a profile from the first picked point to the last.
     Profile,
     SaveProfile,
     CloseProfile,
-    /// What was picked.
+    /// Clears the picked points.
     Forget,
-    /// One more clip box.
+    /// Adds a clip box.
     AddBox,
-    /// One more view of the camera path, from here.
+    /// Adds the current camera to the camera path.
     AddKey,
     ForgetPath,
-    /// Along the camera path, or no longer.
+    /// Starts or stops flying along the camera path.
     Play,
     FullScreen,
+    /// Shows or hides the list of keys.
     Help,
-    /// With the panel, or without.
+    /// Shows or hides the panel.
     Panel,
 }
 
 impl App {
-    /// Lays the panel out, and does what was chosen there.
+    /// Lays the panel out, and performs the actions chosen there.
     pub(super) fn lay_out(&mut self) {
         let (Some(window), Some(panel)) = (&self.window, &mut self.panel) else { return };
         let before = self.scene.clone();
@@ -63,7 +64,7 @@ impl App {
     }
 
     pub(super) fn perform(&mut self, action: Action) {
-        // Who does something again is told again.
+        // An error that was dismissed is shown again if this action causes it again.
         self.ui.dismissed_error = None;
         match action {
             Action::Navigate(Input::Look { from, .. }) => {
@@ -77,12 +78,12 @@ impl App {
             Action::LoadScene => match last_name("json") {
                 Some(path) => self.take(path),
                 None => self.report_error(&Error::Request(
-                    "there is no saved scene here; F8 saves one, and one from elsewhere is dropped on the window".into(),
+                    "there is no saved scene in this folder; F8 saves one, or drop a scene file on the window".into(),
                 )),
             },
             Action::SavePath => self.save(&unused_name("path.json"), |app, path| app.ui.path.write(path)),
             Action::Export(_) if self.ui.measure.points.is_empty() => {
-                self.report_error(&Error::Request("nothing was picked that could be saved; a click picks a point".into()));
+                self.report_error(&Error::Request("no points are picked; click on one first".into()));
             }
             Action::Export(extension) => {
                 if extension == "csv" {
@@ -112,7 +113,7 @@ impl App {
         self.title();
     }
 
-    /// Of what is loaded now.
+    /// Requests a profile of the points that are loaded now.
     fn profile(&mut self) {
         let places = self.ui.measure.places();
         let width = if self.ui.width > 0.0 {
@@ -127,12 +128,12 @@ impl App {
         match slab {
             Some(slab) => self.post(Message::Section(slab)),
             None => self.report_error(&Error::Request(
-                "a profile needs two picked points, not one above the other; shift and click picks one more".into(),
+                "a profile needs two picked points, not one above the other; shift and click to pick one more".into(),
             )),
         }
     }
 
-    /// On the render thread, which says when it is there.
+    /// Requests a picture from the render thread, which reports when it is saved.
     fn save_picture(&mut self, layers: bool) {
         let path = unused_names(if layers { "exr" } else { "png" })
             .find(|path| !self.pending_saves.contains(path))
@@ -156,7 +157,7 @@ impl App {
         }
     }
 
-    /// What was picked, and what lies between.
+    /// Writes the picked points, and the measures between them.
     fn export(&self, extension: &str, path: &Path) -> Result<()> {
         let text = match extension {
             "csv" => self.ui.measure.csv(),
@@ -179,13 +180,13 @@ fn write(path: &Path, text: String) -> Result<()> {
     })
 }
 
-/// Of the files that [`unused_name`] has named, the last.
+/// Returns the last file that [`unused_name`] has named; None if there is none.
 fn last_name(extension: &str) -> Option<PathBuf> {
     let names = (1..).map(|number| PathBuf::from(format!("pointillist-{number}.{extension}")));
     names.take_while(|path| path.exists()).last()
 }
 
-/// A file in the folder that the program runs in, which does not exist yet.
+/// Returns a file name in the working directory that does not exist yet.
 fn unused_name(extension: &str) -> PathBuf {
     unused_names(extension).next().expect("numbers do not end")
 }

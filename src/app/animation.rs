@@ -1,17 +1,19 @@
-//! WHAT MOVES BY ITSELF: keys that are held, and a camera path that is played. Every picture that begins asks for the next step, so that there are as many as the device draws.
+//! Animation: flying with held keys, and playing a camera path.
+//!
+//! Every frame that starts requests the next step, so there are as many steps as frames.
 
 use super::App;
 use super::navigation::{Direction, Input};
 use crate::view::View;
 use std::time::{Duration, Instant};
 
-/// What a flight's first step takes, before a picture has said how long pictures take.
+/// Duration of a flight's first step, before any frame time is known.
 const FIRST_STEP: Duration = Duration::from_millis(16);
 
-/// A picture that took longer does not fly further than one that took as long.
+/// Longest step, even if a frame took longer.
 const LONGEST_STEP: Duration = Duration::from_millis(200);
 
-/// Where a step leads nowhere, as at a rest of a path, no picture asks for the next one, but this time does.
+/// Time to the next step if the camera did not move, as at a rest of a path: then no frame requests it.
 const STANDING: Duration = Duration::from_millis(16);
 
 impl App {
@@ -24,7 +26,7 @@ impl App {
         }
     }
 
-    /// From the first key of the path to the last, or no longer.
+    /// Starts or stops playing the camera path.
     pub(super) fn play(&mut self) {
         self.ui.plays = !self.ui.plays && !self.ui.path.keys.is_empty();
         if self.ui.plays {
@@ -34,7 +36,7 @@ impl App {
         }
     }
 
-    /// As far as the time since the last step goes.
+    /// Advances the camera by the time since the last step.
     pub(super) fn move_on(&mut self) {
         self.moves = None;
         if self.ui.plays || self.navigation.is_flying() {
@@ -49,12 +51,12 @@ impl App {
         if self.ui.plays {
             self.played += by;
             let camera = self.ui.path.camera(self.played.as_secs_f64());
-            // Between two keys the eye may meet what it looks at.
+            // Between two keys, eye and target may coincide.
             if View::new(camera, self.size()).is_ok() {
                 self.navigation.camera = camera;
             }
             if self.played.as_secs_f64() >= self.ui.path.duration() {
-                // A flight without hands ends by its own time, and begins the path again until then.
+                // A scripted flight repeats the path until its time is over.
                 (self.ui.plays, self.played) = (self.flight.is_some(), Duration::ZERO);
             }
         } else {

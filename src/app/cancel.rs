@@ -1,13 +1,14 @@
-//! Something long that a thread does for the window, which may stop waiting for it: what comes of it after that is nobody's.
+//! Cancellation of background work whose result the window no longer wants.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 
+/// A flag that the window and a worker share; results of cancelled work are dropped.
 #[derive(Clone, Debug, Default)]
 pub struct CancelToken(Arc<AtomicBool>);
 
 impl CancelToken {
-    /// Nobody waits for it any more.
+    /// Cancels the work; its result will be ignored.
     pub fn cancel(&self) {
         self.0.store(true, Relaxed);
     }
@@ -16,7 +17,7 @@ impl CancelToken {
         self.0.load(Relaxed)
     }
 
-    /// Another one in its place.
+    /// Cancels the current work and returns the token of its replacement.
     pub fn renew(&mut self) -> CancelToken {
         self.cancel();
         *self = CancelToken::default();

@@ -1,4 +1,4 @@
-//! CLIP BOXES, HANDS -> CLIP BOXES: as numbers in the panel, and over the picture as edges with a handle on every face.
+//! Clip boxes: numbers in the panel, and edges over the picture with a handle on every face.
 
 use super::measure::Measure;
 use crate::passes::Choice;
@@ -8,19 +8,20 @@ use clap::ValueEnum;
 use egui::{Color32, DragValue, Pos2, Rect, Sense, Stroke, Ui, Vec2};
 use glam::DVec3;
 
-/// A new box reaches so far around one place, parts of what the picture is high there.
+/// Size of a new box around one place, as a share of the picture's height there.
 const REACH: f64 = 0.25;
 
-/// And so far beyond the corners of several, parts of their diagonal.
+/// Margin of a new box around several places, as a share of their diagonal.
 const BEYOND: f64 = 0.05;
 
-/// Of a handle, points.
+/// Diameter of a handle [points].
 const HANDLE: f32 = 12.0;
 
-/// A drag of so many points moves a face by as much as the box is long.
+/// Length of a drag that moves a number by the box's length [points].
 const TRAVEL: f64 = 200.0;
 
-/// Around all that was picked, or else the middle of the picture. On whole millimetres, which are easier to read.
+/// Returns a new box around the picked points, or else around the middle of the picture, with corners on
+/// whole millimetres.
 pub fn around(measure: &Measure, camera: &Camera) -> Clip {
     let places = measure.places();
     let [min, max] =
@@ -37,7 +38,7 @@ pub fn around(measure: &Measure, camera: &Camera) -> Clip {
     Clip { keeps: Keeps::Box, min: millimetres(min - reach), max: millimetres(max + reach) }
 }
 
-/// Every box in numbers; opens with the first.
+/// Lists all boxes as numbers; sets `added` if another is wanted.
 pub fn list(ui: &mut Ui, clips: &mut Clips, added: &mut bool) {
     let title = format!("clip boxes, {} of {} on", clips.active(), clips.0.len());
     egui::CollapsingHeader::new(title)
@@ -78,10 +79,10 @@ pub fn list(ui: &mut Ui, clips: &mut Clips, added: &mut bool) {
         });
 }
 
-/// Edges of all boxes that are on, and a handle in the middle of every face.
+/// Draws the edges of all active boxes, and a handle in the middle of every face.
 pub fn handles(ui: &Ui, clips: &mut Clips, view: &View) {
     for (number, clip) in clips.0.iter_mut().enumerate() {
-        // What is infinite has no edges to be seen.
+        // Infinite boxes have no visible edges.
         if clip.keeps == Keeps::Off || !(clip.min.is_finite() && clip.max.is_finite()) {
             continue;
         }
@@ -114,10 +115,10 @@ fn edges(ui: &Ui, clip: &Clip, view: &View, color: Color32) {
     }
 }
 
-/// The part of a line that is in front of the camera.
+/// Clips a line to the part in front of the camera; None if all of it is behind.
 fn in_front(view: &View, a: DVec3, b: DVec3) -> Option<[DVec3; 2]> {
     let depth = |p: DVec3| (p - view.camera.eye).dot(view.basis.forward);
-    // Nearer to the camera than a thousandth of the line is where numbers grow large.
+    // Nearer than a thousandth of its length, projected coordinates grow large.
     let near = 1e-3 * a.distance(b) + f64::MIN_POSITIVE;
     let (da, db) = (depth(a), depth(b));
     let cut = || a + (b - a) * ((near - da) / (db - da));
@@ -133,7 +134,7 @@ fn place(ui: &Ui, view: &View, p: DVec3) -> Option<Pos2> {
     view.pixel(p).map(|[x, y]| egui::pos2(x as f32, y as f32) / ui.ctx().pixels_per_point())
 }
 
-/// Faces are the least and then the greatest of x, y and z.
+/// Draws and drags one handle. Faces are numbered: lower then upper of x, of y, of z.
 fn handle(ui: &Ui, id: (usize, usize), clip: &mut Clip, view: &View, color: Color32) {
     let (axis, upper) = (id.1 / 2, id.1 % 2 == 1);
     let mut middle = (clip.min + clip.max) / 2.0;
@@ -151,7 +152,7 @@ fn handle(ui: &Ui, id: (usize, usize), clip: &mut Clip, view: &View, color: Colo
         let (_, response) = ui.allocate_exact_size(Vec2::splat(HANDLE), Sense::drag());
         let filled = if response.hovered() || response.dragged() { Color32::WHITE } else { color };
         ui.painter().circle_filled(response.rect.center(), HANDLE / 3.0, filled);
-        // Under the cursor, wherever that came from.
+        // The handle follows the cursor, also if it has left the handle.
         response.interact_pointer_pos().filter(|_| response.dragged())
     });
     if let Some(to) = dragged.inner {
@@ -166,13 +167,14 @@ fn handle(ui: &Ui, id: (usize, usize), clip: &mut Clip, view: &View, color: Colo
     }
 }
 
-/// How far something at `p` moves along an axis when it follows a drag of so many pixels, metres; not at all where the axis is seen end on.
+/// Returns how far a point at `p` moves along an axis [m] to follow a drag [px]; 0 if the axis is seen
+/// end on.
 fn along(view: &View, p: DVec3, axis: DVec3, [x, y]: [f64; 2]) -> f64 {
     let step = 1e-3 * p.distance(view.camera.eye);
     let (Some(a), Some(b)) = (view.pixel(p), view.pixel(p + axis * step)) else { return 0.0 };
     let per_metre = [(b[0] - a[0]) / step, (b[1] - a[1]) / step];
     let squared = per_metre[0] * per_metre[0] + per_metre[1] * per_metre[1];
-    // Farther than three times across the picture is nobody's wish.
+    // A move far beyond the picture comes from an axis that is seen nearly end on.
     let moved = (x * per_metre[0] + y * per_metre[1]) / squared;
     if moved.is_finite() && moved.abs() < 3.0 * p.distance(view.camera.eye) { moved } else { 0.0 }
 }

@@ -1,37 +1,38 @@
-//! How fine a picture may be while the camera moves: measured frames in, the share of pixels to draw out. Pure.
+//! Dynamic resolution: measured frame times in, the divisor of a moving picture's sides out. Pure.
 //!
-//! What a frame costs grows with its pixels: passes over the screen by themselves, and the points of an index by their budget (select/lod.rs). So a moving picture is a smaller one,
-//! by a whole number, and nothing else about it is different.
+//! The cost of a frame grows with its pixels: that of screen passes directly, that of an index through
+//! its point budget (`select::lod`). So a moving picture is drawn smaller by a whole number, and is
+//! otherwise the same.
 
 use std::time::Duration;
 
-/// A frame that takes longer is drawn smaller: thirty of them a second look like motion.
+/// Longest frame time before pictures get smaller: 30 frames a second look like motion.
 pub const TARGET: Duration = Duration::from_millis(33);
 
-/// Smaller ones show nothing that one could steer by.
+/// Largest divisor: smaller pictures are too coarse to navigate by.
 pub const COARSEST: u32 = 4;
 
-/// Finer only with so much to spare, so that it does not go to and fro.
+/// Share of [`TARGET`] within which a finer picture has to fit, so that the divisor does not oscillate.
 const SPARE: f64 = 0.7;
 
-/// What the sides of a moving picture are divided by.
+/// Divisor of the sides of a moving picture.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ResolutionScale {
     pub divisor: u32,
 }
 
 impl Default for ResolutionScale {
-    /// The first picture is there soonest.
+    /// Returns the largest divisor, so that the first picture comes soonest.
     fn default() -> ResolutionScale {
         ResolutionScale { divisor: COARSEST }
     }
 }
 
 impl ResolutionScale {
-    /// After a frame of this divisor has taken so long.
+    /// Returns the divisor to use after a frame of this divisor took this long.
     pub fn after(self, divisor: u32, took: Duration) -> ResolutionScale {
         let would = |other: u32| took.mul_f64((divisor * divisor) as f64 / (other * other) as f64);
-        // Part of a frame is the same at any size, so what would be slower is known better than what would be faster.
+        // Part of a frame's cost does not depend on size, so predictions of slower frames are safer.
         let fits = |other: &u32| {
             would(*other) <= if *other < divisor { TARGET.mul_f64(SPARE) } else { TARGET }
         };
@@ -39,7 +40,7 @@ impl ResolutionScale {
     }
 }
 
-/// The size of a picture in a window.
+/// Divides a window's size, rounding up.
 pub fn divided(size: [u32; 2], divisor: u32) -> [u32; 2] {
     size.map(|side| side.div_ceil(divisor))
 }
@@ -49,7 +50,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn pictures_are_as_fine_as_the_target_allows_and_settle() {
+    fn divisors_meet_the_target_and_settle() {
         for whole_ms in [5.0, 33.0, 40.0, 100.0, 400.0, 3000.0] {
             let mut scale = ResolutionScale::default();
             let cost = |scale: ResolutionScale| {

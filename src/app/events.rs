@@ -1,4 +1,4 @@
-//! SYSTEM -> EVENTS: the window itself, and what the system and the other threads have to say.
+//! The window, and its events: from the system and from the other threads.
 
 use super::navigation::{Input, Modifiers};
 use super::panel::Panel;
@@ -36,23 +36,24 @@ impl App {
         self.draw_in(window)
     }
 
-    /// Opens a device, and brings all that is open there.
+    /// Opens a device and a render thread, and loads all open files.
     fn draw_in(&mut self, window: Arc<Window>) -> Result<()> {
         let gpu = Gpu::open(&DeviceOptions { window: true, ..self.options.wish.clone() })?;
         self.stats.device = format!("{} ({})", gpu.device.name, gpu.device.driver);
         let size = window.inner_size();
         let present = Present::open(&gpu, window)?;
         let proxy = self.events.clone();
-        // A window that is gone needs no reports.
+        // If the window is gone, its events are dropped.
         let report = move |event| drop(proxy.send_event(Event::Render(event)));
         self.render_thread = Some(RenderThread::start(gpu, present, report)?);
         self.resized(size);
         self.open()
     }
 
-    /// After a device was lost: another one, with everything that is not on a device as it was. Any other error, and one loss right after another, is handed back.
+    /// Reopens a lost device, and loads the files again. Returns any other error, and a loss soon after
+    /// another one.
     pub(super) fn rebuild(&mut self, error: Error) -> Result<()> {
-        /// A device that is lost again so soon is lost for good.
+        /// Time within which a second loss is final.
         const SOON: Duration = Duration::from_secs(10);
         let again = self.lost.is_some_and(|when| when.elapsed() < SOON);
         let (true, false, Some(window), Some(panel)) =
@@ -67,12 +68,12 @@ impl App {
         }
         self.ui.profile.iter_mut().for_each(Profile::forget_texture);
         self.pending_saves.clear();
-        // Nothing is on the screen, as at the start.
+        // As at the start, nothing is on the screen.
         (self.whole, self.pick_buffer, self.ui.shown, self.ui.loading) = (None, None, None, None);
         (self.options.wish.lost_after, self.options.wish.surface_lost_after) = (None, None);
         self.draw_in(window)?;
         self.report_error(&Error::Device(format!(
-            "{error}; the device was opened again, and the files are read again"
+            "{error}; the device was opened again, and files are loaded again"
         )));
         Ok(())
     }
@@ -90,7 +91,7 @@ impl ApplicationHandler<Event> for App {
 
     fn user_event(&mut self, events: &ActiveEventLoop, event: Event) {
         match event {
-            // Nobody waits for it any more; another one may have taken its place.
+            // Its work was cancelled; other work may have taken its place.
             Event::Progress(_, token) | Event::Loaded(_, token) | Event::LookedUp(_, _, token)
                 if token.is_cancelled() =>
             {
@@ -111,7 +112,7 @@ impl ApplicationHandler<Event> for App {
 
     fn window_event(&mut self, events: &ActiveEventLoop, _window: WindowId, event: WindowEvent) {
         if matches!(event, WindowEvent::Destroyed) {
-            // By somebody else: there is nothing left to close, or to ask.
+            // Destroyed by another program: asking or closing it would end this one.
             self.window = None;
             return events.exit();
         }
@@ -141,7 +142,7 @@ impl ApplicationHandler<Event> for App {
             }
             WindowEvent::MouseInput { state, button, .. } => self.button(button, state),
             WindowEvent::MouseWheel { delta, .. } => {
-                /// Pixels of a touchpad that are worth a notch.
+                /// Touchpad pixels per wheel notch.
                 const PIXELS_PER_NOTCH: f64 = 40.0;
                 let notches = match delta {
                     MouseScrollDelta::LineDelta(_, lines) => lines as f64,
@@ -160,7 +161,7 @@ impl ApplicationHandler<Event> for App {
                     self.key(events, code, event.state == ElementState::Pressed, event.repeat);
                 }
             }
-            WindowEvent::Focused(false) => self.navigation.let_go(),
+            WindowEvent::Focused(false) => self.navigation.release_all(),
             WindowEvent::DroppedFile(file) => self.take(file),
             _ => {}
         }
@@ -195,7 +196,7 @@ impl ApplicationHandler<Event> for App {
         if let Some(mut thread) = self.render_thread.take() {
             thread.close();
         }
-        // What they have half written they take away. A panic has been printed where it happened.
+        // Workers remove their half-written files. A panic has been printed where it happened.
         self.workers.drain(..).for_each(|worker| drop(worker.join()));
     }
 }

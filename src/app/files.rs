@@ -1,4 +1,4 @@
-//! FILES -> CLOUD: what is to be opened goes to the load thread, and what that has read on to the render thread.
+//! Files: requests go to the load thread, and loaded clouds on to the render thread.
 
 use super::cancel::CancelToken;
 use super::load_thread::{self, CloudInfo, FirstStage, LoadRequest, LoadedCloud};
@@ -12,9 +12,9 @@ use crate::render::scene::Scene;
 use std::path::{Path, PathBuf};
 
 impl App {
-    /// Another cloud beside those that are open, or a scene, which takes the place of the one that is drawn.
+    /// Opens a file: a cloud beside those that are open, or a scene in place of the current one.
     pub(super) fn take(&mut self, file: PathBuf) {
-        // Whoever asks for something else has read what went wrong before.
+        // A new request dismisses the error before.
         self.ui.error = None;
         let is_scene =
             file.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("json"));
@@ -34,7 +34,7 @@ impl App {
 
     fn load(&mut self, file: &Path) -> Result<()> {
         let mut scene = Scene::read(file)?;
-        // As `render --scene` does: what the file does not say is as it was asked for.
+        // As with `render --scene`, options fill in what the file leaves out.
         let asked = self.options.scene.lod;
         scene.lod.budget = scene.lod.budget.or(asked.budget);
         scene.lod.lod_px = scene.lod.lod_px.or(asked.lod_px);
@@ -47,7 +47,7 @@ impl App {
         Ok(())
     }
 
-    /// Draws it, and reads files again where they have what is shown now, or what brushes need to know.
+    /// Draws the changed scene, and loads files again if it shows another attribute or needs strokes.
     pub(super) fn scene_changed(&mut self, before: &Scene) -> Result<()> {
         if self.scene.color != before.color {
             self.ui.error = None;
@@ -60,7 +60,7 @@ impl App {
         Ok(())
     }
 
-    /// Reads all files anew, in the background.
+    /// Loads all files again, in the background.
     pub(super) fn open(&mut self) -> Result<()> {
         if self.files.is_empty() {
             return Ok(());
@@ -71,7 +71,8 @@ impl App {
         let (request, opening) = (self.load_request(), self.options.opening.clone());
         let further = ExtraAttributes { strokes: self.wants_strokes(), ..self.options.further };
         let is_painted = self.ui.shown.is_some_and(|shown| shown.further.strokes);
-        // What is on the screen whole is seen until it is there again as a whole, and with its strokes where it had them.
+        // A whole cloud stays on the screen until it is loaded again as a whole, with its strokes if
+        // it had them.
         let first = match &self.whole {
             Some(whole) if *whole == request || whole.files == request.files && is_painted => {
                 FirstStage::All
@@ -95,12 +96,12 @@ impl App {
         Ok(())
     }
 
-    /// What is to be open.
+    /// Returns the files that should be open, and the attribute to show.
     fn load_request(&self) -> LoadRequest {
         LoadRequest { files: self.files.clone(), color: self.scene.color }
     }
 
-    /// What cannot be opened, or cannot show what is asked for, leaves what was open as it was.
+    /// Reports a failed load, and returns to what was open before.
     pub(super) fn load_failed(&mut self, error: &Error) {
         (self.loading, self.ui.doing) = (false, None);
         let failed = self.load_request();
@@ -113,13 +114,14 @@ impl App {
                 && before.as_ref().is_none_or(|before| !before.files.contains(file))
         };
         match before {
-            // What was asked for beside it may be in order.
+            // The other files of the request may be valid.
             _ if self.files.iter().any(is_wrong) => self.files.retain(|file| !is_wrong(file)),
             Some(LoadRequest { files, color }) => (self.files, self.scene.color) = (files, color),
-            // Whatever was dropped last may be what is wrong.
+            // The file dropped last is the most likely cause.
             None => drop(self.files.pop()),
         }
-        // A sample of what cannot be opened may be on the screen, or what came before has never been, or was on its way and is given up.
+        // The screen may show a sample of the failed files, or nothing, or the load before may have
+        // been cancelled.
         let request = self.load_request();
         let reopened = if request != failed && self.whole.as_ref() != Some(&request) {
             self.open()
@@ -132,6 +134,7 @@ impl App {
         }
     }
 
+    /// Sends a loaded cloud to the render thread, and frames it unless a view was chosen.
     pub(super) fn loaded(&mut self, opened: LoadedCloud) {
         let LoadedCloud { prepared, subject, info } = opened;
         let is_whole = info.is_whole;
@@ -139,7 +142,7 @@ impl App {
             self.last_loaded = Some(info.request.clone());
         }
         self.navigation.set_subject(subject);
-        // Whoever has not moved since sees the whole from where `render` does.
+        // If the camera has not moved since the sample, the whole is framed as `render` does.
         if !self.framed || self.glimpsed.take() == Some(self.navigation.camera) {
             self.framed = true;
             match self.options.camera {
@@ -159,7 +162,7 @@ impl App {
         self.post_scene();
     }
 
-    /// What was opened is in the picture, and what is said of it true, even where another one is on its way by now.
+    /// Shows the facts of a cloud that is now drawn, even if another is being loaded by now.
     pub(super) fn uploaded(&mut self, info: CloudInfo, token: &CancelToken) {
         let CloudInfo { request, is_whole, origins, shown, categories, points, why_shown, notes } =
             info;
@@ -172,7 +175,7 @@ impl App {
         self.ui.measure.reference = self.ui.categories.reference.clone();
         self.ui.why_shown = why_shown;
         (self.ui.loading, self.ui.bytes_read) = (None, 0);
-        // As `render` does; once, however often the files are read.
+        // Prints every note once, however often the files are loaded.
         notes
             .iter()
             .filter(|note| !self.ui.notes.contains(note))
@@ -183,7 +186,7 @@ impl App {
         }
     }
 
-    /// What was opened does not come; what is on the screen stays.
+    /// Reports a failed upload; the picture stays as it is.
     pub(super) fn upload_failed(&mut self, error: &Error) {
         (self.loading, self.ui.doing) = (false, None);
         if self.paints_later() && self.whole.as_ref() == Some(&self.load_request()) {
@@ -192,19 +195,20 @@ impl App {
         self.report_error(error);
     }
 
-    /// Strokes that cannot be found, or for which there is no room, are asked for no longer.
+    /// Switches strokes off that cannot be computed or do not fit into memory.
     fn not_painted(&mut self, error: &Error) {
         self.scene.settings.effects.strokes.switch = Switch::Off;
         self.report_error(error);
     }
 
-    /// Reads files again that are on the screen without strokes that were asked for: finding them takes long, so the cloud is there before.
+    /// Loads files again that are shown without the strokes that are wanted. Strokes take long, so the
+    /// cloud is shown before.
     fn find_strokes(&mut self) -> Result<()> {
         let is_there = self.whole.as_ref() == Some(&self.load_request()) && !self.loading;
         if is_there && self.paints_later() { self.open() } else { Ok(()) }
     }
 
-    /// Whether strokes were asked for that the cloud in the picture does not know.
+    /// Returns whether strokes are wanted that the displayed cloud does not have.
     fn paints_later(&self) -> bool {
         self.wants_strokes() && self.ui.shown.is_none_or(|shown| !shown.further.strokes)
     }

@@ -1,60 +1,61 @@
-//! How long pictures took, for `--timings` and `bench window`.
+//! Statistics of frame times, for `--timings` and `bench window`.
 
 use super::render_thread::{FrameReport, FrameTimes};
 use super::scripted_flight::{REST, ScriptedFlight};
 use serde::{Deserialize, Serialize};
 use std::time::{Duration, Instant};
 
-/// Of one run of the window.
+/// Statistics of one run of the window.
 #[derive(Clone, Debug)]
 pub struct FrameStats {
     began: Instant,
     /// The device, and its driver.
     pub device: String,
-    /// From the start of the program to the first picture of a cloud.
+    /// Time from the start of the program to the first frame of a cloud.
     first: Option<Duration>,
-    /// To the first that was whole.
+    /// Time from the start to the first whole frame.
     first_whole: Option<Duration>,
-    /// Pictures at full quality, and those that were drawn while changes came.
+    /// Number of frames at full quality.
     whole: u64,
+    /// Latencies of the frames drawn while changes came.
     moving: Vec<Duration>,
 }
 
-/// One picture of a flight.
+/// Measurements of one frame of a flight.
 #[derive(Clone, Copy, Debug)]
-pub struct Picture {
-    /// When it was drawn.
+pub struct FrameSample {
+    /// Time at which it was done.
     at: Instant,
-    /// Since its camera was wanted.
+    /// Time since its camera was set.
     latency: Duration,
-    /// RenderThread it.
+    /// Time on the device.
     took: Duration,
-    /// No point was drawn.
+    /// Whether no point was drawn.
     empty: bool,
-    /// Nodes were on their way.
+    /// Whether nodes were being loaded.
     loading: bool,
-    /// How long the loader had worked by then.
+    /// Processor time of the loader thread until then.
     loader: Duration,
     times: FrameTimes,
 }
 
-impl Picture {
-    pub fn of(drawn: &FrameReport, at: Instant) -> Picture {
-        let loader = drawn.loading.map_or(Duration::ZERO, |loading| loading.worked);
-        let empty = drawn.statistics.points_drawn == 0;
-        Picture {
+impl FrameSample {
+    pub fn of(report: &FrameReport, at: Instant) -> FrameSample {
+        let loader = report.loading.map_or(Duration::ZERO, |loading| loading.worked);
+        let empty = report.statistics.points_drawn == 0;
+        FrameSample {
             at,
-            latency: drawn.latency,
-            took: drawn.took,
+            latency: report.latency,
+            took: report.took,
             empty,
-            loading: drawn.is_loading(),
+            loading: report.is_loading(),
             loader,
-            times: drawn.times,
+            times: report.times,
         }
     }
 }
 
-/// Half of them took no longer, 99 of a hundred took no longer, none took longer; milliseconds.
+/// Median, 99th percentile and maximum of times [ms].
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Spread {
     pub median: f64,
@@ -85,7 +86,7 @@ impl std::fmt::Display for Spread {
     }
 }
 
-/// What `--timings` says. Milliseconds are wall-clock time.
+/// The report of `--timings`; times are wall-clock [ms].
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Summary {
     pub device: String,
@@ -93,41 +94,45 @@ pub struct Summary {
     pub first_whole_ms: Option<f64>,
     pub whole: u64,
     pub moving: u64,
-    /// From change to picture, of the pictures that were drawn while changes came.
+    /// Time from a change to its frame, of the frames drawn while changes came.
     pub change_ms: Spread,
-    /// Without hands.
+    /// Of a scripted flight, if there was one.
     pub flight: Option<FlightSummary>,
 }
 
+/// The report of a scripted flight.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct FlightSummary {
     pub pictures: usize,
-    /// Of these, without a point: what is said of a flight that leaves the cloud is not said of the cloud.
+    /// Frames without a point: if the flight leaves the cloud, its times are not the cloud's.
     pub empty: usize,
-    /// From one picture to the next.
+    /// Time from one frame to the next.
     pub frame_ms: Spread,
-    /// From when a camera was wanted to its picture.
+    /// Time from setting a camera to its frame.
     pub latency_ms: Spread,
-    /// Of that, drawing it.
+    /// Part of the latency that drawing takes.
     pub drawing_ms: Spread,
-    /// Pictures that were drawn while nodes were on their way, and the time since the one before them.
+    /// Frames drawn while nodes were being loaded.
     pub loading: usize,
+    /// Time from the frame before to each of these.
     pub loading_ms: Spread,
-    /// Of every picture's time, what went into taking in nodes that had come.
+    /// Part of every frame that uploading of loaded nodes takes.
     pub took_in_ms: Spread,
-    /// From one picture to the next, what the loader takes at most: taking in, and as long as its thread had a core.
+    /// Most that loading takes of every frame: uploading, and the processor time of its thread.
     pub loader_ms: Spread,
-    /// Times from one picture to the next that are over twice the median, and those of them during which nodes were on their way.
+    /// Frame times over twice the median.
     pub slow: usize,
+    /// Slow frames during which nodes were being loaded.
     pub slow_loading: usize,
-    /// Of all slow ones, those that might not be without the loader: if nothing had been drawn for as long as it had a core meanwhile.
+    /// Slow frames that might not be slow without the loader: if its processor time had been idle.
     pub slow_for_loader: usize,
-    /// Of all slow ones, how many are slow by what: whatever took longest beyond its own median.
+    /// Slow frames by cause: the step that exceeded its own median most.
     pub slow_by: Vec<(String, usize)>,
-    /// From standing still to the whole picture.
+    /// Time from the stop to the whole picture.
     pub to_whole_ms: Option<f64>,
-    /// Of nothing to do, then the pictures drawn and the processor time taken in it.
+    /// Length of the rest.
     pub rest_ms: f64,
+    /// Frames drawn at rest.
     pub rest_pictures: u64,
     pub rest_cpu_ms: Option<f64>,
 }
@@ -136,7 +141,8 @@ fn ms(time: Duration) -> f64 {
     time.as_secs_f64() * 1e3
 }
 
-/// What a frame's time may have gone into. The loader's is taking in what it brought, and as long as its thread had a core: a device that shares its cores waits for it as long at most.
+/// Causes of a frame's time. The loader's is uploading its nodes, and the processor time of its thread:
+/// a device that shares the cores waits at most that long.
 const CAUSES: [&str; 7] = [
     "fitting the window",
     "the loader",
@@ -144,12 +150,13 @@ const CAUSES: [&str; 7] = [
     "the device",
     "reading back",
     "showing",
-    "what is between pictures",
+    "between frames",
 ];
 
+/// Index of the loader in [`CAUSES`].
 const LOADER: usize = 1;
 
-/// From one picture to the next, milliseconds.
+/// The time from one frame to the next [ms], and its parts.
 struct Step {
     ms: f64,
     by_cause: [f64; CAUSES.len()],
@@ -157,7 +164,7 @@ struct Step {
 }
 
 impl Step {
-    fn between(before: &Picture, after: &Picture) -> Step {
+    fn between(before: &FrameSample, after: &FrameSample) -> Step {
         let frame = ms(after.at - before.at);
         let FrameTimes { fitting, taking_in, recording, drawing, reading_back, showing } =
             after.times;
@@ -178,7 +185,7 @@ impl Step {
     }
 }
 
-/// How many frames are slow by what, of those that took more than this; the commonest first.
+/// Counts the frames slower than `slow` [ms] by cause, the most frequent cause first.
 fn slow_by(steps: &[Step], slow: f64) -> Vec<(String, usize)> {
     let usual: Vec<f64> = (0..CAUSES.len())
         .map(|cause| Spread::of(steps.iter().map(|step| step.by_cause[cause]).collect()).median)
@@ -204,7 +211,7 @@ impl FlightSummary {
     pub fn of(flight: &ScriptedFlight) -> FlightSummary {
         let steps: Vec<Step> =
             flight.pictures.windows(2).map(|pair| Step::between(&pair[0], &pair[1])).collect();
-        let of_pictures = |time: fn(&Picture) -> Duration| {
+        let of_pictures = |time: fn(&FrameSample) -> Duration| {
             Spread::of(flight.pictures.iter().map(|picture| ms(time(picture))).collect())
         };
         let frame_ms = Spread::of(steps.iter().map(|step| step.ms).collect());
@@ -235,7 +242,7 @@ impl FlightSummary {
 }
 
 impl FlightSummary {
-    /// What slow frames are slow by, in words.
+    /// Formats the causes of slow frames.
     pub fn causes(&self) -> String {
         self.slow_by
             .iter()
@@ -257,14 +264,14 @@ impl FrameStats {
         }
     }
 
-    /// `rests`: nothing of the cloud is missing in it.
-    pub fn drawn(&mut self, drawn: &FrameReport, rests: bool) {
+    /// Takes a frame into account; `rests` if nothing of the cloud is missing in it.
+    pub fn frame_done(&mut self, report: &FrameReport, rests: bool) {
         let since = self.began.elapsed();
         self.first.get_or_insert(since);
-        if drawn.whole {
+        if report.whole {
             self.whole += 1;
         } else {
-            self.moving.push(drawn.latency);
+            self.moving.push(report.latency);
         }
         if rests {
             self.first_whole.get_or_insert(since);
@@ -290,60 +297,60 @@ impl std::fmt::Display for Summary {
             |time: Option<f64>| time.map_or("never".to_string(), |ms| format!("after {ms:.0} ms"));
         writeln!(
             f,
-            "first picture {}, first whole one {}",
+            "first frame {}, first whole one {}",
             or_never(self.first_ms),
             or_never(self.first_whole_ms)
         )?;
         writeln!(
             f,
-            "{} pictures: {} whole, {} while moving",
+            "{} frames: {} whole, {} while moving",
             self.whole + self.moving,
             self.whole,
             self.moving
         )?;
-        writeln!(f, "from change to picture: {}", self.change_ms)?;
+        writeln!(f, "from change to frame: {}", self.change_ms)?;
         let Some(flight) = &self.flight else { return Ok(()) };
         let rate = if flight.frame_ms.median > 0.0 { 1e3 / flight.frame_ms.median } else { 0.0 };
         writeln!(
             f,
-            "flight: {} pictures, {rate:.1} a second; from one to the next: {}",
+            "flight: {} frames, {rate:.1} a second; from one to the next: {}",
             flight.pictures, flight.frame_ms
         )?;
-        writeln!(f, "  from camera to picture: {}", flight.latency_ms)?;
+        writeln!(f, "  from camera to frame: {}", flight.latency_ms)?;
         writeln!(f, "  of that, drawing: {}", flight.drawing_ms)?;
         if flight.empty > 0 {
             writeln!(
                 f,
-                "  {} pictures without a point: the flight has left the cloud, and its times are not the cloud's",
+                "  {} frames without a point: the flight has left the cloud, so its times are not the cloud's",
                 flight.empty
             )?;
         }
         if flight.loading > 0 {
             writeln!(
                 f,
-                "  {} pictures while nodes were on their way: {}",
+                "  {} frames while nodes were loading: {}",
                 flight.loading, flight.loading_ms
             )?;
-            writeln!(f, "  taking in what had come: {}", flight.took_in_ms)?;
-            writeln!(f, "  the loader's part: {}", flight.loader_ms)?;
+            writeln!(f, "  uploading loaded nodes: {}", flight.took_in_ms)?;
+            writeln!(f, "  loader in total: {}", flight.loader_ms)?;
         }
         if flight.slow > 0 {
             let FlightSummary { slow, slow_loading, slow_for_loader, .. } = flight;
             write!(f, "  {slow} over twice the median, by {}; ", flight.causes())?;
             writeln!(
                 f,
-                "nodes were on their way in {slow_loading}, and {slow_for_loader} might not be slow without the loader"
+                "nodes were loading in {slow_loading}, and {slow_for_loader} might not be slow without the loader"
             )?;
         }
-        writeln!(f, "from standing still to the whole picture: {}", or_never(flight.to_whole_ms))?;
+        writeln!(f, "from the stop to the whole picture: {}", or_never(flight.to_whole_ms))?;
         let cpu = flight
             .rest_cpu_ms
             .map_or(String::new(), |ms| format!(", {ms:.0} ms of processor time"));
-        writeln!(f, "at rest, {:.0} ms: {} pictures{cpu}", flight.rest_ms, flight.rest_pictures)
+        writeln!(f, "at rest, {:.0} ms: {} frames{cpu}", flight.rest_ms, flight.rest_pictures)
     }
 }
 
-/// User's and system's, of all threads of this process, where the system tells in the way that Linux does.
+/// Returns user and system time of all threads of this process; None if there is no `/proc`.
 pub fn processor_time() -> Option<Duration> {
     let stat = std::fs::read_to_string("/proc/self/stat").ok()?;
     // The name in parentheses may hold anything; then come the state and ten numbers.
@@ -358,7 +365,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_slow_frame_is_slow_by_what_took_longer_than_it_mostly_does() {
+    fn a_slow_frame_counts_for_the_step_that_exceeded_its_median_most() {
         let step = |by_cause: [f64; CAUSES.len()]| Step {
             ms: by_cause.iter().sum(),
             by_cause,
@@ -371,14 +378,14 @@ mod tests {
         steps.push(step([0.0, 1.0, 1.0, 9.0, 0.5, 0.5, 28.0]));
         assert_eq!(
             slow_by(&steps, 20.0),
-            [("what is between pictures".to_string(), 2), ("the loader".to_string(), 1)]
+            [("between frames".to_string(), 2), ("the loader".to_string(), 1)]
         );
     }
 
     #[test]
-    fn a_frame_is_slow_for_the_loader_if_it_would_not_be_without_what_that_worked() {
+    fn a_frame_is_slow_for_the_loader_if_it_is_fast_without_its_time() {
         let started = Instant::now();
-        let at = |after: u64, loader: u64| Picture {
+        let at = |after: u64, loader: u64| FrameSample {
             at: started + Duration::from_millis(after),
             latency: Duration::ZERO,
             took: Duration::ZERO,
@@ -395,7 +402,7 @@ mod tests {
         let summary = FlightSummary::of(&flight);
         assert_eq!((summary.slow, summary.slow_loading, summary.slow_for_loader), (2, 2, 1));
         // The device drew for 8 ms, but for one of 22 with 14 of the loader, and one of 21.
-        let drew = |drawing: u64, picture: Picture| Picture {
+        let drew = |drawing: u64, picture: FrameSample| FrameSample {
             times: FrameTimes { drawing: Duration::from_millis(drawing), ..FrameTimes::default() },
             ..picture
         };

@@ -1,4 +1,4 @@
-//! HANDS -> CAMERA: buttons and keys to what they do.
+//! Input: mouse buttons and keys, turned into navigation, picks and actions.
 
 use super::App;
 use super::keys::{self, Binding};
@@ -12,10 +12,10 @@ use winit::event::{ElementState, MouseButton};
 use winit::event_loop::ActiveEventLoop;
 use winit::keyboard::KeyCode;
 
-/// Two clicks within this time, on one place, are one.
+/// Longest time between the clicks of a double click.
 const DOUBLE: Duration = Duration::from_millis(400);
 
-/// A hand that clicks moves the mouse no farther, pixels.
+/// Farthest that the mouse moves during a click [px].
 const CLICK_PX: f64 = 4.0;
 
 impl App {
@@ -25,29 +25,30 @@ impl App {
         self.post(Message::Exposed(self.size));
     }
 
+    /// Returns the place of the surface under the cursor; None if nothing is there.
     pub(super) fn under_cursor(&self) -> Option<glam::DVec3> {
         self.pick_buffer.as_ref().and_then(|buffer| buffer.place(self.cursor, self.size()))
     }
 
-    /// With shift one more point, without it another one.
+    /// Picks the point at a pixel; it replaces the picked points, or with `adds` joins them.
     pub(super) fn pick(&mut self, at: DVec2, adds: bool) {
         match &self.pick_buffer {
             Some(buffer) => match buffer.point(at, self.size()) {
                 Some(id) => self.post(Message::Pick { id, at, adds }),
-                // Who wants one more is told that there is none; other clicks may be meant for nothing.
+                // Only a click with shift surely meant a point.
                 None if adds => {
                     self.ui.doing = Some("there is no point to pick".into());
                     self.title();
                 }
                 None => {}
             },
-            // On a window that shows nothing yet: of its first picture.
+            // Nothing is shown yet: the first frame answers.
             None => self.picks_later = Some((at, adds)),
         }
     }
 
     pub(super) fn navigate(&mut self, input: Input) {
-        // Who takes hold of the camera has it.
+        // Input that moves the camera stops the camera path.
         self.ui.plays &= matches!(
             input,
             Input::Move { .. }
@@ -60,7 +61,7 @@ impl App {
         let early = input.is_a_view() && (!self.framed || self.glimpsed == Some(before));
         self.navigation.handle(input);
         if View::new(self.navigation.camera, self.size()).is_err() {
-            // Farther or nearer than numbers go.
+            // The camera would be beyond what f64 can express.
             self.navigation.camera = before;
         }
         if early {
@@ -110,7 +111,7 @@ impl App {
         match keys::find(code) {
             Some(Binding::Fly(direction)) => self.fly(direction, pressed),
             Some(Binding::Do(action)) if pressed && !repeated => self.perform(action),
-            // What has gone wrong is put away first.
+            // Escape first dismisses an error or a profile.
             Some(Binding::Close) if pressed => match self.ui.dismiss() {
                 true => self.title(),
                 false => events.exit(),

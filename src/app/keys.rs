@@ -1,11 +1,11 @@
-//! What a key does: one table, from which the window acts and the help is written.
+//! Key bindings: one table, for the window and for its help.
 
 use super::actions::Action;
 use super::navigation::{Direction, Input, Mode, NavigationStyle};
 use crate::view::{Preset, Projection};
 use winit::keyboard::KeyCode;
 
-/// What the window does at a key.
+/// What a key does.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Binding {
     Fly(Direction),
@@ -51,10 +51,10 @@ pub const KEYS: &[Key] = &[
         &[KeyCode::Digit5, KeyCode::Numpad5],
         "5",
         Binding::Do(Action::Navigate(Input::OtherProjection)),
-        "with perspective, or without",
+        "switch between perspective and orthographic",
     ),
-    key(&[KeyCode::KeyP], "P", project(Projection::Perspective), "with perspective"),
-    key(&[KeyCode::KeyO], "O", project(Projection::Orthographic), "without"),
+    key(&[KeyCode::KeyP], "P", project(Projection::Perspective), "perspective"),
+    key(&[KeyCode::KeyO], "O", project(Projection::Orthographic), "orthographic"),
     key(&[KeyCode::KeyW, KeyCode::ArrowUp], "W", Binding::Fly(Direction::Forward), "fly ahead"),
     key(&[KeyCode::KeyS, KeyCode::ArrowDown], "S", Binding::Fly(Direction::Back), "back"),
     key(&[KeyCode::KeyA, KeyCode::ArrowLeft], "A", Binding::Fly(Direction::Left), "left"),
@@ -75,41 +75,41 @@ pub const KEYS: &[Key] = &[
         &[KeyCode::KeyM],
         "M",
         Binding::Do(Action::Navigate(Input::NextMode)),
-        "the mouse orbits, looks around in flight, or grabs the ground",
+        "next mouse mode: orbit, look around in flight, grab the ground",
     ),
-    key(&[KeyCode::KeyX], "X", Binding::Do(Action::Profile), "a profile along what was picked"),
+    key(&[KeyCode::KeyX], "X", Binding::Do(Action::Profile), "profile along the picked points"),
     key(
         &[KeyCode::KeyC],
         "C",
         Binding::Do(Action::Export("csv")),
-        "save what was picked, as a table, and the profile",
+        "save the picked points and the profile as CSV",
     ),
     key(
         &[KeyCode::KeyG],
         "G",
         Binding::Do(Action::Export("geojson")),
-        "save what was picked, as GeoJSON",
+        "save the picked points as GeoJSON",
     ),
     key(
         &[KeyCode::Delete, KeyCode::Backspace],
         "Del",
         Binding::Do(Action::Forget),
-        "forget what was picked",
+        "forget the picked points",
     ),
     key(
         &[KeyCode::KeyB],
         "B",
         Binding::Do(Action::AddBox),
-        "one more clip box, around what was picked or the middle of the picture",
+        "add a clip box, around the picked points or the middle of the picture",
     ),
-    key(&[KeyCode::KeyK], "K", Binding::Do(Action::AddKey), "one more view of the camera path"),
+    key(&[KeyCode::KeyK], "K", Binding::Do(Action::AddKey), "add this view to the camera path"),
     key(
         &[KeyCode::Space],
         "Space",
         Binding::Do(Action::Play),
         "fly along the camera path, or stop",
     ),
-    key(&[KeyCode::F6], "F6", Binding::Do(Action::LoadScene), "load the scene that was saved last"),
+    key(&[KeyCode::F6], "F6", Binding::Do(Action::LoadScene), "load the scene saved last"),
     key(
         &[KeyCode::F7],
         "F7",
@@ -122,32 +122,32 @@ pub const KEYS: &[Key] = &[
         &[KeyCode::KeyL],
         "L",
         Binding::Do(Action::SaveLayers),
-        "save its layers: depth, point ids, normals and more, as EXR",
+        "save layers: depth, point ids, normals and more, as EXR",
     ),
     key(&[KeyCode::F11], "F11", Binding::Do(Action::FullScreen), "full screen"),
     key(&[KeyCode::KeyH, KeyCode::F1], "H", Binding::Do(Action::Help), "these keys"),
-    key(&[KeyCode::KeyN], "N", Binding::Do(Action::Panel), "without the panel, or with it"),
+    key(&[KeyCode::KeyN], "N", Binding::Do(Action::Panel), "hide or show the panel"),
     key(
         &[KeyCode::Escape],
         "Esc",
         Binding::Close,
-        "put away what went wrong, or a profile, or close",
+        "dismiss an error, or close the profile, or the window",
     ),
 ];
 
-/// What the mouse does, for the hands of each program and what a drag does.
+/// Returns what the mouse does, for a navigation style and a mode.
 pub fn mouse(style: NavigationStyle, mode: Mode) -> Vec<(&'static str, &'static str)> {
     let turns = match mode {
         Mode::Orbit => "turn about the point under the cursor",
         Mode::Fly => "look around",
         Mode::Earth => "grab the ground",
     };
-    let moves = "move the point under the cursor along";
+    let moves = "move the point under the cursor";
     let drags = match (style, mode) {
         (NavigationStyle::Blender, _) => vec![
             ("middle drag", turns),
             ("shift middle drag", moves),
-            ("ctrl middle drag", "nearer and farther"),
+            ("ctrl middle drag", "zoom"),
         ],
         (_, Mode::Earth) => vec![
             ("left drag", turns),
@@ -165,11 +165,12 @@ pub fn mouse(style: NavigationStyle, mode: Mode) -> Vec<(&'static str, &'static 
         ("wheel", wheel),
         ("click", "pick the point"),
         ("shift click", "pick one more"),
-        ("double click", "make the point the middle"),
+        ("double click", "centre the point"),
     ];
     drags.into_iter().chain(others).collect()
 }
 
+/// Returns the binding of a key; None if it has none.
 pub fn find(code: KeyCode) -> Option<Binding> {
     KEYS.iter().find(|key| key.codes.contains(&code)).map(|key| key.binding)
 }

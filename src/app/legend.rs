@@ -1,16 +1,16 @@
-//! What colours mean: a ramp with its two ends, and swatches.
+//! The legend of colours: a ramp with its two ends, and swatches.
 
 use crate::cloud::attribute::{Attribute, DisplayAttribute};
 use crate::cloud::colormap;
 use crate::cloud::system::Reference;
 use egui::{Color32, Rect, Sense, Ui, pos2, vec2};
 
-/// Of a colour in a list, and a ramp's height, points.
+/// Side of a swatch and height of a ramp [points].
 const SIDE: f32 = 12.0;
-/// Parts that a ramp is drawn in.
+/// Rectangles that a ramp is drawn of.
 const PARTS: u32 = 64;
 
-/// Of what points show, where that is a number.
+/// Draws the colour ramp of the displayed attribute, if that is a number.
 pub fn ramp(ui: &mut Ui, shown: &DisplayAttribute, reference: &Reference) {
     let Some(ends) = shown.ends() else { return };
     let (all, _) = ui.allocate_exact_size(vec2(ui.available_width(), SIDE), Sense::hover());
@@ -38,7 +38,7 @@ pub fn ramp(ui: &mut Ui, shown: &DisplayAttribute, reference: &Reference) {
     });
 }
 
-/// What points of this number are drawn in.
+/// Draws the colour of points with this number.
 pub fn swatch(ui: &mut Ui, attribute: Attribute, number: u8) {
     let [r, g, b] = colormap::code_color(attribute, number);
     let (square, _) = ui.allocate_exact_size(egui::Vec2::splat(SIDE), Sense::hover());

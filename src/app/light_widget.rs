@@ -1,14 +1,14 @@
-//! Where light comes from, chosen by hand.
+//! The widget that chooses the light.
 
 use crate::config::SUN;
 use crate::view::light::Light;
 use egui::{Color32, DragValue, Sense, Slider, Stroke, Ui, Vec2, vec2};
 use glam::DVec3;
 
-/// Of the ball that is dragged on, points.
+/// Radius of the ball [points].
 const RADIUS: f32 = 34.0;
 
-/// `eye` is where a lamp stands that nobody has placed yet; world.
+/// Chooses the kind of light and its direction or position. A new lamp stands at `eye` (world).
 pub fn choose(ui: &mut Ui, light: &mut Light, eye: DVec3) {
     ui.horizontal(|ui| {
         for (name, other) in [
@@ -47,7 +47,7 @@ pub fn choose(ui: &mut Ui, light: &mut Light, eye: DVec3) {
     }
 }
 
-/// The half of the sky that is above, from above, north up: light comes from the spot. It is dragged, or is where somebody clicks.
+/// Draws the sky from above, north up, with a spot where light comes from; a click or drag moves it.
 fn ball(ui: &mut Ui, way: &mut DVec3) {
     let (response, painter) =
         ui.allocate_painter(Vec2::splat(2.0 * RADIUS + 4.0), Sense::click_and_drag());
@@ -67,7 +67,7 @@ fn ball(ui: &mut Ui, way: &mut DVec3) {
         if high { Color32::YELLOW } else { Color32::TRANSPARENT },
         Stroke::new(1.5, Color32::YELLOW),
     );
-    response.on_hover_text("drag: where light comes from, from above, north up");
+    response.on_hover_text("drag: where light comes from, as seen from above, north up");
 }
 
 /// The way to a place on the ball, which has a radius of 1 and x to the right, y down; beyond its rim, to the horizon.

@@ -1,4 +1,4 @@
-//! LOAD THREAD: files in, a cloud for the render thread out, and on the way how far it is.
+//! The load thread: files in; a cloud for the render thread, and progress reports, out.
 
 use super::cancel::CancelToken;
 use super::navigation::Subject;
@@ -15,44 +15,44 @@ use std::sync::{Arc, Mutex};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-/// A cloud that is read, or found in an index, and needs nothing but the device.
+/// A cloud that is read, or found in an index, and ready to upload.
 pub struct LoadedCloud {
     pub prepared: PreparedCloud,
     pub subject: Subject,
     pub info: CloudInfo,
 }
 
-/// What is to be opened, and to show.
+/// Files to load, and the attribute to show; None chooses it automatically.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LoadRequest {
     pub files: Vec<PathBuf>,
     pub color: Option<Attribute>,
 }
 
-/// Of a cloud, for the panel and for picks.
+/// Facts of a loaded cloud, for the panel and for picks.
 pub struct CloudInfo {
     pub request: LoadRequest,
-    /// Not a sample, before the whole.
+    /// False for a sample that is shown before the whole.
     pub is_whole: bool,
-    /// The files that its points are from.
+    /// Files that its points come from.
     pub origins: Vec<PathBuf>,
     pub shown: DisplayAttribute,
     pub categories: Categories,
-    /// Of the files, as their headers say while only a sample is there.
+    /// Points of the files; of a sample, as the headers state.
     pub points: u64,
-    /// Why it shows that.
+    /// Reason for the displayed attribute.
     pub why_shown: String,
-    /// What is odd about the files.
+    /// Oddities of the files.
     pub notes: Vec<String>,
 }
 
-/// What points can be told apart by, each with how many points are of it, where that is known.
+/// Classes, return numbers and stations of a cloud, with their numbers of points if known.
 #[derive(Clone, Debug, Default)]
 pub struct Categories {
     pub classes: Vec<(u8, u64)>,
     pub returns: Vec<(u8, u64)>,
     pub stations: Vec<Station>,
-    /// Meaning of coordinates.
+    /// Coordinate system and units.
     pub reference: Reference,
 }
 
@@ -68,13 +68,14 @@ impl Categories {
     }
 }
 
-/// Says a few times a second how far something is; stops where nobody waits for it any more.
+/// Reports progress a few times a second, and stops work whose token is cancelled.
 pub struct ProgressReporter {
     pub token: CancelToken,
     report: Box<dyn Fn(String) + Send + Sync>,
     reported: Mutex<Option<Instant>>,
 }
 
+/// Shortest time between two reports.
 const BETWEEN: Duration = Duration::from_millis(100);
 
 impl ProgressReporter {
@@ -103,18 +104,19 @@ impl Progress for ProgressReporter {
     }
 }
 
-/// What of files is there first. Of an index everything is: it has its strokes, or they are found node by node.
+/// What to load first of files. An index always has everything: its strokes are stored, or computed
+/// node by node.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum FirstStage {
-    /// A sample, where they have to be indexed or take long to be read, and then what follows.
+    /// A sample, if the files have to be indexed or take long to read; then the points.
     Sample,
-    /// All points, without their strokes, which take long to be found.
+    /// All points, without strokes, which take long to compute.
     Points,
-    /// All that is wanted.
+    /// Everything that is wanted.
     All,
 }
 
-/// Opens files on a thread of their own.
+/// Loads files on a new thread; calls `loaded` with the sample, if there is one, and with the whole.
 pub fn start(
     request: LoadRequest,
     opening: OpenOptions,
@@ -122,9 +124,9 @@ pub fn start(
     first: FirstStage,
     found: Arc<StrokeCache>,
     watch: ProgressReporter,
-    opened: impl Fn(Result<LoadedCloud>) + Send + 'static,
+    loaded: impl Fn(Result<LoadedCloud>) + Send + 'static,
 ) -> Result<JoinHandle<()>> {
-    // People choose while they look.
+    // Filters and lighting can be switched on at any time.
     let further = ExtraAttributes { kind: true, normal: true, ..further };
     let shown = request.color.map_or(
         ColumnSet { rgb: true, intensity: true, ..ColumnSet::default() },
@@ -147,7 +149,7 @@ pub fn start(
         let further = if let Source::Index(_) = source { further } else { of_files };
         shown.further =
             ExtraAttributes { normal: source.has_normals(), light: source.has_light(), ..further };
-        // Of a sample, what is odd about it is said once the whole is there.
+        // Notes come with the whole, not with its sample.
         let notes = if sample_of.is_none() { source.notes(shown.further) } else { Vec::new() };
         let (request, is_whole, points) =
             (request.clone(), sample_of.is_none(), sample_of.unwrap_or(source.points()));
@@ -164,20 +166,20 @@ pub fn start(
         Ok(LoadedCloud { prepared: source.prepare(shown, &found, progress)?, subject, info })
     };
     let work = move || {
-        // What is wrong with the files is said once, of the whole.
+        // An error is reported once, for the whole.
         if first == FirstStage::Sample
             && let Ok(Some(Preview { source, points })) = Source::preview(&files, &opening, &watch)
         {
-            opened(ready(source, Some(points), &watch));
+            loaded(ready(source, Some(points), &watch));
         }
-        opened(
+        loaded(
             Source::open(&files, &opening, &watch).and_then(|source| ready(source, None, &watch)),
         );
     };
     let failed = |error: &dyn std::fmt::Display| {
         Error::Request(format!("cannot start a thread to read files: {error}"))
     };
-    // Who draws what has been read so far would otherwise wait in one queue with all that is still to be read.
+    // A pool of its own: on the shared one, uploads of the sample would queue behind the reading.
     let pool = rayon::ThreadPoolBuilder::new().build().map_err(|error| failed(&error))?;
     let thread = std::thread::Builder::new().name("load".into()).spawn(move || pool.install(work));
     thread.map_err(|error| failed(&error))

@@ -1,4 +1,4 @@
-//! Picked points in, what they are and what lies between them out: lengths, heights, angles, areas. Pure, f64.
+//! Measures of picked points: lengths, heights, angles and areas, and their files. Pure, f64.
 
 use crate::cloud::attribute::STATION_SHIFT;
 use crate::cloud::digits::{number, round};
@@ -8,28 +8,28 @@ use crate::resident::Point;
 use glam::DVec3;
 use serde_json::{Value, json};
 
-/// Points in the order in which they were picked.
+/// Picked points, in order.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Measure {
     pub points: Vec<Picked>,
-    /// Meaning of their coordinates.
+    /// Coordinate system and units.
     pub reference: Reference,
 }
 
-/// A picked point, and what its file says of it.
+/// A picked point, and its record in its file.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Picked {
     pub point: Point,
     pub record: Looked,
 }
 
-/// What has become of looking a point up in its file.
+/// State of looking a point up in its file.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub enum Looked {
     #[default]
     Underway,
     Found(Box<Record>),
-    /// A sample of an index, which stands for several.
+    /// The point is a sample of an index and stands for several points.
     Nowhere,
 }
 
@@ -43,7 +43,7 @@ impl Picked {
     }
 }
 
-/// Class, return number and station of a point; stations are counted from 1 on, as `info` does.
+/// Returns class, return number and station of a point; stations are counted from 1, as by `info`.
 pub fn kind(point: &Point) -> Option<[u32; 3]> {
     point.kind.map(|kind| [kind & 255, kind >> 8 & 15, (kind >> STATION_SHIFT) + 1])
 }
@@ -53,12 +53,12 @@ impl Measure {
         self.points[number].point.position
     }
 
-    /// Of all points.
+    /// Returns the positions of all points (world).
     pub fn places(&self) -> Vec<DVec3> {
         self.points.iter().map(|picked| picked.point.position).collect()
     }
 
-    /// What was found of the point in this place; the numbers, from 1 on, of those that it is the record of.
+    /// Stores the record of the points at a place; returns their numbers, counted from 1.
     pub fn found(&mut self, place: DVec3, record: &Option<Record>) -> Vec<usize> {
         let looked =
             record.clone().map_or(Looked::Nowhere, |record| Looked::Found(Box::new(record)));
@@ -70,40 +70,41 @@ impl Measure {
         found.into_iter().map(|number| number + 1).collect()
     }
 
-    /// Along all points, in the unit of the points.
+    /// Returns the length of the line through all points, in the unit of the points.
     pub fn length(&self) -> f64 {
         self.places().windows(2).map(|pair| pair[0].distance(pair[1])).sum()
     }
 
-    /// Distance from the first to the last point, straight, in the unit of the points.
+    /// Returns the straight distance from the first to the last point, in the unit of the points.
     pub fn distance(&self) -> f64 {
         self.ends().map_or(0.0, |[first, last]| first.distance(last))
     }
 
-    /// How much higher the last is than the first, in the unit of the points.
+    /// Returns the height of the last point above the first, in the unit of heights.
     pub fn height(&self) -> f64 {
         self.ends().map_or(0.0, |[first, last]| last.z - first.z)
     }
 
-    /// Without the height, in the unit of the points.
+    /// Returns the horizontal distance from the first to the last point, in the unit of the points.
     pub fn horizontal(&self) -> f64 {
         self.ends().map_or(0.0, |[first, last]| (last - first).truncate().length())
     }
 
-    /// At the last but one, degrees; none where points coincide.
+    /// Returns the angle at the last point but one [degrees]; None if points coincide.
     pub fn angle(&self) -> Option<f64> {
         let &[.., a, b, c] = &self.places()[..] else { return None };
         let to = |other: DVec3| (other - b).try_normalize();
         let (u, v) = (to(a)?, to(c)?);
-        // By both the cross and the dot product: exact for small and for flat angles.
+        // Cross and dot product together are exact for small and for flat angles.
         Some(u.cross(v).length().atan2(u.dot(v)).to_degrees())
     }
 
-    /// Within the points, in the plane that fits them best, squares of the unit; none of fewer than three.
+    /// Returns the area of the polygon in the plane that fits it best, in squares of the unit; None
+    /// for fewer than three points.
     pub fn area(&self) -> Option<f64> {
         let places = self.places();
         let (&first, rest) = places.split_first()?;
-        // From the first point on, since coordinates are large and areas small.
+        // Relative to the first point, since coordinates are large and areas small.
         let from_first = |place: &DVec3| *place - first;
         let twice: DVec3 =
             rest.windows(2).map(|pair| from_first(&pair[0]).cross(from_first(&pair[1]))).sum();
@@ -114,7 +115,7 @@ impl Measure {
         (self.points.len() > 1).then(|| [self.place(0), self.place(self.points.len() - 1)])
     }
 
-    /// A line a point; what is not known is left empty.
+    /// Returns a CSV table with a line per point; unknown fields are empty.
     pub fn csv(&self) -> String {
         let line = |picked: &Picked| {
             let place = self.reference.digits.round(picked.point.position);
@@ -147,7 +148,8 @@ impl Measure {
         std::iter::once(head.to_string()).chain(self.points.iter().map(line)).collect()
     }
 
-    /// The unit of a place, and the place in metres where it is another; nothing where no file names one.
+    /// Returns the unit columns of a place: its unit, and its coordinates in metres if that is another
+    /// unit; empty if no file names a unit.
     fn unit_columns(&self, place: DVec3) -> String {
         let unit = self.reference.unit();
         if !self.reference.says_unit() {
@@ -160,8 +162,9 @@ impl Measure {
         format!("{},{x},{y},{z}", unit.symbol())
     }
 
-    /// The points as a line, and where there are three or more also what they enclose; then each by itself, with all that its file says of it.
-    /// In longitude and latitude where they are known; else as the files have them, with their system, and a note that says so.
+    /// Returns GeoJSON: the points as a line, the polygon of three or more, and each point with its
+    /// record. Coordinates are longitude and latitude if those are known, else the files' own, with
+    /// their system and a note.
     pub fn geojson(&self) -> Value {
         let reference = &self.reference;
         let on_earth: Option<Vec<[f64; 3]>> =
@@ -197,7 +200,7 @@ impl Measure {
         }
         let mut features = vec![feature(line, facts)];
         if let Some(area) = self.area() {
-            // A ring ends where it began.
+            // A ring ends at its first point.
             places.push(places[0]);
             features.push(feature(
                 json!({ "type": "Polygon", "coordinates": [places] }),
@@ -229,7 +232,8 @@ impl Measure {
     }
 }
 
-/// The last point in every digit that its lattice has, and what lies between all: two lines for a terminal, one where there is one point.
+/// Formats the last point with all digits of its lattice and, for several points, the measures between
+/// them on a second line.
 impl std::fmt::Display for Measure {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         let Some(last) = self.points.last() else { return Ok(()) };
@@ -241,7 +245,7 @@ impl std::fmt::Display for Measure {
             write!(f, " class {class} return {number} station {station}")?;
         }
         if !last.exact {
-            write!(f, " (about: the rest of its digits is not loaded)")?;
+            write!(f, " (approximate: not all of its digits are loaded)")?;
         }
         if self.points.len() > 1 {
             let [distance, horizontal] =
@@ -279,7 +283,7 @@ mod tests {
     }
 
     #[test]
-    fn lengths_heights_angles_and_areas_are_those_of_a_slanted_rectangle() {
+    fn measures_of_a_slanted_rectangle() {
         let corners =
             measure(&[[0.0, 0.0, 0.0], [3.0, 0.0, 4.0], [3.0, 2.0, 4.0], [0.0, 2.0, 0.0]]);
         is(corners.length(), 12.0);
@@ -297,7 +301,7 @@ mod tests {
     }
 
     #[test]
-    fn files_hold_every_digit() {
+    fn exports_hold_every_digit() {
         let points = measure(&[[1.0 / 3.0, 0.1, 0.2], [7.0, 8.0, 9.0], [0.0, 1.0, 0.0]]);
         let mut points = points;
         let record = Record {

@@ -1,20 +1,21 @@
-//! What hands do + the camera -> the camera. Pure: no window, no device, f64 throughout.
+//! Navigation: input moves the camera. Pure: no window, no device, f64 throughout.
 //!
-//! Whatever is done, is done to the point under the cursor. A drag turns the cloud about it, or moves it along with the cursor; the wheel takes away a share of
-//! the distance to it, so that the camera comes as near as anybody likes and never through. There is no near and no far to set.
+//! Input applies to the point under the cursor. A drag turns the camera about it, or moves it with the
+//! cursor; the wheel removes a share of the distance to it, so the camera can come arbitrarily near and
+//! never passes through. There are no near and far planes to set.
 //!
 //! - orbit: a drag turns about the point, as on a turntable; the picture never rolls.
 //! - fly: a drag looks around, the wheel changes the speed.
 //! - earth: a drag grabs the ground, which stays at its height.
 //!
-//! The keys W A S D, Q and E fly in all of them.
+//! The keys W A S D, Q and E fly in all modes.
 
 use crate::view::{Basis, Camera, Preset, Projection, View};
 use glam::{DQuat, DVec2, DVec3};
 use std::f64::consts::{FRAC_PI_2, PI};
 use std::sync::Arc;
 
-/// What a drag with the first button does.
+/// Effect of a drag with the first button.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Mode {
@@ -36,7 +37,7 @@ impl Mode {
     }
 }
 
-/// The hands of other programs.
+/// Mouse buttons of other programs.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
 pub enum NavigationStyle {
     /// Left turns, right and middle move
@@ -61,7 +62,7 @@ pub struct Modifiers {
     pub control: bool,
 }
 
-/// Ways to fly.
+/// Directions of flight.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Direction {
     Forward,
@@ -72,7 +73,8 @@ pub enum Direction {
     Down,
 }
 
-/// Places are pixels from the window's top left. `under` is the point of the cloud that is seen there, where one is.
+/// Input that moves the camera. Positions are in pixels from the window's top left; `under` is the
+/// place of the surface there (world), if any.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Input {
     Press {
@@ -87,13 +89,13 @@ pub enum Input {
     Move {
         to: DVec2,
     },
-    /// Positive: nearer.
+    /// Zooms; positive notches go nearer.
     Wheel {
         notches: f64,
         at: DVec2,
         under: Option<DVec3>,
     },
-    /// The point becomes the middle of the picture.
+    /// Moves a point to the middle of the picture.
     Centre {
         on: DVec3,
     },
@@ -103,7 +105,7 @@ pub enum Input {
     },
     Look {
         from: Preset,
-        /// So much at the left of the window is covered: the subject is to be seen beside it.
+        /// Width of the window's left part that is covered [px]; the subject is framed beside it.
         covered_px: f64,
     },
     Project {
@@ -111,26 +113,26 @@ pub enum Input {
     },
     OtherProjection,
     NextMode,
-    /// What a drag does from now on.
+    /// Sets the mode of drags.
     Drag {
         mode: Mode,
     },
 }
 
 impl Input {
-    /// Whether it is a way to see whatever is there.
+    /// Returns whether it chooses a view that applies to any subject.
     pub fn is_a_view(&self) -> bool {
         matches!(self, Input::Look { .. } | Input::Project { .. } | Input::OtherProjection)
     }
 }
 
-/// What there is to look at.
+/// What the camera looks at.
 #[derive(Clone, Debug, Default)]
 pub struct Subject {
-    /// Points that a camera should frame.
+    /// Points that a camera should frame (world).
     pub core: Arc<Vec<DVec3>>,
     pub centre: DVec3,
-    /// Half of the diagonal, metres.
+    /// Half of the diagonal [m].
     pub radius: f64,
 }
 
@@ -149,14 +151,16 @@ impl Subject {
     }
 }
 
+/// What a drag in progress does to a point.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum DragAction {
-    /// About a point.
+    /// Turns about the point.
     Turn(DVec3),
-    /// The point stays under the cursor, in a plane that faces the camera.
+    /// Keeps the point under the cursor, in a plane that faces the camera.
     Move(DVec3),
-    /// The point stays under the cursor, at its height.
+    /// Keeps the point under the cursor, at its height.
     Grab(DVec3),
+    /// Looks around.
     Look,
     Zoom(DVec3),
 }
@@ -168,40 +172,42 @@ struct Drag {
     last: DVec2,
 }
 
-/// A share of the distance that a notch of the wheel leaves.
+/// Share of the distance that a notch of the wheel leaves.
 const NOTCH: f64 = 0.8;
 
-/// A hand on a wheel moves the mouse no farther, pixels.
+/// Farthest that the mouse moves while its wheel turns [px].
 const STAYS_PX: f64 = 8.0;
 
-/// As near as the wheel goes, and as far, in radii of the subject.
+/// Least and largest distances that the wheel reaches, in radii of the subject.
 const NEAREST: f64 = 1e-6;
 const FARTHEST: f64 = 1e6;
 
-/// A flight's at the start, radii of the subject a second: a fifth of its diagonal.
+/// Initial speed of flight, in radii of the subject a second: a fifth of its diagonal.
 const SPEED: f64 = 0.4;
 
-/// The slowest and the fastest flight, radii of the subject a second.
+/// Slowest and fastest flight, in radii of the subject a second.
 const SPEEDS: [f64; 2] = [1e-5, 1e2];
 
-/// Of the window's width: with less beside it than that nothing could be seen there.
+/// Largest share of the window's width that counts as covered, so that some room is left to frame in.
 const MOST_COVERED: f64 = 0.6;
 
-/// The ground is not grabbed where it is seen at less than this slope: it would run away.
+/// Least slope at which the ground is grabbed: at a grazing view it would run away.
 const GRAZING: f64 = 0.05;
 
+/// The camera, and the state of its navigation.
 pub struct Navigation {
     pub camera: Camera,
     pub mode: Mode,
     pub style: NavigationStyle,
-    /// Metres a second.
+    /// Speed of flight [m/s].
     pub speed: f64,
     subject: Subject,
-    /// Pixels.
+    /// Size of the window [px].
     size: [u32; 2],
     drag: Option<Drag>,
     held: Vec<Direction>,
-    /// What the wheel goes towards, where the cursor was at its first notch, and the camera as the last one left it.
+    /// Where the cursor was at the wheel's first notch, the point that it goes towards, and the camera
+    /// after its last notch.
     wheeled: Option<(DVec2, DVec3, Camera)>,
 }
 
@@ -222,7 +228,7 @@ impl Navigation {
         }
     }
 
-    /// Something else is there to look at. The camera stays, and speeds are as many times its size as before.
+    /// Sets the subject. The camera stays, and the speed scales with the subject's size.
     pub fn set_subject(&mut self, subject: Subject) {
         self.speed *= subject.radius / self.subject.radius;
         self.subject = subject;
@@ -240,12 +246,13 @@ impl Navigation {
         self.drag.is_some()
     }
 
-    /// Keys and buttons that nobody will hear being released, as when a window is left.
-    pub fn let_go(&mut self) {
+    /// Releases all keys and buttons, as when the window loses its focus.
+    pub fn release_all(&mut self) {
         self.drag = None;
         self.held.clear();
     }
 
+    /// Applies input to the camera.
     pub fn handle(&mut self, input: Input) {
         if !matches!(input, Input::Wheel { .. } | Input::Move { .. } | Input::Release { .. }) {
             self.wheeled = None;
@@ -265,7 +272,7 @@ impl Navigation {
             }
             Input::Wheel { notches, at, under } => {
                 let point = self.towards(at, under);
-                self.nearer(point, NOTCH.powf(notches));
+                self.zoom(point, NOTCH.powf(notches));
                 self.keep_in_front();
                 self.wheeled = self.wheeled.map(|(from, point, _)| (from, point, self.camera));
             }
@@ -297,7 +304,7 @@ impl Navigation {
         self.keep_in_front();
     }
 
-    /// Flies on.
+    /// Moves the camera along the held keys.
     pub fn advance(&mut self, seconds: f64) {
         let Basis { right, forward, .. } = self.basis();
         let along = |direction: &Direction| match direction {
@@ -311,7 +318,7 @@ impl Navigation {
         let direction: DVec3 = self.held.iter().map(along).sum();
         let step = direction.normalize_or_zero() * self.speed * seconds;
         if self.camera.projection == Projection::Orthographic {
-            // Nothing comes nearer without perspective: the picture shows less.
+            // Without perspective nothing comes nearer; the picture shows less instead.
             let height = self.camera.ortho_height.unwrap_or(1.0);
             let height = height * (-step.dot(forward) / self.subject.radius).exp();
             self.camera.ortho_height =
@@ -361,13 +368,14 @@ impl Navigation {
                 let angle = self.camera.fov_y.to_radians();
                 self.turn(self.camera.eye, across.x * angle, across.y * angle);
             }
-            DragAction::Move(point) => self.bring(point, to),
+            DragAction::Move(point) => self.bring_under(point, to),
             DragAction::Grab(point) => self.grab(point, to),
-            DragAction::Zoom(point) => self.nearer(point, (4.0 * across.y).exp()),
+            DragAction::Zoom(point) => self.zoom(point, (4.0 * across.y).exp()),
         }
     }
 
-    /// The point that is meant: the one that is seen, or where nothing is, one as deep as what the camera looks at.
+    /// Returns the point that input applies to: the one under the cursor, or else one as deep as the
+    /// camera's target.
     fn point(&self, at: DVec2, under: Option<DVec3>) -> DVec3 {
         under.filter(|&point| self.depth(point) > 0.0).unwrap_or_else(|| {
             let (origin, direction) = self.view().ray(at.x, at.y);
@@ -375,8 +383,9 @@ impl Navigation {
         })
     }
 
-    /// The point that the wheel goes towards: from its first notch on the same, unless a nearer one comes into view, for as long as the cursor stays. From near by, what lies behind is seen through the gaps of a
-    /// surface, and would lead through it.
+    /// Returns the point that the wheel goes towards. It stays that of the first notch while the cursor
+    /// stays, unless a nearer one appears: from near by, points behind a surface are visible through its
+    /// gaps, and would lead through it.
     fn towards(&mut self, at: DVec2, under: Option<DVec3>) -> DVec3 {
         let point = self.point(at, under);
         let stays = |(from, _, camera): &(DVec2, DVec3, Camera)| {
@@ -403,12 +412,12 @@ impl Navigation {
         (point - self.camera.eye).dot(self.basis().forward)
     }
 
-    /// Metres; no less than coordinates tell apart.
+    /// Returns the least distance to a point [m], no less than coordinates resolve.
     fn nearest(&self) -> f64 {
         (NEAREST * self.subject.radius).max(1e-12 * self.subject.centre.length())
     }
 
-    /// The camera looks as far as a point is.
+    /// Moves the target to the depth of a point.
     fn focus(&mut self, point: DVec3) {
         let depth = self.depth(point).max(self.nearest());
         self.camera.target = self.camera.eye + self.basis().forward * depth;
@@ -419,10 +428,11 @@ impl Navigation {
         self.camera.target += by;
     }
 
-    /// About the world's vertical and the picture's horizontal, which stays horizontal; not over the top.
+    /// Turns about the world's vertical and the picture's horizontal, which stays horizontal; never over
+    /// the top.
     fn turn(&mut self, about: DVec3, around: f64, over: f64) {
         let Basis { right, up, forward } = self.basis();
-        // By both, since near the top the sine alone does not tell.
+        // Sine and cosine together, since the sine alone is imprecise near the top.
         let elevation = forward.z.atan2(up.z);
         let over = (elevation + over).clamp(-FRAC_PI_2, FRAC_PI_2) - elevation;
         let turn = DQuat::from_axis_angle(DVec3::Z, around) * DQuat::from_axis_angle(right, over);
@@ -431,24 +441,27 @@ impl Navigation {
         self.camera.up = (turn * up).normalize();
     }
 
-    /// So that a point lies under the cursor.
-    fn bring(&mut self, point: DVec3, to: DVec2) {
+    /// Moves the camera so that a point lies under the cursor.
+    fn bring_under(&mut self, point: DVec3, to: DVec2) {
         let (origin, direction) = self.view().ray(to.x, to.y);
         self.shift(point - (origin + direction * self.depth(point)));
     }
 
+    /// Moves the camera horizontally so that a point lies under the cursor; at grazing views as
+    /// [`Self::bring_under`].
     fn grab(&mut self, point: DVec3, to: DVec2) {
         let (origin, direction) = self.view().ray(to.x, to.y);
         let along = (point.z - origin.z) / direction.z;
         let grazing = direction.z.abs() < GRAZING * direction.length();
         if grazing || along <= 0.0 || !along.is_finite() {
-            return self.bring(point, to);
+            return self.bring_under(point, to);
         }
         self.shift(point - (origin + direction * along));
     }
 
-    /// A share of the distance to a point is left, which stays where it is in the picture.
-    fn nearer(&mut self, point: DVec3, share: f64) {
+    /// Zooms so that a share of the distance to a point remains; the point stays where it is on the
+    /// screen.
+    fn zoom(&mut self, point: DVec3, share: f64) {
         let away = match self.camera.projection {
             Projection::Perspective => self.depth(point),
             Projection::Orthographic => self.camera.ortho_height.unwrap_or(1.0),
@@ -470,7 +483,7 @@ impl Navigation {
         }
     }
 
-    /// What the camera looks at keeps its size.
+    /// Changes the projection; the target keeps its size on the screen.
     fn project(&mut self, onto: Projection) {
         if onto == self.camera.projection {
             return;
@@ -490,13 +503,14 @@ impl Navigation {
         self.camera.projection = onto;
     }
 
-    /// Without perspective it does not matter how far away the camera is, but what is behind it would not be seen.
+    /// Moves an orthographic camera in front of the subject: its distance does not change the picture,
+    /// but points behind it are not drawn.
     fn keep_in_front(&mut self) {
         if self.camera.projection == Projection::Orthographic {
             let forward = self.basis().forward;
             let depth = self.depth(self.subject.centre);
             self.camera.eye += forward * (depth - 2.0 * self.subject.radius);
-            // The target keeps its place in the picture, and its depth is the subject's.
+            // The target keeps its place on the screen, and gets the subject's depth.
             self.camera.target = self.camera.eye + forward * 2.0 * self.subject.radius;
         }
     }

@@ -1,4 +1,4 @@
-//! What a window is opened with.
+//! Options that a window is opened with.
 
 use super::navigation::NavigationStyle;
 use super::panel::SaveSize;
@@ -16,24 +16,24 @@ use std::time::{Duration, Instant};
 pub struct Options {
     pub files: Vec<PathBuf>,
     pub opening: OpenOptions,
-    /// What points bring because of how they are drawn.
+    /// Attributes to load besides the displayed one.
     pub further: ExtraAttributes,
-    /// What to draw, but for the camera.
+    /// What to draw, apart from the camera.
     pub scene: Scene,
-    /// Where from, when there is no camera.
+    /// View if there is no camera.
     pub preset: Preset,
     pub camera: Option<Camera>,
-    /// Of the window, pixels.
+    /// Size of the window [px].
     pub size: [u32; 2],
     pub style: NavigationStyle,
-    /// How large pictures are saved.
+    /// Size of saved pictures.
     pub save_size: SaveSize,
     pub wish: DeviceOptions,
     pub pool_bytes: u64,
-    /// To be played.
+    /// Camera path to play.
     pub path: CameraPath,
-    /// Nobody is there: fly along the path, or ahead where there is none, for so long, rest, and close.
+    /// Length of a scripted flight: along the path, or ahead if there is none; then the window closes.
     pub flight: Option<Duration>,
-    /// When the program began.
+    /// Start of the program.
     pub began: Instant,
 }

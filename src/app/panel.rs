@@ -1,4 +1,5 @@
-//! The panel: what is drawn and why, and everything that people may choose, from the registry of effects. UiState and a scene in, triangles and actions out.
+//! The panel: what is drawn and why, and all settings, from the registry of effects. UI state and a
+//! scene in, triangles and actions out.
 
 use super::actions::Action;
 use super::keys::{self, KEYS};
@@ -29,56 +30,61 @@ use winit::event::{ElementState, WindowEvent};
 use winit::keyboard::{KeyCode, PhysicalKey};
 use winit::window::Window;
 
-/// What the panel says.
+/// State that the panel shows and edits, besides the scene.
 #[derive(Default)]
 pub struct UiState {
-    /// What is open.
+    /// Names of the open files.
     pub title: String,
-    /// What is going on besides.
+    /// Work in progress, or its last result.
     pub doing: Option<String>,
-    /// The last thing that went wrong, until somebody puts it away; and that.
+    /// The last errors, until dismissed.
     pub error: Option<String>,
+    /// The error dismissed last; it is not shown again until the next action.
     pub dismissed_error: Option<String>,
-    /// Of the whole cloud.
+    /// Points of the whole cloud.
     pub points: u64,
-    /// Of the last picture; some of them may be left out.
+    /// Points of the last frame.
     pub drawn: u64,
+    /// Whether filters may leave out some of these.
     pub at_most: bool,
     pub latency: Duration,
     pub took: Duration,
-    /// Milliseconds on the device of every pass.
+    /// Device time of every pass [ms].
     pub passes: Vec<(String, f64)>,
     pub decided: Decided,
     pub shown: Option<DisplayAttribute>,
-    /// Why they show that.
+    /// Reason for the displayed attribute.
     pub why_shown: String,
-    /// What is odd about the files, and what was asked for of the picture and changes nothing.
+    /// Oddities of the files.
     pub notes: Vec<String>,
+    /// Settings that have no effect on the last frame, and other notes on it.
     pub picture_notes: Vec<String>,
-    /// Of an index, and all that has been read of it.
+    /// Loading of an index; None for files.
     pub loading: Option<Loading>,
+    /// Bytes read of the index.
     pub bytes_read: u64,
     pub categories: Categories,
     pub mode: Mode,
     pub style: NavigationStyle,
-    /// All that was picked.
+    /// The picked points.
     pub measure: Measure,
-    /// How large pictures are saved.
+    /// Size of saved pictures.
     pub save_size: SaveSize,
-    /// Of profiles, metres; 0: by their length.
+    /// Width of profiles [m]; 0: by their length.
     pub width: f64,
     pub profile: Option<Profile>,
-    /// Key views, and whether the camera flies along them.
+    /// The camera path.
     pub path: CameraPath,
+    /// Whether the path is played.
     pub plays: bool,
-    /// The keys are shown.
+    /// Whether the list of keys is shown.
     pub help: bool,
-    /// Nothing but the picture is shown.
+    /// Whether the panel is hidden.
     pub hidden: bool,
 }
 
 impl UiState {
-    /// Whether there was anything to put away: what went wrong, or else a profile.
+    /// Dismisses the error, or else closes the profile; false if there is neither.
     pub fn dismiss(&mut self) -> bool {
         let was = self.error.take();
         if was.is_none() && self.profile.take().is_some() {
@@ -90,12 +96,12 @@ impl UiState {
     }
 }
 
-/// The size of a picture that is saved.
+/// Size of a saved picture.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum SaveSize {
-    /// The window's, so many times.
+    /// A multiple of the window's size.
     Times(u32),
-    /// Pixels.
+    /// A size [px].
     To([u32; 2]),
 }
 
@@ -106,6 +112,7 @@ impl Default for SaveSize {
 }
 
 impl SaveSize {
+    /// Returns the size [px] for a window of this size.
     pub fn of(self, window: [u32; 2]) -> [u32; 2] {
         match self {
             SaveSize::Times(times) => window.map(|side| side * times),
@@ -114,33 +121,38 @@ impl SaveSize {
     }
 }
 
+/// Result of laying out the panel.
 pub struct PanelOutput {
     pub overlay: Overlay,
     pub actions: Vec<Action>,
-    /// Something in it moves by itself.
+    /// Time until animations need another layout.
     pub repaint_in: Option<Duration>,
 }
 
-/// What became of an event.
+/// How the panel took an event.
 pub struct EventResponse {
-    /// It was the panel's.
+    /// Whether the event was meant for the panel.
     pub consumed: bool,
-    /// The panel may look different now.
+    /// Whether the panel has to be laid out again.
     pub repaint: bool,
 }
 
+/// The panel, and its state in egui.
 pub struct Panel {
     input: egui_winit::State,
-    /// Where the cursor is, pixels.
+    /// Position of the cursor [px].
     cursor: egui::Pos2,
-    /// A list to choose from is open, as it was laid out last.
-    unfolded: bool,
-    /// As far to the right as it reaches from the window's left side, pixels, as it was laid out last; 0 where it lies elsewhere, or is folded.
-    reaches_px: f64,
+    /// Whether a drop-down list was open at the last layout.
+    list_open: bool,
+    /// Width of the window's left part that the panel covers [px], at the last layout; 0 if it lies
+    /// elsewhere or is folded.
+    covers_px: f64,
 }
 
-/// Points; passes that took less are too many to show.
+/// Width of the panel [points].
 const WIDTH: f32 = 250.0;
+
+/// Least share of the frame time that a pass needs to be listed.
 const LEAST_SHARE: f64 = 0.01;
 
 impl Panel {
@@ -154,10 +166,10 @@ impl Panel {
             window.theme(),
             None,
         );
-        Panel { input, cursor: egui::Pos2::ZERO, unfolded: false, reaches_px: 0.0 }
+        Panel { input, cursor: egui::Pos2::ZERO, list_open: false, covers_px: 0.0 }
     }
 
-    /// The same for a device that has none of its textures: what is open where in it stays.
+    /// Returns a panel without textures, for another device; layout and open sections are kept.
     pub fn renewed(&self, window: &Window) -> Panel {
         let renewed = Panel { cursor: self.cursor, ..Panel::new(window) };
         let memory = self.input.egui_ctx().memory(Clone::clone);
@@ -165,9 +177,10 @@ impl Panel {
         renewed
     }
 
+    /// Passes an event to egui.
     pub fn handle_event(&mut self, window: &Window, event: &WindowEvent) -> EventResponse {
         if let WindowEvent::ScaleFactorChanged { scale_factor, .. } = event {
-            // Some systems say so before their windows know of it, which egui asks.
+            // On some systems the event comes before the window, which egui asks, knows the new factor.
             self.input.egui_ctx().set_zoom_factor((scale_factor / window.scale_factor()) as f32);
         }
         let response = self.input.on_window_event(window, event);
@@ -178,33 +191,34 @@ impl Panel {
             }
             // Drags that began on the picture end there.
             WindowEvent::MouseInput { state: ElementState::Released, .. } => false,
-            // Who clicks as soon as the cursor is there clicks before the panel has been laid out with the cursor over it.
+            // A click may come before the panel has been laid out with the cursor over it.
             WindowEvent::MouseInput { .. } | WindowEvent::MouseWheel { .. } => {
                 response.consumed || self.is_over()
             }
-            // It closes what is unfolded, and not the window.
+            // Escape closes an open list, not the window.
             WindowEvent::KeyboardInput { event, .. }
                 if event.physical_key == PhysicalKey::Code(KeyCode::Escape) =>
             {
-                response.consumed || self.unfolded
+                response.consumed || self.list_open
             }
             _ => response.consumed,
         };
         EventResponse { consumed, repaint: response.repaint }
     }
 
-    /// Whether the cursor is over something that was laid out last.
+    /// Returns whether the cursor is over the panel of the last layout.
     fn is_over(&self) -> bool {
         let context = self.input.egui_ctx();
         let layer = context.layer_id_at(self.cursor / context.pixels_per_point());
         layer.is_some_and(|layer| layer.order != egui::Order::Background)
     }
 
-    /// So much of the window's left side lies under it, pixels.
+    /// Returns the width of the window's left part that the panel covers [px].
     pub fn covers_px(&self, hidden: bool) -> f64 {
-        if hidden { 0.0 } else { self.reaches_px }
+        if hidden { 0.0 } else { self.covers_px }
     }
 
+    /// Lays out the panel, and everything over the picture.
     pub fn lay_out(
         &mut self,
         window: &Window,
@@ -214,7 +228,7 @@ impl Panel {
     ) -> PanelOutput {
         let input = self.input.take_egui_input(window);
         let context = self.input.egui_ctx().clone();
-        let (mut actions, mut reaches) = (Vec::new(), 0.0);
+        let (mut actions, mut covers) = (Vec::new(), 0.0);
         let output = context.run_ui(input, |ui| {
             if let Some(view) = view {
                 measure_overlay(ui, &state.measure, view);
@@ -232,8 +246,8 @@ impl Panel {
                             .show(ui, |ui| contents(ui, state, view, scene, &mut actions));
                     });
                 let rect = shown.map_or(egui::Rect::NOTHING, |shown| shown.response.rect);
-                let at_the_left = rect.left() < WIDTH / 4.0 && rect.height() > tall / 2.0;
-                reaches = if at_the_left { rect.right() } else { 0.0 };
+                let on_the_left = rect.left() < WIDTH / 4.0 && rect.height() > tall / 2.0;
+                covers = if on_the_left { rect.right() } else { 0.0 };
             }
             if let Some(profile) = &mut state.profile {
                 egui::Window::new("profile")
@@ -247,8 +261,8 @@ impl Panel {
                     .show(ui.ctx(), |ui| keys(ui, state));
             }
         });
-        self.reaches_px = (reaches * output.pixels_per_point).into();
-        self.unfolded = egui::Popup::is_any_open(&context);
+        self.covers_px = (covers * output.pixels_per_point).into();
+        self.list_open = egui::Popup::is_any_open(&context);
         self.input.handle_platform_output(window, output.platform_output);
         let repaint_in =
             output.viewport_output.values().map(|viewport| viewport.repaint_delay).min();
@@ -279,7 +293,7 @@ fn contents(
         .map(|rule| rule.what.to_string());
     let without = hidden
         .reduce(|all, one| format!("{all}, {one}"))
-        .map_or(String::new(), |hidden| format!(", but for those of {hidden}"));
+        .map_or(String::new(), |hidden| format!(", without {hidden}"));
     let at_most = if state.at_most { "at most " } else { "" };
     ui.label(format!(
         "{}\n{at_most}{} of {} points{without}",
@@ -361,7 +375,7 @@ fn contents(
     });
 }
 
-/// What is odd about the files and the picture; folded where it would push everything else away.
+/// Lists notes on the files and the picture; folded if there are many.
 fn notes(ui: &mut Ui, state: &UiState) {
     const FEW: usize = 4;
     let noted = |text: &str| RichText::new(text).color(Color32::LIGHT_YELLOW);
@@ -376,7 +390,7 @@ fn notes(ui: &mut Ui, state: &UiState) {
     }
 }
 
-/// The last thing that went wrong, until somebody has read it.
+/// Shows the last errors in a window, until it is closed.
 fn error_window(context: &egui::Context, state: &mut UiState) {
     let Some(text) = &state.error else { return };
     let mut unread = true;
@@ -390,7 +404,7 @@ fn error_window(context: &egui::Context, state: &mut UiState) {
     }
 }
 
-/// How large pictures are saved: as the window, or of any size, drawn in pieces.
+/// Chooses the size of saved pictures: a multiple of the window, or any size.
 fn save_size_row(ui: &mut Ui, save_size: &mut SaveSize, view: Option<&View>) {
     const MOST: u32 = 262_144;
     let window = view.map_or([1, 1], |view| view.size);
@@ -414,7 +428,7 @@ fn save_size_row(ui: &mut Ui, save_size: &mut SaveSize, view: Option<&View>) {
 }
 
 fn color(ui: &mut Ui, state: &UiState, scene: &mut Scene) {
-    /// As high as a list of all that points may show, points.
+    /// Height of the list of attributes [points].
     const LIST: f32 = 300.0;
     let automatic =
         || state.shown.map_or("auto".into(), |shown| format!("auto: {}", shown.attribute.name()));
@@ -439,7 +453,7 @@ fn color(ui: &mut Ui, state: &UiState, scene: &mut Scene) {
     });
 }
 
-/// How much of an index is drawn, and what is being read of it.
+/// Shows how much of an index is drawn and loaded, and edits the level of detail.
 fn loading(ui: &mut Ui, state: &UiState, view: Option<&View>, options: &mut LodOptions) {
     let (
         Some(Loading {
@@ -451,9 +465,9 @@ fn loading(ui: &mut Ui, state: &UiState, view: Option<&View>, options: &mut LodO
         return;
     };
     let reading = if awaited > 0 {
-        format!("{awaited} of {nodes} nodes to come")
+        format!("{awaited} of {nodes} nodes loading")
     } else {
-        format!("{nodes} nodes, all there")
+        format!("{nodes} nodes, all loaded")
     };
     let said = format!("index: {reading}, {:.1} MB read", state.bytes_read as f64 / 1e6);
     let fine = format!(
@@ -525,7 +539,7 @@ fn effect(ui: &mut Ui, listed: Listed, decided: &Decided) {
     }
 }
 
-/// Of all effects that tell surfaces apart; 0: automatic.
+/// Edits the layer distance [m] of all effects; 0: automatic.
 fn layer_distance(ui: &mut Ui, layer_m: &mut f64) {
     let said = |layer_m: f64, _| {
         if layer_m == 0.0 { "automatic".to_string() } else { format!("{layer_m} m") }
@@ -540,7 +554,7 @@ fn layer_distance(ui: &mut Ui, layer_m: &mut f64) {
     ui.horizontal(|ui| {
         ui.add(DragValue::new(layer_m).range(0.0..=1e9).speed(0.01).max_decimals(4).custom_formatter(said).custom_parser(read));
         ui.label("between layers")
-            .on_hover_text("surfaces nearer to each other than this are one: for filling by masks, transparency and shadows");
+            .on_hover_text("surfaces nearer to each other than this are one surface: for fill=method=mask, transparency and shadows");
     });
 }
 
@@ -548,7 +562,7 @@ fn setting(ui: &mut Ui, setting: Setting) {
     let Setting { name, about, value } = setting;
     let response = match value {
         Value::Number(number, range) => {
-            // Whole decades apart, small values would all be at one end.
+            // On a linear slider over decades, all small values would be at one end.
             let wide = range.end() - range.start() > 1000.0;
             ui.add(Slider::new(number, range).logarithmic(wide).text(name))
         }
@@ -578,7 +592,7 @@ fn setting(ui: &mut Ui, setting: Setting) {
     response.on_hover_text(about);
 }
 
-/// What is not ticked is not drawn: a rule of opacity 0. Beside it the colour that it is drawn in.
+/// Lists classes, returns and stations with their colours; unticked ones get a rule of opacity 0.
 fn filters(ui: &mut Ui, state: &UiState, opacities: &mut Opacities) {
     let Categories { classes, returns, stations, .. } = &state.categories;
     let class = |&(number, count): &(u8, u64)| {
@@ -588,7 +602,7 @@ fn filters(ui: &mut Ui, state: &UiState, opacities: &mut Opacities) {
     let returned = |&(number, count): &(u8, u64)| {
         (What::Return(number), number, format!("{number}: {}", grouped(count)))
     };
-    // Points show the lower byte of their source.
+    // Colours are of the lower byte of the source.
     let station = |Station { name, source, points, .. }: &Station| {
         (
             What::Station(name.clone()),
@@ -647,7 +661,7 @@ fn camera_path(ui: &mut Ui, state: &UiState, actions: &mut Vec<Action>) {
         });
 }
 
-/// Coordinates in full: f64 tells a micrometre at ten million metres.
+/// Shows the picked points: coordinates in all digits, records, and measures.
 fn picked(ui: &mut Ui, state: &mut UiState, actions: &mut Vec<Action>) {
     let UiState { measure, width, .. } = state;
     let Some(measure::Picked { point, record }) = measure.points.last() else { return };
@@ -655,7 +669,7 @@ fn picked(ui: &mut Ui, state: &mut UiState, actions: &mut Vec<Action>) {
         let DVec3 { x, y, z } = measure.reference.digits.round(point.position);
         ui.label(format!(
             "x {x}\ny {y}\nz {z}{}",
-            if point.exact { "" } else { "\nabout: the rest of its digits is not loaded" }
+            if point.exact { "" } else { "\napproximate: not all of its digits are loaded" }
         ));
         if let Some([class, number, station]) = measure::kind(point) {
             ui.label(format!("class {class}, return {number}, station {station}"));
@@ -664,7 +678,7 @@ fn picked(ui: &mut Ui, state: &mut UiState, actions: &mut Vec<Action>) {
             Looked::Found(record) => record.to_string().replace(", ", "\n"),
             Looked::Underway => "being looked up in its file".into(),
             Looked::Nowhere => {
-                "a sample that stands for several points of the file; nearer by there are these"
+                "a sample that stands for several points of the file; zoom in to pick one of them"
                     .into()
             }
         });
@@ -691,7 +705,7 @@ fn picked(ui: &mut Ui, state: &mut UiState, actions: &mut Vec<Action>) {
                 }
                 let said = |width: f64, _| {
                     if width == 0.0 {
-                        "wide by its length".into()
+                        "automatic width".into()
                     } else {
                         format!("{width:.4} {} wide", unit.symbol())
                     }
@@ -722,16 +736,16 @@ fn picked(ui: &mut Ui, state: &mut UiState, actions: &mut Vec<Action>) {
     });
 }
 
-/// Picked points and the line through them, over the picture, with lengths, the last angle and the area.
+/// Draws the picked points over the picture, with the line through them, lengths, angle and area.
 fn measure_overlay(ui: &Ui, measure: &Measure, view: &View) {
     let painter = ui.ctx().layer_painter(egui::LayerId::background());
     let per_point = ui.ctx().pixels_per_point();
     let seen =
         |place: DVec3| view.pixel(place).map(|[x, y]| egui::pos2(x as f32, y as f32) / per_point);
-    /// Of a line or a point, points; what is said of all of them stands below.
+    /// Distance of a label above its line or point [points]; that of the area is below.
     const ABOVE: f32 = 14.0;
     let stroke = egui::Stroke::new(2.0, Color32::YELLOW);
-    let say = |place: DVec3, above: f32, text: String| {
+    let label = |place: DVec3, above: f32, text: String| {
         let Some(at) = seen(place) else { return };
         let text = painter.layout_no_wrap(text, egui::FontId::proportional(13.0), Color32::WHITE);
         let rect = egui::Rect::from_center_size(at - egui::vec2(0.0, above), text.size());
@@ -748,14 +762,14 @@ fn measure_overlay(ui: &Ui, measure: &Measure, view: &View) {
         painter.circle_stroke(at, 5.0, stroke);
     }
     for pair in places.windows(2) {
-        say(pair[0].midpoint(pair[1]), ABOVE, unit.length(pair[0].distance(pair[1]), 3));
+        label(pair[0].midpoint(pair[1]), ABOVE, unit.length(pair[0].distance(pair[1]), 3));
     }
     if let (Some(angle), &[.., corner, _]) = (measure.angle(), &places[..]) {
-        say(corner, ABOVE, format!("{angle:.2}°"));
+        label(corner, ABOVE, format!("{angle:.2}°"));
     }
     if let (Some(area), Some(&first)) = (measure.area(), places.first()) {
         let from_first: DVec3 = places.iter().map(|&place| place - first).sum();
-        say(first + from_first / places.len() as f64, -ABOVE, unit.area(area, 3));
+        label(first + from_first / places.len() as f64, -ABOVE, unit.area(area, 3));
     }
 }
 
@@ -768,10 +782,11 @@ fn passes(ui: &mut Ui, state: &UiState) {
             None => by_name.push((name, *ms)),
         }
     }
-    // Once its driver has rasterised a panel it takes all timestamps at the end of a submission.
+    // Once a software device has rasterised a panel, its timestamps all come from the end of a
+    // submission.
     if total < 0.5 * state.took.as_secs_f64() * 1e3 {
         ui.label(
-            RichText::new("a device that is software times no passes under a panel; render tells them with its option timings").weak(),
+            RichText::new("a software device cannot time passes under a panel; render can, with its option timings").weak(),
         );
     } else {
         for (name, ms) in by_name.into_iter().filter(|(_, ms)| *ms >= LEAST_SHARE * total) {
@@ -781,7 +796,7 @@ fn passes(ui: &mut Ui, state: &UiState) {
     ui.label(format!("from change to picture: {:.1} ms", state.latency.as_secs_f64() * 1e3));
 }
 
-/// The mouse first, then every key.
+/// Lists what the mouse and every key do.
 fn keys(ui: &mut Ui, state: &UiState) {
     let keys = KEYS.iter().map(|key| (key.name, key.about));
     egui::Grid::new("keys").show(ui, |ui| {
@@ -793,7 +808,7 @@ fn keys(ui: &mut Ui, state: &UiState) {
     });
 }
 
-/// The font has one sign for two hyphens, which is a dash, and without it they touch: there is a little room between them.
+/// Lays out text with a gap between two hyphens, which would touch or become a dash.
 fn spaced_hyphens(ui: &Ui, text: &str) -> LayoutJob {
     const ROOM: f32 = 1.5;
     let format = TextFormat::simple(TextStyle::Body.resolve(ui.style()), Color32::PLACEHOLDER);
@@ -808,7 +823,7 @@ fn spaced_hyphens(ui: &Ui, text: &str) -> LayoutJob {
     job
 }
 
-/// Digits in threes.
+/// Formats a number with its digits in groups of three.
 fn grouped(number: u64) -> String {
     let digits = number.to_string();
     let threes: Vec<&str> = digits
@@ -823,7 +838,7 @@ fn grouped(number: u64) -> String {
 #[cfg(test)]
 mod tests {
     #[test]
-    fn digits_come_in_threes() {
+    fn digits_are_grouped_by_three() {
         assert_eq!(
             [0, 12, 999, 1000, 1_234_567].map(super::grouped),
             ["0", "12", "999", "1,000", "1,234,567"]

@@ -1,23 +1,24 @@
-//! What a picture shows, kept on the CPU: the visible point under the cursor, found without the device.
+//! The pick buffer: depth and point ids of the last frame on the CPU, for picks without the device.
 
 use crate::config::NO_POINT;
 use crate::view::View;
 use glam::{DVec2, DVec3};
 
-/// The layers of the last picture that people point at.
+/// Depth and point ids of the last frame.
 pub struct PickBuffer {
     pub view: View,
-    /// Planar, metres; not finite where nothing is.
+    /// Planar depth [m]; not finite where nothing is.
     pub depth: Vec<f32>,
-    /// Point ids. What is hidden behind a surface has none.
+    /// Point ids; none where a surface hides the point.
     pub index: Vec<u32>,
 }
 
-/// Who points at something may miss it by so many pixels.
+/// Largest distance from the cursor to a picked pixel [px].
 const MISS_PX: i64 = 6;
 
 impl PickBuffer {
-    /// The place on the surface under a pixel of a window of this size, or next to it.
+    /// Returns the place on the surface at or near a pixel of a window of this size (world); None if
+    /// nothing is near.
     pub fn place(&self, at: DVec2, window: [u32; 2]) -> Option<DVec3> {
         let (pixel, depth) = self.nearest(at, window, |i| {
             Some(self.depth[i] as f64).filter(|depth| depth.is_finite() && *depth > 0.0)
@@ -26,20 +27,20 @@ impl PickBuffer {
         Some(origin + direction * depth)
     }
 
-    /// The id of the visible point there, or next to there.
+    /// Returns the id of the visible point at or near a pixel; None if none is near.
     pub fn point(&self, at: DVec2, window: [u32; 2]) -> Option<u32> {
         self.nearest(at, window, |i| Some(self.index[i]).filter(|&id| id != NO_POINT))
             .map(|(_, id)| id)
     }
 
-    /// What the nearest pixel has that has anything, and that pixel.
+    /// Returns the nearest pixel that has a value, and that value.
     fn nearest<T>(
         &self,
         at: DVec2,
         window: [u32; 2],
         has: impl Fn(usize) -> Option<T>,
     ) -> Option<([i64; 2], T)> {
-        // While the camera moves pictures are smaller than their window.
+        // Moving pictures are smaller than their window.
         let [width, height] = self.view.size.map(|side| side as i64);
         let scale = DVec2::new(
             width as f64 / window[0].max(1) as f64,
@@ -67,7 +68,7 @@ mod tests {
     use crate::view::{Camera, Preset};
 
     #[test]
-    fn what_is_pointed_at_is_the_nearest_visible_thing_and_nothing_far_from_any() {
+    fn picks_the_nearest_visible_pixel_or_none() {
         let corners = [DVec3::splat(5e5), DVec3::splat(5e5) + 10.0];
         let view = View::new(Camera::framing(Preset::Fit, &corners, [40, 20]), [40, 20]).unwrap();
         let (mut depth, mut index) = (vec![f32::INFINITY; 800], vec![NO_POINT; 800]);

@@ -1,4 +1,4 @@
-//! PICKED POINT -> RECORD: what its file says of it, looked up by a thread, since files are long.
+//! Looks up the record of a picked point in its file, on a thread, since files are long.
 
 use super::{App, Event, print_line};
 use crate::cloud::attribute::STATION_SHIFT;
@@ -8,7 +8,7 @@ use crate::resident::Point;
 use glam::DVec3;
 
 impl App {
-    /// All that was picked.
+    /// Clears the picked points.
     pub(super) fn forget(&mut self) {
         self.ui.measure.points.clear();
         self.lookup_token.renew();
@@ -37,7 +37,7 @@ impl App {
         match std::thread::Builder::new().name("point lookup".into()).spawn(work) {
             Ok(thread) => self.workers.push(thread),
             Err(error) => self.report_error(&Error::Request(format!(
-                "cannot start a thread to look a point up: {error}"
+                "cannot start a thread to look up a point: {error}"
             ))),
         }
     }

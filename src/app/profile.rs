@@ -1,4 +1,4 @@
-//! PROFILE: the points between two picked places, as a picture of heights over distance and as a table. Points in, pixels and rows out.
+//! Profiles: the points between two picked places, as a picture of heights over distance and as CSV.
 
 use super::actions::Action;
 use super::measure;
@@ -9,13 +9,13 @@ use crate::resident::slab_query::{Slab, SlabPoint, SlabPoints};
 use egui::{Color32, ColorImage, RichText, TextureHandle, TextureOptions, Ui, Vec2};
 use glam::{DVec2, DVec3};
 
-/// Of the picture, pixels.
+/// Size of the picture [px].
 const SIZE: [usize; 2] = [520, 220];
 
-/// A profile is that wide where no width is asked for, parts of its length.
+/// Default width of a profile, as a share of its length.
 pub const SHARE: f64 = 0.02;
 
-/// A profile whose heights differ by less parts of its length is drawn that high.
+/// Least height of a profile's picture, as a share of its length.
 const FLATTEST: f64 = 0.02;
 
 /// A section as it is shown.
@@ -23,9 +23,9 @@ pub struct Profile {
     pub slab: Slab,
     section: SlabPoints,
     shown: DisplayAttribute,
-    /// Of the points, metres.
+    /// Heights at the bottom and top of the picture.
     heights: [f64; 2],
-    /// Made when it is first looked at.
+    /// Texture of the picture, made when first shown.
     texture: Option<TextureHandle>,
 }
 
@@ -34,13 +34,13 @@ impl Profile {
         let heights = || section.points.iter().map(|found| found.point.position.z);
         let (lo, hi) =
             (heights().fold(f64::INFINITY, f64::min), heights().fold(f64::NEG_INFINITY, f64::max));
-        // A little room, and at least some height.
+        // A small margin, and at least some height.
         let middle = if lo <= hi { (lo + hi) / 2.0 } else { 0.0 };
         let half = (0.52 * (hi - lo)).max(FLATTEST * slab.length / 2.0).max(f64::MIN_POSITIVE);
         Profile { slab, section, shown, heights: [middle - half, middle + half], texture: None }
     }
 
-    /// How much the picture draws heights larger than distances.
+    /// Returns how much larger the picture draws heights than distances.
     fn raised(&self) -> f64 {
         let [lo, hi] = self.heights;
         (SIZE[1] as f64 / (hi - lo)) / (SIZE[0] as f64 / self.slab.length)
@@ -53,7 +53,7 @@ impl Profile {
         [0, 1].map(|axis| ((at[axis] * SIZE[axis] as f64) as usize).min(SIZE[axis] - 1))
     }
 
-    /// Every point a pixel; of those in one the last.
+    /// Draws every point as a pixel; the last one of a pixel wins.
     fn image(&self) -> ColorImage {
         let mut image = ColorImage::filled(SIZE, Color32::from_gray(8));
         for found in &self.section.points {
@@ -63,7 +63,8 @@ impl Profile {
         image
     }
 
-    /// A line a point: its place in the profile, then in the world, and the unit of both.
+    /// Returns a CSV table with a line per point: its place in the profile, its place in the world, and
+    /// their unit.
     pub fn csv(&self, reference: &Reference) -> String {
         let unit = if reference.says_unit() {
             reference.unit().symbol().to_string()
@@ -85,14 +86,14 @@ impl Profile {
         std::iter::once(head).chain(self.section.points.iter().map(line)).collect()
     }
 
-    /// It is on no device any more.
+    /// Drops the texture, whose device is lost.
     pub fn forget_texture(&mut self) {
         self.texture = None;
     }
 
-    /// What it is made of.
-    pub fn says(&self, reference: &Reference) -> String {
-        let SlabPoints { points, resident, all } = &self.section;
+    /// Describes the profile: points, length and width.
+    pub fn summary(&self, reference: &Reference) -> String {
+        let Section { points, resident, all } = &self.section;
         let part = if resident < all {
             format!(", of the {resident} of {all} that are loaded")
         } else {
@@ -119,12 +120,12 @@ impl Profile {
                 format!("distance {}, height {}", unit.length(distance, 3), high.length(height, 3))
             }
             None => format!(
-                "heights {lo:.2} to {hi:.2} {}, drawn {:.2} times as large as distances",
+                "heights {lo:.2} to {hi:.2} {}, exaggerated {:.2} times",
                 reference.height_unit().symbol(),
                 self.raised()
             ),
         });
-        ui.label(RichText::new(self.says(reference)).weak());
+        ui.label(RichText::new(self.summary(reference)).weak());
         ui.horizontal(|ui| {
             if ui.button("csv").on_hover_text("C").clicked() {
                 actions.push(Action::SaveProfile);

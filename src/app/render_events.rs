@@ -1,4 +1,4 @@
-//! RENDER THREAD -> WINDOW: what the picture shows, and how long it took.
+//! Events of the render thread, applied to the window.
 
 use super::measure::Picked;
 use super::navigation::Direction;
@@ -9,21 +9,21 @@ use crate::resident::Point;
 use std::time::{Duration, Instant};
 use winit::event_loop::ActiveEventLoop;
 
-/// Pictures come faster than anybody reads.
+/// Longest time until the panel shows the facts of a new frame: frames come faster than one reads.
 const BETWEEN: Duration = Duration::from_millis(100);
 
 impl App {
     pub(super) fn render_event(&mut self, events: &ActiveEventLoop, event: RenderEvent) {
         match event {
-            // The picture is not there yet, so there is nothing to say.
+            // The frame is not done yet, so the title stays.
             RenderEvent::FrameStarted => return self.move_on(),
-            RenderEvent::FrameDone(drawn) => return self.drawn(*drawn),
+            RenderEvent::FrameDone(report) => return self.frame_done(*report),
             RenderEvent::Counted(points) => (self.ui.drawn, self.ui.at_most) = (points, false),
             RenderEvent::Uploaded(info, token) => self.uploaded(*info, &token),
             RenderEvent::Picked { point, adds } => self.picked(point, adds),
             RenderEvent::PickLater { at, adds } => self.picks_later = Some((at, adds)),
             RenderEvent::Profile(profile) => {
-                print_line(&profile.says(&self.ui.measure.reference));
+                print_line(&profile.summary(&self.ui.measure.reference));
                 (self.ui.profile, self.ui.error) = (Some(*profile), None);
             }
             RenderEvent::Status(text) => self.ui.doing = Some(text),
@@ -36,7 +36,7 @@ impl App {
                 self.pending_saves.retain(|pending_saves| *pending_saves != path);
                 self.report_error(&error);
             }
-            // What goes wrong with every picture is read once.
+            // An error that recurs with every frame is shown once.
             RenderEvent::Failed(error)
                 if self.ui.dismissed_error.as_ref() == Some(&error.to_string()) => {}
             RenderEvent::Failed(error) => self.report_error(&error),
@@ -54,24 +54,24 @@ impl App {
         self.title();
     }
 
-    pub(super) fn drawn(&mut self, drawn: FrameReport) {
-        // Nothing more comes, of the cloud or of the picture.
-        let rests = drawn.whole
+    pub(super) fn frame_done(&mut self, report: FrameReport) {
+        // Neither the cloud nor the picture will change by itself.
+        let rests = report.whole
             && !self.loading
-            && self.render_thread.as_ref().is_some_and(|thread| thread.is_newest(drawn.handled));
-        self.stats.drawn(&drawn, rests);
+            && self.render_thread.as_ref().is_some_and(|thread| thread.is_newest(report.handled));
+        self.stats.frame_done(&report, rests);
         let step =
-            self.flight.as_mut().and_then(|flight| flight.drawn(&drawn, rests, Instant::now()));
-        self.pick_buffer = Some(drawn.pick_buffer);
+            self.flight.as_mut().and_then(|flight| flight.frame_done(&report, rests, Instant::now()));
+        self.pick_buffer = Some(report.pick_buffer);
         if let Some((at, adds)) = self.picks_later.take() {
             self.pick(at, adds);
         }
-        (self.ui.drawn, self.ui.at_most) = (drawn.statistics.points_drawn, drawn.leaves_out);
-        self.ui.loading = drawn.loading;
-        self.ui.bytes_read += drawn.loading.map_or(0, |loading| loading.bytes_read);
-        (self.ui.latency, self.ui.took) = (drawn.latency, drawn.took);
-        self.ui.passes = drawn.passes;
-        (self.ui.decided, self.ui.picture_notes) = (drawn.decided, drawn.notes);
+        (self.ui.drawn, self.ui.at_most) = (report.statistics.points_drawn, report.leaves_out);
+        self.ui.loading = report.loading;
+        self.ui.bytes_read += report.loading.map_or(0, |loading| loading.bytes_read);
+        (self.ui.latency, self.ui.took) = (report.latency, report.took);
+        self.ui.passes = report.passes;
+        (self.ui.decided, self.ui.picture_notes) = (report.decided, report.notes);
         match step {
             Some(Step::Start) if !self.ui.path.keys.is_empty() => self.play(),
             Some(Step::Start) => self.fly(Direction::Forward, true),
@@ -81,11 +81,12 @@ impl App {
             }
             None => {}
         }
-        self.says_later();
+        self.schedule_panel();
     }
 
-    /// What the panel says of pictures need not change with every one of them; what lies over the picture moves with it.
-    fn says_later(&mut self) {
+    /// Schedules a layout of the panel: at once if something is drawn over the picture, which moves with
+    /// it, else soon.
+    fn schedule_panel(&mut self) {
         if !self.ui.measure.points.is_empty() || self.scene.clips.active() > 0 {
             return self.ask_for_panel();
         }
@@ -102,7 +103,7 @@ impl App {
         self.look_up(&point);
     }
 
-    /// Says what is open and what is going on.
+    /// Updates the window's title: open files, and work in progress.
     pub(super) fn title(&mut self) {
         let Some(window) = &self.window else { return };
         let file = self

@@ -1,21 +1,23 @@
-//! A flight without hands, to measure the window by: along a camera path, or straight ahead, as soon as the cloud is there; then a rest, then the end.
+//! A scripted flight, to measure the window: along a camera path or straight ahead as soon as the cloud
+//! is complete, then a rest, then the end.
 
-use super::frame_stats::{self, Picture};
+use super::frame_stats::{self, FrameSample};
 use super::render_thread::FrameReport;
 use std::time::{Duration, Instant};
 
+/// The state and measurements of a scripted flight.
 pub struct ScriptedFlight {
     length: Duration,
     stage: Stage,
-    /// All that were drawn on the way.
-    pub pictures: Vec<Picture>,
-    /// From standing still to the whole picture.
+    /// All frames of the flight.
+    pub pictures: Vec<FrameSample>,
+    /// Time from the stop to the whole picture.
     pub to_whole: Option<Duration>,
-    /// Pictures that were drawn at rest.
+    /// Frames that were drawn at rest.
     pub at_rest: u64,
-    /// Processor time that the rest took, where the system tells.
+    /// Processor time of the rest; None if the system does not report it.
     pub rest_cpu: Option<Duration>,
-    /// When the rest began, and what had been taken then.
+    /// Processor time at the start of the rest.
     cpu_before: Option<Duration>,
 }
 
@@ -24,22 +26,22 @@ enum Stage {
     Before,
     Under(Instant),
     Stopped(Instant),
-    /// The whole picture is there, and what it made the panel do is being done.
+    /// The picture is whole, and the panel is still being updated.
     Settling(Instant),
     Rest(Instant),
     Over,
 }
 
-/// What hands would do.
+/// What the window has to do for the flight.
 pub enum Step {
     Start,
     Stop,
 }
 
-/// The panel shows the last picture's state.
+/// Time for the panel to show the facts of the last frame.
 const SETTLING: Duration = Duration::from_millis(500);
 
-/// How long nothing is done.
+/// Length of the rest.
 pub const REST: Duration = Duration::from_secs(2);
 
 impl ScriptedFlight {
@@ -55,14 +57,15 @@ impl ScriptedFlight {
         }
     }
 
-    /// A picture is on the screen, and is all that is wanted or not.
-    pub fn drawn(&mut self, drawn: &FrameReport, rests: bool, now: Instant) -> Option<Step> {
+    /// Takes a frame into account; `rests` if neither cloud nor picture will change by itself. Returns
+    /// what the window has to do.
+    pub fn frame_done(&mut self, report: &FrameReport, rests: bool, now: Instant) -> Option<Step> {
         let (stage, step) = match self.stage {
             Stage::Before if rests => (Stage::Under(now), Some(Step::Start)),
             Stage::Under(since) => {
-                self.pictures.push(Picture::of(drawn, now));
+                self.pictures.push(FrameSample::of(report, now));
                 match now - since >= self.length {
-                    // No picture follows where the path rests.
+                    // If the path is at rest, no other frame follows.
                     true if rests => (self.is_whole(Duration::ZERO, now), Some(Step::Stop)),
                     true => (Stage::Stopped(now), Some(Step::Stop)),
                     false => (Stage::Under(since), None),
@@ -84,7 +87,7 @@ impl ScriptedFlight {
         Stage::Settling(now)
     }
 
-    /// When something is to be done although nothing happens.
+    /// Returns when [`Self::wake`] has to be called; None if frames drive the flight.
     pub fn wakes(&self) -> Option<Instant> {
         match self.stage {
             Stage::Settling(since) => Some(since + SETTLING),
@@ -93,7 +96,7 @@ impl ScriptedFlight {
         }
     }
 
-    /// Goes on by itself; true when it is over.
+    /// Advances the stages that last a fixed time; returns true when the flight is over.
     pub fn wake(&mut self, now: Instant) -> bool {
         if self.wakes().is_none_or(|when| when > now) {
             return false;
