@@ -20,8 +20,8 @@ const HANDLE: f32 = 12.0;
 /// Length of a drag that moves a number by the box's length [points].
 const TRAVEL: f64 = 200.0;
 
-/// Returns a new box around the picked points, or else around the middle of the picture, with corners on
-/// whole millimetres.
+/// Returns a new box around the picked points, or else around the middle of the picture, with
+/// corners on whole millimetres.
 pub fn around(measure: &Measure, camera: &Camera) -> Clip {
     let places = measure.places();
     let [min, max] =
@@ -167,8 +167,8 @@ fn handle(ui: &Ui, id: (usize, usize), clip: &mut Clip, view: &View, color: Colo
     }
 }
 
-/// Returns how far a point at `p` moves along an axis [m] to follow a drag [px]; 0 if the axis is seen
-/// end on.
+/// Returns how far a point at `p` moves along an axis [m] to follow a drag [px]; 0 if the axis is
+/// seen end on.
 fn along(view: &View, p: DVec3, axis: DVec3, [x, y]: [f64; 2]) -> f64 {
     let step = 1e-3 * p.distance(view.camera.eye);
     let (Some(a), Some(b)) = (view.pixel(p), view.pixel(p + axis * step)) else { return 0.0 };

@@ -1,8 +1,8 @@
 //! Dynamic resolution: measured frame times in, the divisor of a moving picture's sides out. Pure.
 //!
-//! The cost of a frame grows with its pixels: that of screen passes directly, that of an index through
-//! its point budget (`select::lod`). So a moving picture is drawn smaller by a whole number, and is
-//! otherwise the same.
+//! The cost of a frame grows with its pixels: that of screen passes directly, that of an index
+//! through its point budget (`select::lod`). So a moving picture is drawn smaller by a whole
+//! number, and is otherwise the same.
 
 use std::time::Duration;
 
@@ -12,7 +12,8 @@ pub const TARGET: Duration = Duration::from_millis(33);
 /// Largest divisor: smaller pictures are too coarse to navigate by.
 pub const COARSEST: u32 = 4;
 
-/// Share of [`TARGET`] within which a finer picture has to fit, so that the divisor does not oscillate.
+/// Share of [`TARGET`] within which a finer picture has to fit, so that the divisor does not
+/// oscillate.
 const SPARE: f64 = 0.7;
 
 /// Divisor of the sides of a moving picture.
@@ -32,7 +33,8 @@ impl ResolutionScale {
     /// Returns the divisor to use after a frame of this divisor took this long.
     pub fn after(self, divisor: u32, took: Duration) -> ResolutionScale {
         let would = |other: u32| took.mul_f64((divisor * divisor) as f64 / (other * other) as f64);
-        // Part of a frame's cost does not depend on size, so predictions of slower frames are safer.
+        // Part of a frame's cost does not depend on size, so predictions of slower frames are
+        // safer.
         let fits = |other: &u32| {
             would(*other) <= if *other < divisor { TARGET.mul_f64(SPARE) } else { TARGET }
         };

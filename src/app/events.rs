@@ -50,18 +50,18 @@ impl App {
         self.open()
     }
 
-    /// Reopens a lost device, and loads the files again. Returns any other error, and a loss soon after
-    /// another one.
+    /// Reopens a lost device, and loads the files again. Returns any other error, and a loss soon
+    /// after another one.
     pub(super) fn rebuild(&mut self, error: Error) -> Result<()> {
         /// Time within which a second loss is final.
         const SOON: Duration = Duration::from_secs(10);
-        let again = self.lost.is_some_and(|when| when.elapsed() < SOON);
+        let again = self.device_lost.is_some_and(|when| when.elapsed() < SOON);
         let (true, false, Some(window), Some(panel)) =
             (error.is_lost_device(), again, self.window.clone(), &mut self.panel)
         else {
             return Err(error);
         };
-        self.lost = Some(Instant::now());
+        self.device_lost = Some(Instant::now());
         *panel = panel.renewed(&window);
         if let Some(mut thread) = self.render_thread.take() {
             thread.close();
@@ -69,7 +69,8 @@ impl App {
         self.ui.profile.iter_mut().for_each(Profile::forget_texture);
         self.pending_saves.clear();
         // As at the start, nothing is on the screen.
-        (self.whole, self.pick_buffer, self.ui.shown, self.ui.loading) = (None, None, None, None);
+        (self.load.displayed, self.pick_buffer, self.ui.shown, self.ui.loading) =
+            (None, None, None, None);
         (self.options.wish.lost_after, self.options.wish.surface_lost_after) = (None, None);
         self.draw_in(window)?;
         self.report_error(&Error::Device(format!(
@@ -84,7 +85,7 @@ impl ApplicationHandler<Event> for App {
         if self.window.is_none()
             && let Err(error) = self.start(events)
         {
-            self.ended = Some(error);
+            self.exit_error = Some(error);
             events.exit();
         }
     }
@@ -103,7 +104,7 @@ impl ApplicationHandler<Event> for App {
             Event::LookedUp(place, looked, _) => self.looked_up(place, looked),
             Event::Render(event) => return self.render_event(events, event),
             Event::Interrupted => {
-                self.ended = Some(Error::Interrupted);
+                self.exit_error = Some(Error::Interrupted);
                 return events.exit();
             }
         }
@@ -135,9 +136,9 @@ impl ApplicationHandler<Event> for App {
             WindowEvent::RedrawRequested => self.lay_out(),
             WindowEvent::Occluded(false) => self.post(Message::Exposed(self.size)),
             WindowEvent::CursorMoved { position: PhysicalPosition { x, y }, .. } => {
-                self.cursor = DVec2::new(x, y);
+                self.mouse.cursor = DVec2::new(x, y);
                 if self.navigation.is_dragging() {
-                    self.navigate(Input::Move { to: self.cursor });
+                    self.navigate(Input::Move { to: self.mouse.cursor });
                 }
             }
             WindowEvent::MouseInput { state, button, .. } => self.button(button, state),
@@ -149,11 +150,11 @@ impl ApplicationHandler<Event> for App {
                     MouseScrollDelta::PixelDelta(pixels) => pixels.y / PIXELS_PER_NOTCH,
                 };
                 let under = self.under_cursor();
-                self.navigate(Input::Wheel { notches, at: self.cursor, under });
+                self.navigate(Input::Wheel { notches, at: self.mouse.cursor, under });
             }
             WindowEvent::ModifiersChanged(modifiers) => {
                 let state = modifiers.state();
-                self.modifiers =
+                self.mouse.modifiers =
                     Modifiers { shift: state.shift_key(), control: state.control_key() };
             }
             WindowEvent::KeyboardInput { event, .. } => {
@@ -171,9 +172,9 @@ impl ApplicationHandler<Event> for App {
         let now = Instant::now();
         if self.panel_due.is_some_and(|when| when <= now) {
             self.panel_due = None;
-            self.ask_for_panel();
+            self.request_panel();
         }
-        if self.moves.is_some_and(|when| when <= now) {
+        if self.animation.next_step.is_some_and(|when| when <= now) {
             self.move_on();
         }
         if self.flight.as_mut().is_some_and(|flight| flight.wake(now)) {
@@ -183,7 +184,7 @@ impl ApplicationHandler<Event> for App {
         events.set_control_flow(
             self.panel_due
                 .into_iter()
-                .chain(self.moves)
+                .chain(self.animation.next_step)
                 .chain(wakes)
                 .min()
                 .map_or(ControlFlow::Wait, ControlFlow::WaitUntil),
@@ -191,12 +192,12 @@ impl ApplicationHandler<Event> for App {
     }
 
     fn exiting(&mut self, _events: &ActiveEventLoop) {
-        self.load_token.cancel();
-        self.lookup_token.cancel();
+        self.load.token.cancel();
+        self.load.lookup_token.cancel();
         if let Some(mut thread) = self.render_thread.take() {
             thread.close();
         }
         // Workers remove their half-written files. A panic has been printed where it happened.
-        self.workers.drain(..).for_each(|worker| drop(worker.join()));
+        self.load.workers.drain(..).for_each(|worker| drop(worker.join()));
     }
 }

@@ -7,9 +7,45 @@ use super::render_thread::{Message, Upload};
 use super::{App, Event, warn};
 use crate::cloud::attribute::ExtraAttributes;
 use crate::error::{Error, Result};
+use crate::index::attributes::strokes::Found;
 use crate::passes::Switch;
 use crate::render::scene::Scene;
+use crate::view::Camera;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::thread::JoinHandle;
+
+/// The files that are open, and the work of loading them.
+#[derive(Default)]
+pub(super) struct LoadState {
+    /// Files that are open or being loaded.
+    pub files: Vec<PathBuf>,
+    /// Files that the displayed points come from.
+    pub origins: Vec<PathBuf>,
+    /// Strokes computed so far of the open files.
+    pub strokes: Arc<Found>,
+    /// The last request that was loaded as a whole.
+    pub last: Option<LoadRequest>,
+    /// The request that is displayed; None if that is a sample or nothing.
+    pub displayed: Option<LoadRequest>,
+    /// Whether a cloud is being read or uploaded.
+    pub active: bool,
+    pub token: CancelToken,
+    /// Token of threads that look up picked points.
+    pub lookup_token: CancelToken,
+    pub workers: Vec<JoinHandle<()>>,
+}
+
+/// How the first view of a cloud is chosen: automatically, until the camera is moved.
+#[derive(Default)]
+pub(super) struct Framing {
+    /// Whether a camera is set.
+    pub chosen: bool,
+    /// The automatic camera for a sample, while the camera has not been moved.
+    pub sample_camera: Option<Camera>,
+    /// Views chosen before the whole is loaded; they are applied to it again.
+    pub early_inputs: Vec<Input>,
+}
 
 impl App {
     /// Opens a file: a cloud beside those that are open, or a scene in place of the current one.
@@ -20,10 +56,10 @@ impl App {
             file.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("json"));
         let taken = if is_scene {
             self.load(&file)
-        } else if self.files.contains(&file) {
+        } else if self.load.files.contains(&file) {
             Err(Error::Request(format!("{} is open already", file.display())))
         } else {
-            self.files.push(file);
+            self.load.files.push(file);
             self.open()
         };
         if let Err(error) = taken {
@@ -39,7 +75,7 @@ impl App {
         scene.lod.budget = scene.lod.budget.or(asked.budget);
         scene.lod.lod_px = scene.lod.lod_px.or(asked.lod_px);
         let before = std::mem::replace(&mut self.scene, scene);
-        self.framed = true;
+        self.framing.chosen = true;
         self.options.camera = Some(self.scene.camera);
         self.navigation.camera = self.scene.camera;
         self.scene_changed(&before)?;
@@ -47,7 +83,8 @@ impl App {
         Ok(())
     }
 
-    /// Draws the changed scene, and loads files again if it shows another attribute or needs strokes.
+    /// Draws the changed scene, and loads files again if it shows another attribute or needs
+    /// strokes.
     pub(super) fn scene_changed(&mut self, before: &Scene) -> Result<()> {
         if self.scene.color != before.color {
             self.ui.error = None;
@@ -62,34 +99,34 @@ impl App {
 
     /// Loads all files again, in the background.
     pub(super) fn open(&mut self) -> Result<()> {
-        if self.files.is_empty() {
+        if self.load.files.is_empty() {
             return Ok(());
         }
-        let token = self.load_token.renew();
-        self.loading = true;
+        let token = self.load.token.renew();
+        self.load.active = true;
         self.ui.doing = Some("opening".into());
         let (request, opening) = (self.load_request(), self.options.opening.clone());
         let further = ExtraAttributes { strokes: self.wants_strokes(), ..self.options.further };
         let is_painted = self.ui.shown.is_some_and(|shown| shown.further.strokes);
-        // A whole cloud stays on the screen until it is loaded again as a whole, with its strokes if
-        // it had them.
-        let first = match &self.whole {
+        // A whole cloud stays on the screen until it is loaded again as a whole, with its strokes
+        // if it had them.
+        let first = match &self.load.displayed {
             Some(whole) if *whole == request || whole.files == request.files && is_painted => {
                 FirstStage::All
             }
             Some(whole) if whole.files == request.files => FirstStage::Points,
             _ => FirstStage::Sample,
         };
-        let (watch, events) = (self.watch(token.clone()), self.events.clone());
+        let (watch, events) = (self.progress_reporter(token.clone()), self.events.clone());
         let opened = move |result: Result<LoadedCloud>| {
             drop(events.send_event(Event::Loaded(result.map(Box::new), token.clone())))
         };
-        self.workers.push(load_thread::start(
+        self.load.workers.push(load_thread::start(
             request,
             opening,
             further,
             first,
-            self.strokes.clone(),
+            self.load.strokes.clone(),
             watch,
             opened,
         )?);
@@ -98,32 +135,36 @@ impl App {
 
     /// Returns the files that should be open, and the attribute to show.
     fn load_request(&self) -> LoadRequest {
-        LoadRequest { files: self.files.clone(), color: self.scene.color }
+        LoadRequest { files: self.load.files.clone(), color: self.scene.color }
     }
 
     /// Reports a failed load, and returns to what was open before.
     pub(super) fn load_failed(&mut self, error: &Error) {
-        (self.loading, self.ui.doing) = (false, None);
+        (self.load.active, self.ui.doing) = (false, None);
         let failed = self.load_request();
-        if self.paints_later() && self.whole.as_ref() == Some(&failed) {
+        if self.paints_later() && self.load.displayed.as_ref() == Some(&failed) {
             return self.not_painted(error);
         }
-        let before = self.last_loaded.clone();
+        let before = self.load.last.clone();
         let is_wrong = |file: &PathBuf| {
             error.path() == Some(file)
                 && before.as_ref().is_none_or(|before| !before.files.contains(file))
         };
         match before {
             // The other files of the request may be valid.
-            _ if self.files.iter().any(is_wrong) => self.files.retain(|file| !is_wrong(file)),
-            Some(LoadRequest { files, color }) => (self.files, self.scene.color) = (files, color),
+            _ if self.load.files.iter().any(is_wrong) => {
+                self.load.files.retain(|file| !is_wrong(file))
+            }
+            Some(LoadRequest { files, color }) => {
+                (self.load.files, self.scene.color) = (files, color)
+            }
             // The file dropped last is the most likely cause.
-            None => drop(self.files.pop()),
+            None => drop(self.load.files.pop()),
         }
         // The screen may show a sample of the failed files, or nothing, or the load before may have
         // been cancelled.
         let request = self.load_request();
-        let reopened = if request != failed && self.whole.as_ref() != Some(&request) {
+        let reopened = if request != failed && self.load.displayed.as_ref() != Some(&request) {
             self.open()
         } else {
             Ok(())
@@ -139,25 +180,27 @@ impl App {
         let LoadedCloud { prepared, subject, info } = opened;
         let is_whole = info.is_whole;
         if is_whole {
-            self.last_loaded = Some(info.request.clone());
+            self.load.last = Some(info.request.clone());
         }
         self.navigation.set_subject(subject);
         // If the camera has not moved since the sample, the whole is framed as `render` does.
-        if !self.framed || self.glimpsed.take() == Some(self.navigation.camera) {
-            self.framed = true;
+        if !self.framing.chosen || self.framing.sample_camera.take() == Some(self.navigation.camera)
+        {
+            self.framing.chosen = true;
             match self.options.camera {
                 Some(camera) => self.navigation.camera = camera,
                 None => self
                     .navigation
                     .handle(Input::Look { from: self.options.preset, covered_px: 0.0 }),
             }
-            self.views.iter().for_each(|&view| self.navigation.handle(view));
-            self.glimpsed = (!is_whole).then_some(self.navigation.camera);
+            self.framing.early_inputs.iter().for_each(|&view| self.navigation.handle(view));
+            self.framing.sample_camera = (!is_whole).then_some(self.navigation.camera);
         }
         if is_whole {
-            self.views.clear();
+            self.framing.early_inputs.clear();
         }
-        let (pool_bytes, watch) = (self.options.pool_bytes, self.watch(self.load_token.clone()));
+        let (pool_bytes, watch) =
+            (self.options.pool_bytes, self.progress_reporter(self.load.token.clone()));
         self.post(Message::Upload(Box::new(Upload { prepared, info, pool_bytes, watch })));
         self.post_scene();
     }
@@ -166,11 +209,11 @@ impl App {
     pub(super) fn uploaded(&mut self, info: CloudInfo, token: &CancelToken) {
         let CloudInfo { request, is_whole, origins, shown, categories, points, why_shown, notes } =
             info;
-        self.whole = is_whole.then_some(request);
+        self.load.displayed = is_whole.then_some(request);
         if is_whole && !token.is_cancelled() {
-            (self.loading, self.ui.doing) = (false, None);
+            (self.load.active, self.ui.doing) = (false, None);
         }
-        self.origins = origins;
+        self.load.origins = origins;
         (self.ui.points, self.ui.shown, self.ui.categories) = (points, Some(shown), categories);
         self.ui.measure.reference = self.ui.categories.reference.clone();
         self.ui.why_shown = why_shown;
@@ -188,8 +231,8 @@ impl App {
 
     /// Reports a failed upload; the picture stays as it is.
     pub(super) fn upload_failed(&mut self, error: &Error) {
-        (self.loading, self.ui.doing) = (false, None);
-        if self.paints_later() && self.whole.as_ref() == Some(&self.load_request()) {
+        (self.load.active, self.ui.doing) = (false, None);
+        if self.paints_later() && self.load.displayed.as_ref() == Some(&self.load_request()) {
             return self.not_painted(error);
         }
         self.report_error(error);
@@ -201,10 +244,11 @@ impl App {
         self.report_error(error);
     }
 
-    /// Loads files again that are shown without the strokes that are wanted. Strokes take long, so the
-    /// cloud is shown before.
+    /// Loads files again that are shown without the strokes that are wanted. Strokes take long, so
+    /// the cloud is shown before.
     fn find_strokes(&mut self) -> Result<()> {
-        let is_there = self.whole.as_ref() == Some(&self.load_request()) && !self.loading;
+        let is_there =
+            self.load.displayed.as_ref() == Some(&self.load_request()) && !self.load.active;
         if is_there && self.paints_later() { self.open() } else { Ok(()) }
     }
 

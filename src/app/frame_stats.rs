@@ -141,8 +141,8 @@ fn ms(time: Duration) -> f64 {
     time.as_secs_f64() * 1e3
 }
 
-/// Causes of a frame's time. The loader's is uploading its nodes, and the processor time of its thread:
-/// a device that shares the cores waits at most that long.
+/// Causes of a frame's time. The loader's is uploading its nodes, and the processor time of its
+/// thread: a device that shares the cores waits at most that long.
 const CAUSES: [&str; 7] = [
     "fitting the window",
     "the loader",
@@ -395,7 +395,8 @@ mod tests {
             times: FrameTimes { taking_in: Duration::from_millis(1), ..FrameTimes::default() },
         };
         let mut flight = ScriptedFlight::new(Duration::from_secs(1));
-        // Of 10 ms, but for one of 24 with 5 of the loader and 1 of taking in, and one of 24 with 2 of the loader.
+        // Of 10 ms, but for one of 24 with 5 of the loader and 1 of taking in, and one of 24 with 2
+        // of the loader.
         flight.pictures = [(0, 0), (10, 0), (20, 0), (44, 5), (54, 5), (78, 7), (88, 7)]
             .map(|(after, loader)| at(after, loader))
             .into();

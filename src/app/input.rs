@@ -2,7 +2,7 @@
 
 use super::App;
 use super::keys::{self, Binding};
-use super::navigation::{Button, Input};
+use super::navigation::{Button, Input, Modifiers};
 use super::render_thread::Message;
 use crate::view::View;
 use glam::DVec2;
@@ -18,6 +18,20 @@ const DOUBLE: Duration = Duration::from_millis(400);
 /// Farthest that the mouse moves during a click [px].
 const CLICK_PX: f64 = 4.0;
 
+/// State of the mouse and of the modifier keys.
+#[derive(Default)]
+pub(super) struct Mouse {
+    /// Position of the cursor [px].
+    pub cursor: DVec2,
+    pub modifiers: Modifiers,
+    /// Time and position of the last click.
+    pub last_click: Option<(Instant, DVec2)>,
+    /// Where the left button was pressed.
+    pub pressed: Option<DVec2>,
+    /// A pick that the next frame answers, and whether it adds a point.
+    pub pending_pick: Option<(DVec2, bool)>,
+}
+
 impl App {
     pub(super) fn resized(&mut self, size: PhysicalSize<u32>) {
         self.size = [size.width, size.height];
@@ -27,7 +41,7 @@ impl App {
 
     /// Returns the place of the surface under the cursor; None if nothing is there.
     pub(super) fn under_cursor(&self) -> Option<glam::DVec3> {
-        self.pick_buffer.as_ref().and_then(|buffer| buffer.place(self.cursor, self.size()))
+        self.pick_buffer.as_ref().and_then(|buffer| buffer.place(self.mouse.cursor, self.size()))
     }
 
     /// Picks the point at a pixel; it replaces the picked points, or with `adds` joins them.
@@ -43,7 +57,7 @@ impl App {
                 None => {}
             },
             // Nothing is shown yet: the first frame answers.
-            None => self.picks_later = Some((at, adds)),
+            None => self.mouse.pending_pick = Some((at, adds)),
         }
     }
 
@@ -58,15 +72,16 @@ impl App {
                 | Input::NextMode
         );
         let before = self.navigation.camera;
-        let early = input.is_a_view() && (!self.framed || self.glimpsed == Some(before));
+        let early = input.is_a_view()
+            && (!self.framing.chosen || self.framing.sample_camera == Some(before));
         self.navigation.handle(input);
         if View::new(self.navigation.camera, self.size()).is_err() {
             // The camera would be beyond what f64 can express.
             self.navigation.camera = before;
         }
         if early {
-            self.views.push(input);
-            self.glimpsed = self.framed.then_some(self.navigation.camera);
+            self.framing.early_inputs.push(input);
+            self.framing.sample_camera = self.framing.chosen.then_some(self.navigation.camera);
         }
         if self.navigation.camera != before {
             self.post_scene();
@@ -81,24 +96,33 @@ impl App {
             _ => return,
         };
         if state == ElementState::Released {
-            let still = self.pressed.take().is_some_and(|at| at.distance(self.cursor) < CLICK_PX);
+            let still = self
+                .mouse
+                .pressed
+                .take()
+                .is_some_and(|at| at.distance(self.mouse.cursor) < CLICK_PX);
             if button == Button::Left && still {
-                self.pick(self.cursor, self.modifiers.shift);
+                self.pick(self.mouse.cursor, self.mouse.modifiers.shift);
             }
             return self.navigate(Input::Release { button });
         }
         let under = self.under_cursor();
         if button == Button::Left {
-            self.pressed = Some(self.cursor);
-            let again = self.clicked.is_some_and(|(when, at)| {
-                when.elapsed() < DOUBLE && at.distance(self.cursor) < CLICK_PX
+            self.mouse.pressed = Some(self.mouse.cursor);
+            let again = self.mouse.last_click.is_some_and(|(when, at)| {
+                when.elapsed() < DOUBLE && at.distance(self.mouse.cursor) < CLICK_PX
             });
-            self.clicked = (!again).then(|| (Instant::now(), self.cursor));
+            self.mouse.last_click = (!again).then(|| (Instant::now(), self.mouse.cursor));
             if let Some(on) = under.filter(|_| again) {
                 return self.navigate(Input::Centre { on });
             }
         }
-        self.navigate(Input::Press { button, modifiers: self.modifiers, at: self.cursor, under });
+        self.navigate(Input::Press {
+            button,
+            modifiers: self.mouse.modifiers,
+            at: self.mouse.cursor,
+            under,
+        });
     }
 
     pub(super) fn key(

@@ -144,11 +144,9 @@ pub fn mouse(style: NavigationStyle, mode: Mode) -> Vec<(&'static str, &'static 
     };
     let moves = "move the point under the cursor";
     let drags = match (style, mode) {
-        (NavigationStyle::Blender, _) => vec![
-            ("middle drag", turns),
-            ("shift middle drag", moves),
-            ("ctrl middle drag", "zoom"),
-        ],
+        (NavigationStyle::Blender, _) => {
+            vec![("middle drag", turns), ("shift middle drag", moves), ("ctrl middle drag", "zoom")]
+        }
         (_, Mode::Earth) => vec![
             ("left drag", turns),
             ("right drag", "turn about the point under the cursor"),

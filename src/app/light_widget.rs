@@ -47,7 +47,8 @@ pub fn choose(ui: &mut Ui, light: &mut Light, eye: DVec3) {
     }
 }
 
-/// Draws the sky from above, north up, with a spot where light comes from; a click or drag moves it.
+/// Draws the sky from above, north up, with a spot where light comes from; a click or drag moves
+/// it.
 fn ball(ui: &mut Ui, way: &mut DVec3) {
     let (response, painter) =
         ui.allocate_painter(Vec2::splat(2.0 * RADIUS + 4.0), Sense::click_and_drag());
@@ -70,7 +71,8 @@ fn ball(ui: &mut Ui, way: &mut DVec3) {
     response.on_hover_text("drag: where light comes from, as seen from above, north up");
 }
 
-/// The way to a place on the ball, which has a radius of 1 and x to the right, y down; beyond its rim, to the horizon.
+/// The way to a place on the ball, which has a radius of 1 and x to the right, y down; beyond its
+/// rim, to the horizon.
 fn sky(at: Vec2) -> DVec3 {
     let flat = at / at.length().max(1.0);
     let (x, y) = (flat.x as f64, -flat.y as f64);

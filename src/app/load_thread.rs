@@ -116,7 +116,8 @@ pub enum FirstStage {
     All,
 }
 
-/// Loads files on a new thread; calls `loaded` with the sample, if there is one, and with the whole.
+/// Loads files on a new thread; calls `loaded` with the sample, if there is one, and with the
+/// whole.
 pub fn start(
     request: LoadRequest,
     opening: OpenOptions,

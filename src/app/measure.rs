@@ -148,8 +148,8 @@ impl Measure {
         std::iter::once(head.to_string()).chain(self.points.iter().map(line)).collect()
     }
 
-    /// Returns the unit columns of a place: its unit, and its coordinates in metres if that is another
-    /// unit; empty if no file names a unit.
+    /// Returns the unit columns of a place: its unit, and its coordinates in metres if that is
+    /// another unit; empty if no file names a unit.
     fn unit_columns(&self, place: DVec3) -> String {
         let unit = self.reference.unit();
         if !self.reference.says_unit() {
@@ -232,8 +232,8 @@ impl Measure {
     }
 }
 
-/// Formats the last point with all digits of its lattice and, for several points, the measures between
-/// them on a second line.
+/// Formats the last point with all digits of its lattice and, for several points, the measures
+/// between them on a second line.
 impl std::fmt::Display for Measure {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         let Some(last) = self.points.last() else { return Ok(()) };

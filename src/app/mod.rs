@@ -1,12 +1,12 @@
-//! THE WINDOW: events in, messages to the render thread out.
+//! The window: events in, messages to the render thread out.
 //!
 //! ```text
 //!     events -> navigation -> camera --.
 //!     keys, files dropped -------------+-> render thread -> window
-//!     load thread -> cloud ---------'         |
-//!         ^--- what the picture shows, and how long it took
+//!     load thread -> cloud ------------'        |
+//!         ^--- facts and times of the frame
 //! ```
-//! This thread only reacts: it waits for events, and while nobody touches anything nothing is drawn.
+//! The window's thread only reacts to events. Without input nothing is drawn.
 
 pub mod actions;
 mod animation;
@@ -34,15 +34,16 @@ pub mod scripted_flight;
 
 use crate::cloud::find::Record;
 use crate::error::{Error, Result};
-use crate::index::attributes::strokes::StrokeCache;
 use crate::progress::Progress;
 use crate::render::scene::Scene;
-use crate::view::Camera;
+use animation::Animation;
 use cancel::CancelToken;
+use files::{Framing, LoadState};
 use frame_stats::{FrameStats, Summary};
-use glam::{DVec2, DVec3};
-use load_thread::{LoadRequest, LoadedCloud, ProgressReporter};
-use navigation::{Input, Modifiers, Navigation};
+use glam::DVec3;
+use input::Mouse;
+use load_thread::{LoadedCloud, ProgressReporter};
+use navigation::Navigation;
 pub use options::Options;
 use panel::{Panel, UiState};
 use pick_buffer::PickBuffer;
@@ -51,26 +52,26 @@ use scripted_flight::ScriptedFlight;
 use std::io::Write as _;
 use std::path::PathBuf;
 use std::sync::Arc;
-use std::thread::JoinHandle;
-use std::time::{Duration, Instant};
+use std::time::Instant;
 use winit::event_loop::{EventLoop, EventLoopProxy};
 use winit::window::Window;
 
-/// From the other threads.
+/// An event from another thread.
 enum Event {
     Progress(String, CancelToken),
     Loaded(Result<Box<LoadedCloud>>, CancelToken),
-    /// The record of the point in this place, where there is one.
+    /// The record of the point at a place (world); None if it is a sample of an index.
     LookedUp(DVec3, Result<Option<Record>>, CancelToken),
     Render(RenderEvent),
     /// Ctrl-C in the terminal.
     Interrupted,
 }
 
-/// Opens a window, and returns when it is closed, from within or by `progress`.
+/// Opens a window, and returns when it is closed or `progress` interrupts it.
 pub fn run(options: Options, progress: &dyn Progress) -> Result<Summary> {
-    let no_window =
-        |error| Error::Device(format!("cannot open a window ({error}); `render` needs none"));
+    let no_window = |error| {
+        Error::Device(format!("cannot open a window ({error}); `render` works without one"))
+    };
     let events = EventLoop::<Event>::with_user_event().build().map_err(no_window)?;
     let interrupted = events.create_proxy();
     progress.when_interrupted(Box::new(move || drop(interrupted.send_event(Event::Interrupted))));
@@ -78,15 +79,8 @@ pub fn run(options: Options, progress: &dyn Progress) -> Result<Summary> {
         navigation: Navigation::new(options.style, options.size),
         stats: FrameStats::new(options.began),
         events: events.create_proxy(),
-        load_token: CancelToken::default(),
-        lookup_token: CancelToken::default(),
-        workers: Vec::new(),
-        strokes: Arc::default(),
-        origins: Vec::new(),
-        files: options.files.clone(),
-        last_loaded: None,
-        whole: None,
-        loading: false,
+        load: LoadState { files: options.files.clone(), ..LoadState::default() },
+        framing: Framing::default(),
         ui: UiState {
             path: options.path.clone(),
             save_size: options.save_size,
@@ -100,25 +94,16 @@ pub fn run(options: Options, progress: &dyn Progress) -> Result<Summary> {
         window: None,
         size: options.size,
         render_thread: None,
-        framed: false,
-        glimpsed: None,
-        views: Vec::new(),
         pick_buffer: None,
-        cursor: DVec2::ZERO,
-        modifiers: Modifiers::default(),
-        clicked: None,
-        picks_later: None,
-        pressed: None,
+        mouse: Mouse::default(),
+        animation: Animation::new(options.began),
         flight: options.flight.map(ScriptedFlight::new),
-        moved: options.began,
-        moves: None,
-        played: Duration::ZERO,
-        lost: None,
-        ended: None,
+        device_lost: None,
+        exit_error: None,
         options,
     };
     events.run_app(&mut app).map_err(no_window)?;
-    match app.ended {
+    match app.exit_error {
         Some(error) => Err(error),
         None => Ok(app.stats.summary(app.flight.as_ref())),
     }
@@ -128,107 +113,79 @@ struct App {
     options: Options,
     events: EventLoopProxy<Event>,
     window: Option<Arc<Window>>,
-    /// Pixels, as the system has told them: who asks a window that somebody else has destroyed ends the program.
+    /// Size of the window [px], as last reported: asking a window that another program has
+    /// destroyed would end this one.
     size: [u32; 2],
     render_thread: Option<RenderThread>,
     navigation: Navigation,
-    stats: FrameStats,
-    /// What the load thread is at, and those that look points up.
-    load_token: CancelToken,
-    lookup_token: CancelToken,
-    workers: Vec<JoinHandle<()>>,
-    /// Those that were found of the files that are open.
-    strokes: Arc<StrokeCache>,
-    /// The files that the points on the screen are from.
-    origins: Vec<PathBuf>,
-    /// All that are open, or are being opened.
-    files: Vec<PathBuf>,
-    /// What was, as a whole.
-    last_loaded: Option<LoadRequest>,
-    /// What the picture shows, where that is a whole.
-    whole: Option<LoadRequest>,
-    /// What is open is being read, or on its way to the device, and is not in the picture as a whole.
-    loading: bool,
-    ui: UiState,
-    /// What the window's title says.
-    window_title: String,
-    /// Pictures that are on their way into files.
-    pending_saves: Vec<PathBuf>,
-    panel: Option<Panel>,
-    /// When the panel is to be laid out again by itself.
-    panel_due: Option<Instant>,
     scene: Scene,
-    /// Somebody has chosen where to look from.
-    framed: bool,
-    /// From where a sample of what is being opened is seen, where nobody has chosen that.
-    glimpsed: Option<Camera>,
-    /// What hands have chosen of that before the whole is there.
-    views: Vec<Input>,
-    pick_buffer: Option<Arc<PickBuffer>>,
-    cursor: DVec2,
-    modifiers: Modifiers,
-    clicked: Option<(Instant, DVec2)>,
-    /// A click that the next picture answers, and whether it adds a point.
-    picks_later: Option<(DVec2, bool)>,
-    /// Where the first button went down.
-    pressed: Option<DVec2>,
+    load: LoadState,
+    framing: Framing,
+    mouse: Mouse,
+    animation: Animation,
     flight: Option<ScriptedFlight>,
-    /// When what moves by itself last did.
-    moved: Instant,
-    /// When it does again, where no picture asks for it.
-    moves: Option<Instant>,
-    /// How much of the path has been played.
-    played: Duration,
-    /// When the device was, last.
-    lost: Option<Instant>,
-    ended: Option<Error>,
+    stats: FrameStats,
+    ui: UiState,
+    panel: Option<Panel>,
+    /// Time of the next layout of the panel without input.
+    panel_due: Option<Instant>,
+    window_title: String,
+    /// Pictures that are being saved.
+    pending_saves: Vec<PathBuf>,
+    pick_buffer: Option<Arc<PickBuffer>>,
+    /// Time of the last loss of the device.
+    device_lost: Option<Instant>,
+    exit_error: Option<Error>,
 }
 
-/// To be copied from the terminal. Where nobody reads it any more, the window goes on.
+/// Prints to standard output; the window goes on if that is closed.
 fn print_line(what: &str) {
     drop(writeln!(std::io::stdout(), "{what}"));
 }
 
-/// As [`print_line`], on standard error.
+/// Prints to standard error; the window goes on if that is closed.
 fn warn(what: &str) {
     drop(writeln!(std::io::stderr(), "pointillist: {what}"));
 }
 
 impl App {
+    /// Sends a message to the render thread.
     fn post(&self, message: Message) {
         if let Some(thread) = &self.render_thread {
             thread.post(message);
         }
     }
 
+    /// Sends the scene, from the current camera, to the render thread.
     fn post_scene(&mut self) {
         self.scene.camera = self.navigation.camera;
         self.post(Message::Scene { scene: Box::new(self.scene.clone()), asked: Instant::now() });
     }
 
-    /// Soon, and once however often it is asked for.
-    fn ask_for_panel(&self) {
+    /// Requests a layout of the panel; requests before the next one are merged.
+    fn request_panel(&self) {
         if let Some(window) = &self.window {
             window.request_redraw();
         }
     }
 
-    /// Says in the window how far the work of a token is.
-    fn watch(&self, token: CancelToken) -> ProgressReporter {
+    /// Returns a listener that shows the progress of a token's work in the window.
+    fn progress_reporter(&self, token: CancelToken) -> ProgressReporter {
         let (events, of) = (self.events.clone(), token.clone());
         ProgressReporter::new(token, move |text| {
             drop(events.send_event(Event::Progress(text, of.clone())))
         })
     }
 
-    /// Of the window, no side of it zero.
+    /// Returns the window's size [px], at least 1 x 1.
     fn size(&self) -> [u32; 2] {
         self.size.map(|side| side.max(1))
     }
 
+    /// Prints an error, and adds it to those that the panel shows.
     fn report_error(&mut self, error: &Error) {
         warn(&error.to_string());
-        // Of several files each may be wrong in its own way.
+        // Several files may each have an error.
         let before = self.ui.error.take().filter(|before| *before != error.to_string());
         self.ui.error =
             Some(before.map_or(error.to_string(), |before| format!("{before}\n{error}")));

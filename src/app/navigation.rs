@@ -1,8 +1,8 @@
 //! Navigation: input moves the camera. Pure: no window, no device, f64 throughout.
 //!
-//! Input applies to the point under the cursor. A drag turns the camera about it, or moves it with the
-//! cursor; the wheel removes a share of the distance to it, so the camera can come arbitrarily near and
-//! never passes through. There are no near and far planes to set.
+//! Input applies to the point under the cursor. A drag turns the camera about it, or moves it with
+//! the cursor; the wheel removes a share of the distance to it, so the camera can come arbitrarily
+//! near and never passes through. There are no near and far planes to set.
 //!
 //! - orbit: a drag turns about the point, as on a turntable; the picture never rolls.
 //! - fly: a drag looks around, the wheel changes the speed.
@@ -188,7 +188,8 @@ const SPEED: f64 = 0.4;
 /// Slowest and fastest flight, in radii of the subject a second.
 const SPEEDS: [f64; 2] = [1e-5, 1e2];
 
-/// Largest share of the window's width that counts as covered, so that some room is left to frame in.
+/// Largest share of the window's width that counts as covered, so that some room is left to frame
+/// in.
 const MOST_COVERED: f64 = 0.6;
 
 /// Least slope at which the ground is grabbed: at a grazing view it would run away.
@@ -206,8 +207,8 @@ pub struct Navigation {
     size: [u32; 2],
     drag: Option<Drag>,
     held: Vec<Direction>,
-    /// Where the cursor was at the wheel's first notch, the point that it goes towards, and the camera
-    /// after its last notch.
+    /// Where the cursor was at the wheel's first notch, the point that it goes towards, and the
+    /// camera after its last notch.
     wheeled: Option<(DVec2, DVec3, Camera)>,
 }
 
@@ -374,8 +375,8 @@ impl Navigation {
         }
     }
 
-    /// Returns the point that input applies to: the one under the cursor, or else one as deep as the
-    /// camera's target.
+    /// Returns the point that input applies to: the one under the cursor, or else one as deep as
+    /// the camera's target.
     fn point(&self, at: DVec2, under: Option<DVec3>) -> DVec3 {
         under.filter(|&point| self.depth(point) > 0.0).unwrap_or_else(|| {
             let (origin, direction) = self.view().ray(at.x, at.y);
@@ -383,9 +384,9 @@ impl Navigation {
         })
     }
 
-    /// Returns the point that the wheel goes towards. It stays that of the first notch while the cursor
-    /// stays, unless a nearer one appears: from near by, points behind a surface are visible through its
-    /// gaps, and would lead through it.
+    /// Returns the point that the wheel goes towards. It stays that of the first notch while the
+    /// cursor stays, unless a nearer one appears: from near by, points behind a surface are visible
+    /// through its gaps, and would lead through it.
     fn towards(&mut self, at: DVec2, under: Option<DVec3>) -> DVec3 {
         let point = self.point(at, under);
         let stays = |(from, _, camera): &(DVec2, DVec3, Camera)| {
@@ -428,8 +429,8 @@ impl Navigation {
         self.camera.target += by;
     }
 
-    /// Turns about the world's vertical and the picture's horizontal, which stays horizontal; never over
-    /// the top.
+    /// Turns about the world's vertical and the picture's horizontal, which stays horizontal; never
+    /// over the top.
     fn turn(&mut self, about: DVec3, around: f64, over: f64) {
         let Basis { right, up, forward } = self.basis();
         // Sine and cosine together, since the sine alone is imprecise near the top.
@@ -503,8 +504,8 @@ impl Navigation {
         self.camera.projection = onto;
     }
 
-    /// Moves an orthographic camera in front of the subject: its distance does not change the picture,
-    /// but points behind it are not drawn.
+    /// Moves an orthographic camera in front of the subject: its distance does not change the
+    /// picture, but points behind it are not drawn.
     fn keep_in_front(&mut self) {
         if self.camera.projection == Projection::Orthographic {
             let forward = self.basis().forward;

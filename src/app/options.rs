@@ -32,7 +32,8 @@ pub struct Options {
     pub pool_bytes: u64,
     /// Camera path to play.
     pub path: CameraPath,
-    /// Length of a scripted flight: along the path, or ahead if there is none; then the window closes.
+    /// Length of a scripted flight: along the path, or ahead if there is none; then the window
+    /// closes.
     pub flight: Option<Duration>,
     /// Start of the program.
     pub began: Instant,

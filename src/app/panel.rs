@@ -180,7 +180,8 @@ impl Panel {
     /// Passes an event to egui.
     pub fn handle_event(&mut self, window: &Window, event: &WindowEvent) -> EventResponse {
         if let WindowEvent::ScaleFactorChanged { scale_factor, .. } = event {
-            // On some systems the event comes before the window, which egui asks, knows the new factor.
+            // On some systems the event comes before the window, which egui asks, knows the new
+            // factor.
             self.input.egui_ctx().set_zoom_factor((scale_factor / window.scale_factor()) as f32);
         }
         let response = self.input.on_window_event(window, event);

@@ -17,8 +17,8 @@ pub struct PickBuffer {
 const MISS_PX: i64 = 6;
 
 impl PickBuffer {
-    /// Returns the place on the surface at or near a pixel of a window of this size (world); None if
-    /// nothing is near.
+    /// Returns the place on the surface at or near a pixel of a window of this size (world); None
+    /// if nothing is near.
     pub fn place(&self, at: DVec2, window: [u32; 2]) -> Option<DVec3> {
         let (pixel, depth) = self.nearest(at, window, |i| {
             Some(self.depth[i] as f64).filter(|depth| depth.is_finite() && *depth > 0.0)

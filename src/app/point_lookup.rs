@@ -11,8 +11,8 @@ impl App {
     /// Clears the picked points.
     pub(super) fn forget(&mut self) {
         self.ui.measure.points.clear();
-        self.lookup_token.renew();
-        if !self.loading {
+        self.load.lookup_token.renew();
+        if !self.load.active {
             self.ui.doing = None;
         }
     }
@@ -27,15 +27,15 @@ impl App {
             station: station.map(|station| (station.part, station.source)),
         };
         let (files, done, read) =
-            (self.origins.clone(), self.events.clone(), self.options.opening.read);
-        let token = self.lookup_token.clone();
-        let watch = self.watch(token.clone());
+            (self.load.origins.clone(), self.events.clone(), self.options.opening.read);
+        let token = self.load.lookup_token.clone();
+        let watch = self.progress_reporter(token.clone());
         let work = move || {
             let looked = find::find(&files, read, &sought, &watch);
             drop(done.send_event(Event::LookedUp(sought.position, looked, token)));
         };
         match std::thread::Builder::new().name("point lookup".into()).spawn(work) {
-            Ok(thread) => self.workers.push(thread),
+            Ok(thread) => self.load.workers.push(thread),
             Err(error) => self.report_error(&Error::Request(format!(
                 "cannot start a thread to look up a point: {error}"
             ))),

@@ -1,4 +1,5 @@
-//! Profiles: the points between two picked places, as a picture of heights over distance and as CSV.
+//! Profiles: the points between two picked places, as a picture of heights over distance and as
+//! CSV.
 
 use super::actions::Action;
 use super::measure;
@@ -63,8 +64,8 @@ impl Profile {
         image
     }
 
-    /// Returns a CSV table with a line per point: its place in the profile, its place in the world, and
-    /// their unit.
+    /// Returns a CSV table with a line per point: its place in the profile, its place in the world,
+    /// and their unit.
     pub fn csv(&self, reference: &Reference) -> String {
         let unit = if reference.says_unit() {
             reference.unit().symbol().to_string()

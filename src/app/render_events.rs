@@ -21,7 +21,7 @@ impl App {
             RenderEvent::Counted(points) => (self.ui.drawn, self.ui.at_most) = (points, false),
             RenderEvent::Uploaded(info, token) => self.uploaded(*info, &token),
             RenderEvent::Picked { point, adds } => self.picked(point, adds),
-            RenderEvent::PickLater { at, adds } => self.picks_later = Some((at, adds)),
+            RenderEvent::PickLater { at, adds } => self.mouse.pending_pick = Some((at, adds)),
             RenderEvent::Profile(profile) => {
                 print_line(&profile.summary(&self.ui.measure.reference));
                 (self.ui.profile, self.ui.error) = (Some(*profile), None);
@@ -46,7 +46,7 @@ impl App {
             RenderEvent::UploadFailed(..) => {}
             RenderEvent::Ended(error) => {
                 if let Err(error) = self.rebuild(error) {
-                    self.ended = Some(error);
+                    self.exit_error = Some(error);
                     events.exit();
                 }
             }
@@ -57,13 +57,15 @@ impl App {
     pub(super) fn frame_done(&mut self, report: FrameReport) {
         // Neither the cloud nor the picture will change by itself.
         let rests = report.whole
-            && !self.loading
+            && !self.load.active
             && self.render_thread.as_ref().is_some_and(|thread| thread.is_newest(report.handled));
         self.stats.frame_done(&report, rests);
-        let step =
-            self.flight.as_mut().and_then(|flight| flight.frame_done(&report, rests, Instant::now()));
+        let step = self
+            .flight
+            .as_mut()
+            .and_then(|flight| flight.frame_done(&report, rests, Instant::now()));
         self.pick_buffer = Some(report.pick_buffer);
-        if let Some((at, adds)) = self.picks_later.take() {
+        if let Some((at, adds)) = self.mouse.pending_pick.take() {
             self.pick(at, adds);
         }
         (self.ui.drawn, self.ui.at_most) = (report.statistics.points_drawn, report.leaves_out);
@@ -84,11 +86,11 @@ impl App {
         self.schedule_panel();
     }
 
-    /// Schedules a layout of the panel: at once if something is drawn over the picture, which moves with
-    /// it, else soon.
+    /// Schedules a layout of the panel: at once if something is drawn over the picture, which moves
+    /// with it, else soon.
     fn schedule_panel(&mut self) {
         if !self.ui.measure.points.is_empty() || self.scene.clips.active() > 0 {
-            return self.ask_for_panel();
+            return self.request_panel();
         }
         let soon = Instant::now() + BETWEEN;
         self.panel_due = Some(self.panel_due.map_or(soon, |when| when.min(soon)));
@@ -107,13 +109,14 @@ impl App {
     pub(super) fn title(&mut self) {
         let Some(window) = &self.window else { return };
         let file = self
+            .load
             .files
             .first()
             .and_then(|file| file.file_name())
             .map(|name| name.to_string_lossy().into_owned())
             .unwrap_or_default();
-        let more = if self.files.len() > 1 {
-            format!(" and {} more", self.files.len() - 1)
+        let more = if self.load.files.len() > 1 {
+            format!(" and {} more", self.load.files.len() - 1)
         } else {
             String::new()
         };
@@ -130,6 +133,6 @@ impl App {
             window.set_title(&title);
             self.window_title = title;
         }
-        self.ask_for_panel();
+        self.request_panel();
     }
 }

@@ -1,13 +1,22 @@
-//! RENDER THREAD: the newest that the window wants in, pictures on the screen and reports of them out.
+//! RENDER THREAD: the newest that the window wants in, pictures on the screen and reports of them
+//! out.
 //!
-//! The window's thread never waits for the device: it posts what it wants, and goes on. This one drains what was posted, keeps the newest, and
-//!   draws where that is another picture than the last: smaller while it keeps changing (dynamic_resolution.rs), and once as large as the window when it has stopped;
-//!   brings a cloud that was opened to the device, a few milliseconds of it between two pictures, so that the old one is flown through until the new one is there;
-//!   draws again while nodes of an index arrive, and while a picture at rest is refined ([`FrameConfig::progressive`]); then sleeps until something is posted. A picture that nobody looks at any more is not drawn twice.
-//! One picture at a time is on the device. As soon as it is there the window's thread is told, which moves the camera on: where that is by then is drawn next. So whatever hands do is on
-//! the screen after what is left of one picture and one more; a second one waiting on the device would show where the camera was before.
+//! The window's thread never waits for the device: it posts what it wants, and goes on. This one
+//! drains what was posted, keeps the newest, and
+//!   draws where that is another picture than the last: smaller while it keeps changing
+//!   (dynamic_resolution.rs), and once as large as the window when it has stopped; brings a cloud
+//!   that was opened to the device, a few milliseconds of it between two pictures, so that the old
+//!   one is flown through until the new one is there; draws again while nodes of an index arrive,
+//!   and while a picture at rest is refined ([`FrameConfig::progressive`]); then sleeps until
+//!   something is posted. A picture that nobody looks at any more is not drawn twice.
+//! One picture at a time is on the device. As soon as it is there the window's thread is told,
+//! which moves the camera on: where that is by then is drawn next. So whatever hands do is on the
+//! screen after what is left of one picture and one more; a second one waiting on the device would
+//! show where the camera was before.
 //!
-//! How long a picture takes is what passes until it is there. Timestamps of passes do not tell: those of a software device are all taken at the end once anything has been rasterised, as panels are.
+//! How long a picture takes is what passes until it is there. Timestamps of passes do not tell:
+//! those of a software device are all taken at the end once anything has been rasterised, as panels
+//! are.
 
 mod saving;
 
@@ -44,7 +53,8 @@ use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-/// A cloud that is to go to the device, some of it between two pictures, what is to be said of it then, and who is told how far it is.
+/// A cloud that is to go to the device, some of it between two pictures, what is to be said of it
+/// then, and who is told how far it is.
 pub struct Upload {
     pub prepared: PreparedCloud,
     pub info: CloudInfo,
@@ -73,7 +83,8 @@ pub enum Message {
     },
     /// The points of a slab.
     Section(Slab),
-    /// The picture as it is asked for now, of so many pixels, to a file: PNG, or with all its layers EXR.
+    /// The picture as it is asked for now, of so many pixels, to a file: PNG, or with all its
+    /// layers EXR.
     Save {
         path: PathBuf,
         size: [u32; 2],
@@ -132,7 +143,8 @@ pub struct FrameReport {
     pub leaves_out: bool,
     /// Milliseconds on the device of every pass.
     pub passes: Vec<(String, f64)>,
-    /// As large as the window, and all that the view shows of the cloud, and no other one on its way.
+    /// As large as the window, and all that the view shows of the cloud, and no other one on its
+    /// way.
     pub whole: bool,
     /// Of an index.
     pub loading: Option<Loading>,
@@ -169,7 +181,8 @@ pub struct Loading {
 pub struct FrameTimes {
     /// Making the swapchain fit the window.
     pub fitting: Duration,
-    /// Taking in nodes that had come, and asking for others: all that the loader costs whoever draws.
+    /// Taking in nodes that had come, and asking for others: all that the loader costs whoever
+    /// draws.
     pub taking_in: Duration,
     /// Deciding and recording what is to be drawn.
     pub recording: Duration,
@@ -299,9 +312,11 @@ struct RenderLoop {
     saves: VecDeque<PendingSave>,
     /// What the first of them are of, where the window shows another cloud by now.
     retired: VecDeque<RetiredCloud>,
-    /// What is to be seen of the window's cloud is what a picture that is being saved shows, not the window's.
+    /// What is to be seen of the window's cloud is what a picture that is being saved shows, not
+    /// the window's.
     filters_replaced: bool,
-    /// Filters or clip boxes leave points out of the picture on the screen, and nobody has counted the others; whether those that face away are not there.
+    /// Filters or clip boxes leave points out of the picture on the screen, and nobody has counted
+    /// the others; whether those that face away are not there.
     count_due: Option<bool>,
 }
 
@@ -320,7 +335,8 @@ impl Progress for Superseded<'_> {
 /// Samples of the light cast in a row at most, while a picture of those before is on the screen.
 const REFINE_BUDGET: Duration = Duration::from_millis(100);
 
-/// Adds samples of the light to those that shadows are made of, until something newer is wanted; in submissions of their own, so that what has been cast stays when the picture gives way.
+/// Adds samples of the light to those that shadows are made of, until something newer is wanted; in
+/// submissions of their own, so that what has been cast stays when the picture gives way.
 fn refine_shadows(
     gpu: &mut Gpu,
     view: &View,
@@ -377,7 +393,8 @@ impl RenderLoop {
     fn run(mut self) {
         let ended = match catch_unwind(AssertUnwindSafe(|| self.serve())) {
             Ok(ended) => ended,
-            // It has been printed where it happened. What the device may still be at work with stays.
+            // It has been printed where it happened. What the device may still be at work with
+            // stays.
             Err(_panic) => {
                 (self.report)(RenderEvent::Ended(Error::Device(
                     "drawing has ended by a mistake in this program, which is said above".into(),
@@ -463,7 +480,8 @@ impl RenderLoop {
             }
             Message::Pick { id, at, adds } => {
                 self.restore_filters()?;
-                // Ids are of the picture that was drawn last; where nodes have come since, they are others.
+                // Ids are of the picture that was drawn last; where nodes have come since, they are
+                // others.
                 let resident = self
                     .cloud
                     .as_ref()
@@ -495,7 +513,8 @@ impl RenderLoop {
         Ok(())
     }
 
-    /// Some more of the cloud that is on its way; beside the one in the window, and one at most that pictures are saved of.
+    /// Some more of the cloud that is on its way; beside the one in the window, and one at most
+    /// that pictures are saved of.
     fn upload_step(&mut self) -> Result<()> {
         let Some(mut upload) = self.uploading.take_if(|_| self.retired.is_empty()) else {
             return Ok(());
@@ -563,7 +582,8 @@ impl RenderLoop {
         }
     }
 
-    /// The points of the picture on the screen, once it rests: a moving one has no time for another walk over them.
+    /// The points of the picture on the screen, once it rests: a moving one has no time for another
+    /// walk over them.
     fn count(&mut self) -> Result<()> {
         let Some(one_sided) = self.count_due.take() else { return Ok(()) };
         self.restore_filters()?;
@@ -656,7 +676,8 @@ impl RenderLoop {
         let newer = Superseded { count: &self.count, handled: self.handled };
         // What is only a finer picture of the same gives way.
         let gives_way = self.redraw != Redraw::Changed;
-        // By the whole picture: a smaller one has more points a pixel, and would call for other effects.
+        // By the whole picture: a smaller one has more points a pixel, and would call for other
+        // effects.
         let mut config = FrameConfig::new(
             &settings(scene, resident),
             &View::new(scene.camera, present.size())?,
@@ -683,7 +704,8 @@ impl RenderLoop {
                 return match error {
                     // Something newer is wanted, which is handled next.
                     Error::Interrupted => Ok(true),
-                    // What was asked for cannot be drawn; the picture that is there stays until something else is asked for.
+                    // What was asked for cannot be drawn; the picture that is there stays until
+                    // something else is asked for.
                     Error::Request(_) => {
                         (self.report)(RenderEvent::Failed(error));
                         self.redraw = Redraw::Nothing;

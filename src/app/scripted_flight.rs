@@ -1,5 +1,5 @@
-//! A scripted flight, to measure the window: along a camera path or straight ahead as soon as the cloud
-//! is complete, then a rest, then the end.
+//! A scripted flight, to measure the window: along a camera path or straight ahead as soon as the
+//! cloud is complete, then a rest, then the end.
 
 use super::frame_stats::{self, FrameSample};
 use super::render_thread::FrameReport;
@@ -57,8 +57,8 @@ impl ScriptedFlight {
         }
     }
 
-    /// Takes a frame into account; `rests` if neither cloud nor picture will change by itself. Returns
-    /// what the window has to do.
+    /// Takes a frame into account; `rests` if neither cloud nor picture will change by itself.
+    /// Returns what the window has to do.
     pub fn frame_done(&mut self, report: &FrameReport, rests: bool, now: Instant) -> Option<Step> {
         let (stage, step) = match self.stage {
             Stage::Before if rests => (Stage::Under(now), Some(Step::Start)),
