@@ -7,7 +7,7 @@ use super::render_thread::{Message, Upload};
 use super::{App, Event, warn};
 use crate::cloud::attribute::ExtraAttributes;
 use crate::error::{Error, Result};
-use crate::index::attributes::strokes::Found;
+use crate::index::attributes::strokes::StrokeCache;
 use crate::passes::Switch;
 use crate::render::scene::Scene;
 use crate::view::Camera;
@@ -23,7 +23,7 @@ pub(super) struct LoadState {
     /// Files that the displayed points come from.
     pub origins: Vec<PathBuf>,
     /// Strokes computed so far of the open files.
-    pub strokes: Arc<Found>,
+    pub strokes: Arc<StrokeCache>,
     /// The last request that was loaded as a whole.
     pub last: Option<LoadRequest>,
     /// The request that is displayed; None if that is a sample or nothing.

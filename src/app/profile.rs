@@ -94,7 +94,7 @@ impl Profile {
 
     /// Describes the profile: points, length and width.
     pub fn summary(&self, reference: &Reference) -> String {
-        let Section { points, resident, all } = &self.section;
+        let SlabPoints { points, resident, all } = &self.section;
         let part = if resident < all {
             format!(", of the {resident} of {all} that are loaded")
         } else {

@@ -3,6 +3,7 @@
 use super::files::{check_extension, refuse_to_overwrite};
 use super::frames;
 use super::options::{DeviceOptions, PictureOptions};
+use crate::atomic_file::AtomicFile;
 use crate::error::{Error, Result};
 use crate::graph::{CompletedSubmission, Gpu};
 use crate::output::export::Downloads;
@@ -16,7 +17,6 @@ use crate::render::settings::FrameConfig;
 use crate::render::source::{GpuCloud, SelectionReport, Source};
 use crate::resident::Resident;
 use crate::view::View;
-use crate::atomic_file::AtomicFile;
 use std::path::PathBuf;
 use std::time::Instant;
 

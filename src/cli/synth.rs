@@ -4,6 +4,7 @@
 use super::files::check_extension;
 use super::options::read_camera;
 use super::units::Size;
+use crate::atomic_file::write_atomically;
 use crate::config;
 use crate::error::{Error, Result};
 use crate::output::image_io::{Samples, write_exr};
