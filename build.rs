@@ -1,9 +1,11 @@
-//! GLSL -> SPIR-V -> one typed Rust struct a shader (`src/shader.rs` includes the result); of a vertex and a fragment shader of one name, one for both.
+//! Compiles GLSL to SPIR-V and generates one typed Rust struct per shader, or per pair of a vertex
+//! and a fragment shader of one name; `src/shader.rs` includes the result.
 //!
-//! In: every `glsl/*.comp|vert|frag` (files under `glsl/lib` are only included). Out: `$OUT_DIR/shader.rs`. The SPIR-V is the only truth:
-//! a shader's bindings become fields by their GLSL names, `&` where the GLSL says `readonly` and `&mut` where it writes; push constants and
-//! structs that live inside buffers become `#[repr(C)]` structs field by field (a padding hole fails the build, because then two layouts
-//! would have to be kept equal by hand); specialisation constants become a `Spec` with the GLSL's own defaults where those are needed.
+//! Input: every `glsl/*.comp|vert|frag` (files under `glsl/lib` are only included). Output:
+//! `$OUT_DIR/shader.rs`. All of it is reflected from the SPIR-V. Bindings become fields with their
+//! GLSL names, `&` for `readonly` and `&mut` otherwise. Push constants and structs in buffers
+//! become `#[repr(C)]` structs; a padding hole fails the build, because two layouts would have to
+//! be kept equal by hand. Specialisation constants become a `Spec`.
 
 use spirq::prelude::*;
 use spirq::ty::{ScalarType, StructType};
@@ -21,7 +23,7 @@ fn main() {
     sources.sort();
     let (mut rust, mut shared) = (String::new(), BTreeMap::new());
     for source in &sources {
-        // A vertex stage brings its fragment stage.
+        // The fragment stage is compiled with its vertex stage.
         let stages = match source.extension().and_then(|extension| extension.to_str()) {
             Some("comp") => vec![reflect(&mut shared, source)],
             Some("vert") => [source.clone(), source.with_extension("frag")]
@@ -56,7 +58,8 @@ fn stage(path: &Path) -> Option<shaderc::ShaderKind> {
     })
 }
 
-/// With debug names kept: reflection, captures and validation messages speak of `depth`, not of `%23`.
+/// Compiles a shader with debug names, so that reflection, captures and validation messages name
+/// `depth` instead of `%23`.
 fn compile(source: &Path, level: shaderc::OptimizationLevel) -> Vec<u32> {
     let text = std::fs::read_to_string(source).expect("read shader");
     let compiler = shaderc::Compiler::new().expect("shaderc");
@@ -85,8 +88,9 @@ fn compile(source: &Path, level: shaderc::OptimizationLevel) -> Vec<u32> {
     }
 }
 
-/// The same with every floating-point operation as it is written: neither contracted nor rearranged, so that all drivers give the same bits (HARD_CASES 25). GLSL's `precise` says so of one variable at
-/// a time, and the optimiser forgets it wherever it inlines a function a second time.
+/// Forbids contraction and reordering of every floating-point operation, so that all drivers give
+/// the same bits (guide: numerics, case 25). GLSL's `precise` applies to one variable at a time,
+/// and the optimiser forgets it wherever it inlines a function a second time.
 fn precise(words: &[u32]) -> Vec<u32> {
     // FNegate, FAdd, FSub, FMul, FDiv, FRem, FMod, VectorTimesScalar, Dot.
     const ARITHMETIC: [u32; 9] = [127, 129, 131, 133, 136, 140, 141, 142, 148];
@@ -104,10 +108,7 @@ fn precise(words: &[u32]) -> Vec<u32> {
             decorations_end = at;
         }
     }
-    assert!(
-        decorations_end > 5,
-        "a shader without a single decoration has no place where they are"
-    );
+    assert!(decorations_end > 5, "a shader without decorations has no place for more");
     let added = results.into_iter().flat_map(|id| [3 << 16 | OP_DECORATE, id, NO_CONTRACTION]);
     words[..decorations_end]
         .iter()
@@ -117,15 +118,15 @@ fn precise(words: &[u32]) -> Vec<u32> {
         .collect()
 }
 
-/// What a stage's SPIR-V says about itself.
+/// Reflection of a stage.
 struct Stage {
     code: String,
-    /// By number: name, kind, access.
+    /// Name, kind and access by binding.
     bindings: BTreeMap<u32, (String, (String, String))>,
     push: Option<String>,
-    /// By number: name, type.
+    /// Name and type by constant id.
     spec: BTreeMap<u32, (String, String)>,
-    /// What glsl/lib/area.glsl declares is the graph's, and no field: binding and constant.
+    /// Binding and constant of glsl/lib/area.glsl, which the graph sets and which are no fields.
     area: Option<u32>,
     listed: Option<u32>,
     workgroup: [u32; 3],
@@ -152,7 +153,7 @@ fn reflect(shared: &mut BTreeMap<String, String>, source: &Path) -> Stage {
         workgroup,
     };
     for variable in &entry.vars {
-        // Built-in inputs, and the unnamed twin of the constant that is the workgroup's width.
+        // Built-in inputs, and the unnamed duplicate of the workgroup-width constant.
         let Some(name) = variable.name().map(str::to_string) else { continue };
         match variable {
             Variable::Descriptor { desc_bind, .. } if name == "area" => {
@@ -188,7 +189,8 @@ fn reflect(shared: &mut BTreeMap<String, String>, source: &Path) -> Stage {
     stage
 }
 
-/// The struct of a shader: of one stage, or of a vertex and a fragment stage that share its fields; set 0 is the former's, set 1 the latter's.
+/// Generates the struct of one stage, or of a vertex and a fragment stage that share its fields;
+/// set 0 belongs to the former, set 1 to the latter.
 fn generate(rust: &mut String, module: &str, stages: &[Stage]) {
     let structure: String =
         module.split('_').map(|part| part[..1].to_uppercase() + &part[1..]).collect();
@@ -291,7 +293,8 @@ fn generate(rust: &mut String, module: &str, stages: &[Stage]) {
     writeln!(rust, "}}").unwrap();
 }
 
-/// What a binding is, and what the shader does with it: `readonly` reads, `writeonly` overwrites everything it dispatches over, neither modifies.
+/// Returns kind and access of a binding: `readonly` reads, `writeonly` overwrites all it is
+/// dispatched over, neither modifies.
 fn binding(source: &Path, descriptor: &DescriptorType, ty: &Type) -> (String, String) {
     let access = |access: &AccessType| match access {
         AccessType::ReadOnly => "Read",
@@ -313,7 +316,7 @@ fn binding(source: &Path, descriptor: &DescriptorType, ty: &Type) -> (String, St
     }
 }
 
-/// The struct that a storage buffer is an array of.
+/// Returns the element struct of a storage buffer.
 fn element_struct(ty: &Type) -> Option<&StructType> {
     let Type::Struct(block) = ty else { return None };
     let Type::Array(array) = &block.members.last()?.ty else { return None };
@@ -321,7 +324,7 @@ fn element_struct(ty: &Type) -> Option<&StructType> {
     Some(element)
 }
 
-/// Rust fields of a scalar-layout struct; a hole between two of them fails the build.
+/// Writes the Rust fields of a scalar-layout struct; a hole between fields fails the build.
 fn fields(source: &Path, structure: &StructType) -> String {
     let (mut body, mut end) = (String::new(), 0);
     for member in &structure.members {
@@ -364,7 +367,8 @@ fn scalar(ty: &Type) -> Option<String> {
     )
 }
 
-/// A copy for reflection: the crate knows few operations of `OpSpecConstantOp`, and nothing that it reports depends on them.
+/// Removes `OpSpecConstantOp` for reflection: spirq knows few of its operations, and nothing it
+/// reports depends on them.
 fn without_constant_expressions(words: &[u32]) -> Vec<u32> {
     const OP_SPEC_CONSTANT_OP: u32 = 52;
     let mut kept = words[..5].to_vec();
@@ -379,7 +383,8 @@ fn without_constant_expressions(words: &[u32]) -> Vec<u32> {
     kept
 }
 
-/// The literal workgroup size (`OpExecutionMode LocalSize`); `[0, 0, 0]` where it is given by specialisation constants.
+/// Returns the literal workgroup size (`OpExecutionMode LocalSize`); `[0, 0, 0]` if specialisation
+/// constants set it.
 fn workgroup(words: &[u32]) -> [u32; 3] {
     const OP_EXECUTION_MODE: u32 = 16;
     const LOCAL_SIZE: u32 = 17;

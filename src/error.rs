@@ -4,6 +4,7 @@
 //! it is and exits with 1. Misuse of the render graph is a programming error and panics instead,
 //! with pass and resource names.
 
+use ash::vk;
 use std::path::{Path, PathBuf};
 
 pub type Result<T> = std::result::Result<T, Error>;
@@ -27,8 +28,8 @@ pub enum Error {
     Device(String),
 
     /// A Vulkan call failed; `during` names the call or the running pass.
-    #[error("Vulkan failed with {code} during {during}")]
-    Vulkan { during: String, code: String },
+    #[error("Vulkan failed with {code:?} during {during}")]
+    Vulkan { during: String, code: vk::Result },
 
     /// The validation layers, enabled by `--validate` and every test, reported an error.
     #[error("Vulkan validation: {0}")]
@@ -42,7 +43,7 @@ pub enum Error {
 impl Error {
     /// Tests whether the device is lost, and another one may be opened.
     pub fn is_lost_device(&self) -> bool {
-        matches!(self, Error::Vulkan { code, .. } if code == "ERROR_DEVICE_LOST")
+        matches!(self, Error::Vulkan { code: vk::Result::ERROR_DEVICE_LOST, .. })
     }
 
     /// Returns the file that the error is about, if any.

@@ -1,4 +1,5 @@
-//! The shaders as Rust structs, generated from their SPIR-V by `build.rs`: a field renamed in GLSL alone does not compile here.
+//! The shaders as Rust structs, generated from their SPIR-V by `build.rs`: a field renamed only in
+//! GLSL does not compile here.
 #![allow(missing_docs)]
 
 use crate::gpu::{Access, Binding, Code, Kind};

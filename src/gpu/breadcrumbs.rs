@@ -1,6 +1,7 @@
-//! Breadcrumbs: which pass was running when the device was lost.
+//! Breadcrumbs: the pass that was running when the device was lost.
 //!
-//! A mapped buffer of one word a pass. Each pass writes its word before it starts; after a loss the last word written names the culprit.
+//! A mapped buffer holds one word per pass, written before the pass starts. After a loss, the last
+//! written word names the pass.
 
 use super::Device;
 use super::memory::{BufferDesc, Memory, Place, RawBuffer};
@@ -26,18 +27,19 @@ impl Breadcrumbs {
     }
 
     pub fn mark(&self, device: &Device, commands: vk::CommandBuffer, pass: usize) {
-        // SAFETY: the word lies within the buffer, which lives until the submission has been waited for; each word is written once.
+        // SAFETY: the word lies within the buffer, which lives until the submission has been waited
+        // for.
         unsafe { device.raw.cmd_fill_buffer(commands, self.crumbs.raw, 4 * pass as u64, 4, CRUMB) };
     }
 
-    /// The error for a submission that failed with `code`.
+    /// Returns the error of a submission that failed with `code`.
     pub fn blame(&self, code: vk::Result) -> Error {
         let words: &[u32] = bytemuck::cast_slice(&self.crumbs.bytes()[..4 * self.names.len()]);
         let during = match words.iter().rposition(|&word| word == CRUMB) {
             Some(pass) => format!("pass {}", self.names[pass]),
             None => "submission".to_string(),
         };
-        Error::Vulkan { during, code: format!("{code:?}") }
+        Error::Vulkan { during, code }
     }
 
     pub fn recycle(self, memory: &mut Memory) {

@@ -1,7 +1,8 @@
-//! A wish in, an open device out.
+//! Finds and opens a Vulkan device.
 //!
-//! Of the devices that have every feature we ask for, the best kind wins: discrete, integrated, virtual, CPU. A missing feature is named in the error.
-//! Validation, when wished for, is core and synchronization validation; its messages are collected and make whatever caused them fail.
+//! Of the devices with all required features the best kind wins: discrete, integrated, virtual,
+//! CPU. An error names the missing features. Validation enables core and synchronization checks;
+//! their messages are collected and turned into errors of the submission that caused them.
 
 use super::failed;
 use crate::error::{Error, Result};
@@ -10,27 +11,28 @@ use std::ffi::{CStr, c_char, c_void};
 use std::io::Write;
 use std::sync::Mutex;
 
-/// What the user asked for with `--device` and `--validate`.
+/// Options of `--device` and `--validate`, and switches for tests.
 #[derive(Clone, Debug, Default)]
 pub struct DeviceOptions {
-    /// Part of the device's name (case does not matter) or its index in the order of the loader.
+    /// Part of the device's name (case-insensitive), or its index in the loader's order.
     pub device: Option<String>,
     pub validate: bool,
-    /// Able to show pictures in windows.
+    /// Enables window surfaces and swapchains.
     pub window: bool,
-    /// Treat the device as one without 64-bit atomics, so that tests can force the two-pass way.
+    /// For tests: pretend that there are no 64-bit atomics, to force the two-pass path.
     pub no_int64_atomics: bool,
-    /// Treat the device as one of small texel buffers, so that tests can force loads of words.
+    /// For tests: pretend that texel buffers are small, to force word loads.
     pub no_texels: bool,
-    /// Treat the device as lost once it has been given so many submissions, so that tests can force what follows.
+    /// For tests: pretend that the device is lost after this many submissions.
     pub lost_after: Option<u64>,
-    /// Treat a window's surface as lost once it has been asked to show so many pictures, until it is made anew.
+    /// For tests: pretend that the window surface is lost after this many presentations, until it
+    /// is recreated.
     pub surface_lost_after: Option<u64>,
-    /// Treat the device as one most of whose memory the CPU cannot write to, so that tests can force the ring of pages.
+    /// For tests: pretend that the CPU cannot map most device memory, to force the staging ring.
     pub unmapped: bool,
 }
 
-/// An open device with one queue that computes and draws.
+/// An open device with one queue for compute and graphics.
 pub struct Device {
     /// Keeps the Vulkan library loaded.
     pub entry: ash::Entry,
@@ -42,25 +44,28 @@ pub struct Device {
     pub limits: vk::PhysicalDeviceLimits,
     pub name: String,
     pub driver: String,
-    /// A CPU pretending to be a GPU (lavapipe, SwiftShader): kernels choose other loop shapes there.
+    /// Whether it is a software device (lavapipe, SwiftShader); kernels choose other loop shapes
+    /// there.
     pub is_cpu: bool,
-    /// 64-bit integers and buffer atomics on them.
+    /// Whether there are 64-bit integers and buffer atomics on them.
     pub int64_atomics: bool,
-    /// The CPU can write to all of the device's own memory; a graphics card without a resizable BAR has a window of 256 MiB.
+    /// Whether the CPU can map all device-local memory. A graphics card without a resizable BAR
+    /// maps only 256 MiB.
     pub has_host_visible_vram: bool,
-    /// Texel buffers are large enough for pages, keys and lists of tiles; Vulkan promises only 65,536 texels.
+    /// Whether texel buffers hold pages, keys and tile lists; Vulkan guarantees only 65,536 texels.
     pub has_large_texel_buffers: bool,
-    /// Workgroups of a pass that goes through a list of which most may need nothing: on a CPU few, since there every workgroup walks through its code once even if nothing is to be done.
+    /// Most workgroups of a pass over a list whose entries may need no work. Few on a CPU, where
+    /// each workgroup runs through its code even if there is nothing to do.
     pub max_workgroups: u32,
-    /// Bytes of one allocation.
+    /// Largest allocation [bytes].
     pub max_allocation: u64,
     pub labels: Option<ext::debug_utils::Device>,
     messenger: Option<(ext::debug_utils::Instance, vk::DebugUtilsMessengerEXT)>,
-    // Boxed: the messenger holds its address.
+    // Boxed, because the messenger holds its address.
     messages: Box<Mutex<Vec<String>>>,
 }
 
-/// As many 32-bit words as the largest storage buffer that Vulkan devices commonly bind (128 MiB).
+/// Texels of 32 bits in the largest storage buffer that Vulkan devices commonly bind (128 MiB).
 const MIN_TEXELS: u32 = 1 << 25;
 
 const WINDOW_SYSTEMS: [&CStr; 6] = [
@@ -76,7 +81,8 @@ const VALIDATION_LAYER: &CStr = c"VK_LAYER_KHRONOS_validation";
 
 impl Device {
     pub fn open(options: &DeviceOptions) -> Result<Device> {
-        // SAFETY: loading the system's Vulkan loader runs its initialisers, which we trust as every Vulkan program does.
+        // SAFETY: loading the system's Vulkan loader runs its initialisers, as in every Vulkan
+        // program.
         let entry = unsafe { ash::Entry::load() }.map_err(|error| {
             Error::Device(format!(
                 "no Vulkan loader ({error}); install libvulkan1 and a driver (mesa-vulkan-drivers has one that needs no GPU)"
@@ -92,7 +98,7 @@ impl Device {
             Ok(choice) => choice,
             Err(error) => {
                 if let (Some(debug), Some(messenger)) = (&debug, messenger) {
-                    // SAFETY: made above from this instance, used by nobody else.
+                    // SAFETY: created above from this instance and used nowhere else.
                     unsafe { debug.destroy_debug_utils_messenger(messenger, None) };
                 }
                 // SAFETY: nothing made from the instance is left.
@@ -105,7 +111,7 @@ impl Device {
             Error::Device("the device has no queue that computes and draws".to_string())
         })?;
         let raw = open_device(&instance, physical, family, int64_atomics, options.window)?;
-        // SAFETY: the family and its queue 0 were asked for in open_device.
+        // SAFETY: `open_device` requested this family and its queue 0.
         let queue = unsafe { raw.get_device_queue(family, 0) };
         let labels = debug.as_ref().map(|_| ext::debug_utils::Device::new(&instance, &raw));
         let (driver, max_allocation) = driver(&instance, physical);
@@ -139,7 +145,8 @@ impl Device {
         })
     }
 
-    /// What the validation layers have said since the last call; an error when they said anything.
+    /// Returns the messages of the validation layers since the last call as an error, if there are
+    /// any.
     pub fn take_validation_errors(&self) -> Result<()> {
         let said = std::mem::take(
             &mut *self.messages.lock().unwrap_or_else(|poisoned| poisoned.into_inner()),
@@ -153,13 +160,15 @@ impl Device {
             let name = std::ffi::CString::new(name).unwrap_or_default();
             let info =
                 vk::DebugUtilsObjectNameInfoEXT::default().object_handle(handle).object_name(&name);
-            // SAFETY: the handle belongs to this device. A name that is lost only makes messages less clear.
+            // SAFETY: the handle belongs to this device. A lost name only makes messages less
+            // clear.
             let _ = unsafe { labels.set_debug_utils_object_name(&info) };
         }
     }
 }
 
-/// Whether some memory that the CPU can write to lies in a heap as large as the device's largest own one.
+/// Returns whether a host-visible memory type lies in a heap as large as the largest device-local
+/// one.
 fn has_host_visible_vram(memory: &vk::PhysicalDeviceMemoryProperties) -> bool {
     use vk::MemoryPropertyFlags as Flags;
     let largest = |wanted: Flags| {
@@ -175,10 +184,11 @@ fn has_host_visible_vram(memory: &vk::PhysicalDeviceMemoryProperties) -> bool {
 
 impl Drop for Device {
     fn drop(&mut self) {
-        // SAFETY: whoever made objects from the device borrows or owns it and is gone by now; the device is idle because every submission is waited for.
+        // SAFETY: all objects of the device borrow or own it and are gone by now; the device is
+        // idle because every submission has been waited for.
         unsafe {
             self.raw.destroy_device(None);
-            // What outlived its device is said here, where nobody can fail any more.
+            // Reports objects that outlived the device; an error cannot be returned here.
             if let Err(error) = self.take_validation_errors() {
                 drop(writeln!(std::io::stderr(), "pointillist: {error}"));
             }
@@ -190,7 +200,7 @@ impl Drop for Device {
     }
 }
 
-/// One line a device: index, name, kind, driver; for error messages and `--help`.
+/// Lists index, name and type of each device, for error messages.
 fn list(instance: &ash::Instance, devices: &[vk::PhysicalDevice]) -> String {
     let line = |(index, &device)| {
         // SAFETY: the device comes from this instance.
@@ -221,7 +231,7 @@ fn open_instance(
                 .to_string(),
         ));
     }
-    // The layer itself brings debug_utils where the loader does not list it.
+    // The validation layer provides debug_utils even if the loader does not list it.
     let offers = |name: &CStr| {
         extensions.iter().any(|extension| extension.extension_name_as_c_str() == Ok(name))
     };
@@ -234,7 +244,7 @@ fn open_instance(
         if !offers(khr::surface::NAME) {
             return Err(Error::Device("the Vulkan loader knows no window system".to_string()));
         }
-        // Which of them the window is of turns out when it is there.
+        // The window system in use is known only when the window exists.
         extension_names
             .extend(WINDOW_SYSTEMS.iter().filter(|name| offers(name)).map(|name| name.as_ptr()));
     }
@@ -263,11 +273,13 @@ fn create_debug_messenger(
     };
     let info = vk::DebugUtilsMessengerCreateInfoEXT::default()
         .message_severity(Severity::ERROR | Severity::WARNING)
-        // Not PERFORMANCE: it objects to the GENERAL layout, which is our choice (STYLE: at most one memory barrier between passes).
+        // Not PERFORMANCE: it warns about the GENERAL layout, which all images use so that one
+        // memory barrier between passes suffices.
         .message_type(Type::VALIDATION)
         .pfn_user_callback(Some(debug_callback))
         .user_data(messages as *const _ as *mut c_void);
-    // SAFETY: `messages` is boxed in the Device, which destroys the messenger before it drops the box.
+    // SAFETY: `messages` is boxed in the Device, which destroys the messenger before dropping the
+    // box.
     unsafe { debug.create_debug_utils_messenger(&info, None) }
         .map_err(failed("vkCreateDebugUtilsMessengerEXT"))
 }
@@ -278,7 +290,8 @@ unsafe extern "system" fn debug_callback(
     data: *const vk::DebugUtilsMessengerCallbackDataEXT<'_>,
     messages: *mut c_void,
 ) -> vk::Bool32 {
-    // SAFETY: the layer passes valid data, and the pointer that `listen` gave it.
+    // SAFETY: the layer passes valid data, and the pointer that `create_debug_messenger`
+    // registered.
     let (message, messages) =
         unsafe { ((*data).message_as_c_str(), &*(messages as *const Mutex<Vec<String>>)) };
     let message = message.map_or(String::new(), |message| message.to_string_lossy().into_owned());
@@ -339,7 +352,8 @@ fn choose(instance: &ash::Instance, options: &DeviceOptions) -> Result<Choice> {
     })
 }
 
-/// The required features that a device lacks, and whether it lacks 64-bit atomics, which are optional.
+/// Returns the missing required features, and whether 64-bit atomics, which are optional, are
+/// missing.
 fn missing(
     instance: &ash::Instance,
     device: vk::PhysicalDevice,
@@ -422,7 +436,7 @@ fn queue_family(instance: &ash::Instance, physical: vk::PhysicalDevice) -> Optio
     families.iter().position(|family| family.queue_flags.contains(needed)).map(|index| index as u32)
 }
 
-/// Its name and version, and how many bytes one allocation may have.
+/// Returns the driver's name and version, and the largest allocation [bytes].
 fn driver(instance: &ash::Instance, physical: vk::PhysicalDevice) -> (String, u64) {
     let mut driver = vk::PhysicalDeviceDriverProperties::default();
     let mut limits = vk::PhysicalDeviceMaintenance3Properties::default();
@@ -445,7 +459,7 @@ mod tests {
     use super::*;
     use vk::MemoryPropertyFlags as Flags;
 
-    /// Heaps, MiB, and for every type of memory its heap and what it is.
+    /// Builds memory properties from heap sizes [MiB] and, for each type, its heap and flags.
     fn memory(heaps: &[u64], types: &[(u32, Flags)]) -> vk::PhysicalDeviceMemoryProperties {
         let mut memory = vk::PhysicalDeviceMemoryProperties::default();
         (memory.memory_heap_count, memory.memory_type_count) =

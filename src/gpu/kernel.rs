@@ -1,26 +1,28 @@
-//! SPIR-V with its reflected bindings in, compute pipelines out, one for each set of specialisation constants.
+//! Compute pipelines from SPIR-V and its reflected bindings, one for each set of specialisation
+//! constants.
 
 use super::{Device, failed};
 use crate::error::Result;
 use ash::vk;
 use std::collections::HashMap;
 
-/// What a shader does with a binding.
+/// How a shader accesses a binding.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Access {
     Read,
-    /// Does not care what was there before.
+    /// Overwrites all of it; previous contents do not matter.
     Write,
     Modify,
 }
 
-/// What a binding is; an image says its format, which must be that of the image bound.
+/// Type of a binding; that of an image names its format, which the bound image must have.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Kind {
     Buffer,
-    /// A buffer read as 32-bit words through texel fetches, which software devices gather ten times faster than storage buffers.
+    /// A buffer read as 32-bit words by texel fetches, which software devices gather ten times
+    /// faster than from storage buffers.
     TexelsR32ui,
-    /// The same in fours.
+    /// As [`Kind::TexelsR32ui`], with four words per texel.
     TexelsRgba32ui,
     R32f,
     R32ui,
@@ -46,16 +48,17 @@ pub struct Binding {
     pub access: Access,
 }
 
-/// A compiled shader and what its SPIR-V says about itself.
+/// A compiled shader with its reflection.
 #[derive(Clone, Copy, Debug)]
 pub struct Code {
     pub name: &'static str,
     pub spirv: &'static [u32],
     pub bindings: &'static [Binding],
     pub push_bytes: u32,
-    /// `[0, 0, 0]` where specialisation constant 0 is the width.
+    /// Workgroup size; `[0, 0, 0]` if specialisation constant 0 is the width.
     pub workgroup: [u32; 3],
-    /// Of a shader that can keep to listed tiles (glsl/lib/area.glsl), the constant that says whether it does; the list is then the last of its bindings.
+    /// The constant that enables a tile list, for shaders that include glsl/lib/area.glsl; the list
+    /// is then the last binding.
     pub listed: Option<u32>,
 }
 
@@ -66,7 +69,7 @@ pub struct Kernel {
     pub set_layout: vk::DescriptorSetLayout,
 }
 
-/// Kernels made so far, by shader and specialisation constants.
+/// Cache of kernels by shader and specialisation constants.
 pub struct Kernels {
     device: ash::Device,
     made: HashMap<(&'static str, Constants), Kernel>,
@@ -136,7 +139,8 @@ fn make(device: &Device, code: &Code, constants: &[(u32, u32)]) -> Result<Kernel
         size: code.push_bytes,
     }];
     let raw = &device.raw;
-    // SAFETY: all pointers outlive their calls; the SPIR-V was made by build.rs from this repository's GLSL, and its layout from its own reflection.
+    // SAFETY: all pointers outlive their calls; build.rs made the SPIR-V from this repository's
+    // GLSL, and the layout from its reflection.
     unsafe {
         let set_layout = raw
             .create_descriptor_set_layout(

@@ -1,7 +1,9 @@
-//! Descriptions in, named buffers and images out.
+//! Named buffers and images, and their memory.
 //!
-//! Memory comes from gpu-allocator. What a frame is done with goes to a shelf and is handed out again: buffers to whoever asks for the same description, blocks, in which images and
-//! buffers of a frame lie, to a frame of about the same size; because fresh pages cost seconds per GiB to touch on a software device (PROBE.md) and allocations are slow on every other.
+//! gpu-allocator provides the memory. What a frame has finished with is recycled: buffers for the
+//! same description, memory blocks, in which a frame's images and buffers lie, for a frame of about
+//! the same size. Touching fresh pages costs seconds per GiB on a software device, and allocations
+//! are slow on every other.
 
 use super::{Device, failed};
 use crate::error::{Error, Result};
@@ -14,15 +16,17 @@ use std::collections::HashMap;
 use std::mem::ManuallyDrop;
 use std::sync::{Arc, PoisonError, RwLock};
 
-/// Where a buffer lives.
+/// Memory kind of a buffer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Place {
     Device,
-    /// Written by the CPU through a persistent map, read by the device; device-local where there is such memory.
+    /// Written by the CPU through a persistent map, read by the device; device-local if there is
+    /// such memory.
     Upload,
     /// Written by the device, read by the CPU.
     Download,
-    /// Somebody else's, such as the pages of resident nodes: it outlives the frame and its contents are there from the start.
+    /// Owned elsewhere, such as pages of resident nodes; outlives the frame and has contents from
+    /// the start.
     Imported,
 }
 
@@ -34,18 +38,18 @@ pub struct BufferDesc {
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct ImageDesc {
-    /// Pixels.
+    /// Width and height [px].
     pub size: [u32; 2],
     pub format: vk::Format,
 }
 
 impl ImageDesc {
-    /// Of a rasteriser's depth attachment.
+    /// Describes a depth attachment.
     pub fn depth(size: [u32; 2]) -> ImageDesc {
         ImageDesc { size, format: vk::Format::D32_SFLOAT }
     }
 
-    /// Of an attachment of keys.
+    /// Describes an attachment of 64-bit keys.
     pub fn keys(size: [u32; 2]) -> ImageDesc {
         ImageDesc { size, format: vk::Format::R32G32_UINT }
     }
@@ -62,7 +66,7 @@ impl ImageDesc {
         self.size[0] as u64 * self.size[1] as u64 * self.bytes_per_pixel()
     }
 
-    /// All of such an image.
+    /// Returns the range that covers the image.
     pub fn whole(&self) -> vk::ImageSubresourceRange {
         let aspect = if self.format == vk::Format::D32_SFLOAT {
             vk::ImageAspectFlags::DEPTH
@@ -78,20 +82,20 @@ impl ImageDesc {
     }
 }
 
-/// Views of a buffer as 32-bit words, and as fours of them; none of a download.
+/// Views of a buffer as texels of one and of four 32-bit words; null for downloads.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Texels {
     pub words: vk::BufferView,
     pub fours: vk::BufferView,
 }
 
-/// A buffer with its memory; mapped unless it lives on the device only.
+/// A buffer with its memory; mapped unless device-only.
 pub struct RawBuffer {
     pub raw: vk::Buffer,
     pub desc: BufferDesc,
-    /// Device address, for pages that shaders reach by pointer.
+    /// Device address, for shaders that read pages by pointer.
     pub address: u64,
-    /// All of it as texels, for gathered loads.
+    /// Texel views of the whole buffer.
     pub texels: Texels,
     allocation: Allocation,
 }
@@ -105,7 +109,8 @@ impl RawBuffer {
         self.allocation.mapped_slice_mut().expect("a mapped buffer")
     }
 
-    /// A part of a mapped buffer for another thread, which has it until `alive` ends: before the buffer does, and with the device.
+    /// Returns a part of a mapped buffer for another thread, valid until `alive` is closed: before
+    /// the buffer is freed, or with the device.
     pub fn mapped_range(&self, bytes: std::ops::Range<u64>, alive: &LifetimeGuard) -> MappedRange {
         assert!(bytes.start <= bytes.end && bytes.end <= self.desc.bytes);
         let map = self.allocation.mapped_ptr().expect("a mapped buffer").as_ptr().cast::<u8>();
@@ -117,11 +122,11 @@ impl RawBuffer {
     }
 }
 
-/// Whether the device and its memory are still there, and what lies in it; for threads that outlive them.
+/// A guard of device memory for threads that may outlive the device.
 #[derive(Clone)]
 pub struct LifetimeGuard {
     own: Arc<RwLock<bool>>,
-    /// Of what it lies in.
+    /// The guard of the enclosing object.
     parent: Option<Arc<RwLock<bool>>>,
 }
 
@@ -130,12 +135,12 @@ impl LifetimeGuard {
         LifetimeGuard { own: Arc::new(RwLock::new(true)), parent: None }
     }
 
-    /// Of something that ends with the device, or before.
+    /// Returns a guard of something that ends with the device or before.
     pub fn child(&self) -> LifetimeGuard {
         LifetimeGuard { parent: Some(self.own.clone()), ..LifetimeGuard::new() }
     }
 
-    /// Does `work` with all of it kept, or says `otherwise` where it is gone.
+    /// Runs `work` while holding the object alive; returns `otherwise` if it is gone.
     pub fn with_alive<T>(&self, otherwise: T, work: impl FnOnce() -> Result<T>) -> Result<T> {
         let parent = self
             .parent
@@ -145,7 +150,7 @@ impl LifetimeGuard {
         if *own && parent.is_none_or(|parent| *parent) { work() } else { Ok(otherwise) }
     }
 
-    /// Waits for whoever is at work with it, and does the last of it where that is not done yet.
+    /// Waits for running work, then runs `last` if this is the first call and the parent is alive.
     pub fn close(&self, last: impl FnOnce()) {
         let parent = self
             .parent
@@ -158,14 +163,15 @@ impl LifetimeGuard {
     }
 }
 
-/// Some bytes of a mapped buffer, for another thread to write. Whoever makes it keeps the buffer, and everyone else away from these bytes, until it is dropped.
+/// A range of a mapped buffer for another thread to write. Its creator keeps the buffer, and all
+/// other access away from the range, until it is dropped.
 pub struct MappedRange {
     first: *mut u8,
     length: usize,
     alive: LifetimeGuard,
 }
 
-// SAFETY: the bytes are nobody else's (see above), and mapped memory may be written from any thread.
+// SAFETY: nothing else accesses the bytes (see above), and any thread may write mapped memory.
 unsafe impl Send for MappedRange {}
 
 impl MappedRange {
@@ -177,7 +183,8 @@ impl MappedRange {
             self.length
         );
         let written = self.alive.with_alive((), || {
-            // SAFETY: within the window, checked above; the map is there as long as the buffer, whose end ends `alive`, and `bytes` cannot overlap what only we write.
+            // SAFETY: the range check is above; the map lives as long as the buffer, whose end
+            // closes `alive`, and `bytes` cannot overlap memory that only we write.
             unsafe {
                 std::ptr::copy_nonoverlapping(bytes.as_ptr(), self.first.add(at), bytes.len())
             };
@@ -187,7 +194,7 @@ impl MappedRange {
     }
 }
 
-/// An image somewhere in a block.
+/// An image placed in a block.
 #[derive(Clone, Copy)]
 pub struct RawImage {
     pub raw: vk::Image,
@@ -195,7 +202,7 @@ pub struct RawImage {
     pub desc: ImageDesc,
 }
 
-/// What something needs of the memory that it lies in: a place that is a multiple of `align`, in memory of one of these types.
+/// Memory requirements: size, alignment, and a mask of memory types.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct MemoryRequirements {
     pub bytes: u64,
@@ -203,30 +210,33 @@ pub struct MemoryRequirements {
     pub types: u32,
 }
 
-/// Memory on the device, and images and buffers that lie in it, over one another as its owner says.
+/// A device-memory block with the images and buffers placed in it, which may alias each other.
 pub struct Block {
     requirements: MemoryRequirements,
     allocation: Allocation,
     images: HashMap<(ImageDesc, u64), RawImage>,
     buffers: HashMap<(BufferDesc, u64), (vk::Buffer, Texels)>,
-    /// When it was recycled_at, in blocks that had been asked for.
+    /// Value of `blocks_asked` when it was recycled.
     recycled_at: u64,
 }
 
-/// A block that nobody has taken while so many were asked for is given back: a picture was larger once, or a window.
+/// Requests after which an unused block is freed: a picture or window was larger once.
 const MAX_BLOCK_AGE: u64 = 64;
-/// Nobody takes a block so many times larger than wanted: who needs it may come next.
+/// Largest ratio of a block's size to the requested one; larger blocks are left for larger
+/// requests.
 const MAX_OVERSIZE: u64 = 4;
-/// Images and buffers of a block: more than any few plans have, and no more of windows that change their size.
+/// Most images and buffers of a block: more than a few plans have, and a bound for windows that
+/// change size.
 const MAX_PLACED: usize = 4096;
 
-/// A buffer that outlives the frame, what its contents were made of, and how many steps of that have been made; nothing until a frame has made some.
+/// A buffer that outlives the frame, with the key of its contents and the number of completed
+/// steps; `None` until a frame has filled it.
 struct PersistentBuffer {
     buffer: RawBuffer,
     state: Option<(Vec<u64>, u32)>,
 }
 
-/// Makes, shelves and destroys buffers and images. Dropped before the device.
+/// Creates, recycles and destroys buffers and images. Dropped before the device.
 pub struct Memory {
     allocator: ManuallyDrop<Allocator>,
     buffers: HashMap<BufferDesc, Vec<RawBuffer>>,
@@ -236,7 +246,7 @@ pub struct Memory {
     buffer_requirements: HashMap<u64, MemoryRequirements>,
     persistent: HashMap<String, PersistentBuffer>,
     device: ash::Device,
-    /// Bytes in buffers and images, on the shelf or in use.
+    /// Bytes allocated, in use or recycled.
     pub allocated: u64,
     pub alive: LifetimeGuard,
 }
@@ -271,7 +281,7 @@ impl Memory {
             device.name(buffer.raw, name);
             return Ok(buffer);
         }
-        // SAFETY: a plain creation on a live device; memory of the asked requirements is bound before anyone sees the buffer.
+        // SAFETY: a plain creation on a live device; memory is bound before the buffer is returned.
         let (raw, requirements) = unsafe {
             let raw = self
                 .device
@@ -285,10 +295,10 @@ impl Memory {
             Place::Download => MemoryLocation::GpuToCpu,
         };
         let allocation = self.allocate(name, requirements, location, true).inspect_err(|_| {
-            // SAFETY: nobody has seen the buffer.
+            // SAFETY: the buffer has not been returned yet.
             unsafe { self.device.destroy_buffer(raw, None) }
         })?;
-        // SAFETY: see above; the address is asked for after binding.
+        // SAFETY: see above; the address is queried after binding.
         let address = unsafe {
             self.device
                 .bind_buffer_memory(raw, allocation.memory(), allocation.offset())
@@ -305,7 +315,8 @@ impl Memory {
         Ok(RawBuffer { raw, desc, address, texels, allocation })
     }
 
-    /// Where a device's texel buffers are too small the views end early, and large buffers are read otherwise (Device::has_large_texel_buffers).
+    /// Creates the texel views. They end early on devices with small texel buffers, which read
+    /// large buffers otherwise ([`Device::has_large_texel_buffers`]).
     fn texels(&self, device: &Device, buffer: vk::Buffer, bytes: u64) -> Result<Texels> {
         Ok(Texels {
             words: self.texels_of(device, buffer, bytes, vk::Format::R32_UINT)?,
@@ -313,7 +324,8 @@ impl Memory {
         })
     }
 
-    /// As many whole texels of a buffer as it has and as a view may have; null where that is none.
+    /// Creates a view of as many whole texels as the buffer and the device allow; null if there are
+    /// none.
     fn texels_of(
         &self,
         device: &Device,
@@ -328,16 +340,17 @@ impl Memory {
         }
         let view =
             vk::BufferViewCreateInfo::default().buffer(buffer).format(format).range(texels * texel);
-        // SAFETY: the buffer has memory and was made with STORAGE_TEXEL_BUFFER, and both formats are mandatory for it.
+        // SAFETY: the buffer has memory and STORAGE_TEXEL_BUFFER usage; both formats are mandatory
+        // for it.
         unsafe { self.device.create_buffer_view(&view, None) }.map_err(failed("vkCreateBufferView"))
     }
 
-    /// What an image of this description needs.
+    /// Returns the memory requirements of an image.
     pub fn image_requirements(&mut self, device: &Device, desc: ImageDesc) -> MemoryRequirements {
         *self.image_requirements.entry(desc).or_insert_with(|| {
             let info = image_info(desc);
             let mut needs = vk::MemoryRequirements2::default();
-            // SAFETY: asks about an image that is not made.
+            // SAFETY: a query that creates no image.
             unsafe {
                 self.device.get_device_image_memory_requirements(
                     &vk::DeviceImageMemoryRequirements::default().create_info(&info),
@@ -348,12 +361,12 @@ impl Memory {
         })
     }
 
-    /// What a buffer of so many bytes on the device needs.
+    /// Returns the memory requirements of a device-only buffer.
     pub fn buffer_requirements(&mut self, device: &Device, bytes: u64) -> MemoryRequirements {
         *self.buffer_requirements.entry(bytes).or_insert_with(|| {
             let info = buffer_info(bytes);
             let mut needs = vk::MemoryRequirements2::default();
-            // SAFETY: asks about a buffer that is not made.
+            // SAFETY: a query that creates no buffer.
             unsafe {
                 self.device.get_device_buffer_memory_requirements(
                     &vk::DeviceBufferMemoryRequirements::default().create_info(&info),
@@ -364,7 +377,7 @@ impl Memory {
         })
     }
 
-    /// A block with at least this room. One that is too small for whoever asks now goes.
+    /// Returns a block that satisfies the requirements. A block that is too small is freed.
     pub fn block(&mut self, wanted: MemoryRequirements) -> Result<Block> {
         self.blocks_asked += 1;
         let asked = self.blocks_asked;
@@ -410,7 +423,7 @@ impl Memory {
         })
     }
 
-    /// An image from this byte of a block on.
+    /// Returns an image placed at byte `at` of a block.
     pub fn image(
         &mut self,
         device: &Device,
@@ -423,7 +436,7 @@ impl Memory {
             device.name(image.raw, name);
             return Ok(*image);
         }
-        // SAFETY: a plain creation on a live device; memory is bound before anyone sees the image.
+        // SAFETY: a plain creation on a live device; memory is bound before the image is returned.
         let raw = unsafe { self.device.create_image(&image_info(desc), None) }
             .map_err(failed("vkCreateImage"))?;
         let view_info = vk::ImageViewCreateInfo::default()
@@ -431,7 +444,8 @@ impl Memory {
             .view_type(vk::ImageViewType::TYPE_2D)
             .format(desc.format)
             .subresource_range(desc.whole());
-        // SAFETY: the block has room for it there, as its owner says; the view is of the image just bound.
+        // SAFETY: the block has room there, as its owner ensures; the view is of the image just
+        // bound.
         let view = unsafe {
             (self
                 .device
@@ -449,7 +463,7 @@ impl Memory {
         Ok(image)
     }
 
-    /// An image in a block of its own.
+    /// Returns an image with a block of its own.
     pub fn image_alone(
         &mut self,
         device: &Device,
@@ -467,7 +481,7 @@ impl Memory {
         }
     }
 
-    /// A buffer on the device from this byte of a block on.
+    /// Returns a buffer placed at byte `at` of a block.
     pub fn buffer_in(
         &mut self,
         device: &Device,
@@ -483,7 +497,7 @@ impl Memory {
         // SAFETY: as in `image`.
         let raw = unsafe { self.device.create_buffer(&buffer_info(desc.bytes), None) }
             .map_err(failed("vkCreateBuffer"))?;
-        // SAFETY: the block has room for it there, as its owner says.
+        // SAFETY: the block has room there, as its owner ensures.
         let texels = unsafe {
             self.device.bind_buffer_memory(
                 raw,
@@ -493,14 +507,14 @@ impl Memory {
         }
         .map_err(failed("vkBindBufferMemory"))
         .and_then(|()| self.texels(device, raw, desc.bytes))
-        // SAFETY: nobody has seen the buffer.
+        // SAFETY: the buffer has not been returned yet.
         .inspect_err(|_| unsafe { self.device.destroy_buffer(raw, None) })?;
         device.name(raw, name);
         block.buffers.insert((desc, at), (raw, texels));
         Ok((raw, texels))
     }
 
-    /// Gives a block back; whoever gets it next begins after what is under way.
+    /// Recycles a block; its next user must wait for submissions in flight.
     pub fn recycle_block(&mut self, mut block: Block) {
         if block.images.len() + block.buffers.len() > MAX_PLACED {
             // SAFETY: as in `destroy_block`.
@@ -511,7 +525,7 @@ impl Memory {
     }
 
     fn empty(&self, block: &mut Block) {
-        // SAFETY: nobody has the block but the caller, who is done with it.
+        // SAFETY: only the caller has the block, and it is done with it.
         unsafe {
             for (_, image) in block.images.drain() {
                 self.device.destroy_image_view(image.view, None);
@@ -525,14 +539,14 @@ impl Memory {
     }
 
     fn destroy_block(&mut self, mut block: Block) {
-        // Who shows a picture may not be done with a block that it has given back: rare enough to wait for.
-        // SAFETY: one thread submits, and it is this one.
+        // A presentation may still use a block that has been recycled: rare enough to wait for.
         let _ = unsafe { self.device.device_wait_idle() };
         self.empty(&mut block);
         self.free(block.allocation);
     }
 
-    /// The buffer of this name, at least so large, and how many steps of what is made of `cache_key` it holds; where that is none, whatever it holds is void.
+    /// Returns the persistent buffer of this name, enlarged if needed, and the number of steps it
+    /// holds for `cache_key`. Contents of another key are void.
     pub fn persistent_buffer(
         &mut self,
         device: &Device,
@@ -545,7 +559,8 @@ impl Memory {
             self.recycle_buffer(old.buffer);
         }
         if !self.persistent.contains_key(name) {
-            // Rounded up, so that what grows frame by frame does not leave a shelf full of sizes.
+            // Rounded up, so that a buffer that grows frame by frame does not leave one of every
+            // size.
             let desc = BufferDesc { bytes: bytes.next_power_of_two(), place: Place::Device };
             let buffer = self.buffer(device, desc, name)?;
             self.persistent.insert(name.to_string(), PersistentBuffer { buffer, state: None });
@@ -562,7 +577,7 @@ impl Memory {
         Ok((&kept.buffer, steps))
     }
 
-    /// What the buffer of this name was made of, and how many steps of that it holds; none where it holds nothing.
+    /// Returns key and completed steps of a persistent buffer; `None` if it holds nothing.
     pub fn persistent_state(&self, name: &str) -> Option<(&[u64], u32)> {
         self.persistent
             .get(name)?
@@ -571,18 +586,18 @@ impl Memory {
             .map(|(cache_key, steps)| (cache_key.as_slice(), *steps))
     }
 
-    /// That what a buffer holds is void, if there is one of this name.
+    /// Marks the contents of a persistent buffer as void, if there is one of this name.
     pub fn invalidate(&mut self, name: &str) {
         self.persistent.get_mut(name).into_iter().for_each(|kept| kept.state = None);
     }
 
-    /// A frame has made so many steps in the buffer of this name; none while it is at it.
+    /// Sets key and completed steps of a persistent buffer; `None` while a frame is filling it.
     pub fn set_persistent_state(&mut self, name: &str, state: Option<(Vec<u64>, u32)>) {
         self.persistent.get_mut(name).expect("a name that persistent_buffer was asked for").state =
             state;
     }
 
-    /// Gives a buffer back; the GPU must be done with it.
+    /// Recycles a buffer; the GPU must be done with it.
     pub fn recycle_buffer(&mut self, buffer: RawBuffer) {
         self.buffers.entry(buffer.desc).or_default().push(buffer);
     }
@@ -593,12 +608,11 @@ impl Memory {
         self.free(buffer.allocation);
     }
 
-    /// Destroys a buffer, and its views before it.
+    /// Destroys a buffer and its views.
     ///
-    /// # Safety
-    /// The GPU is done with them, and nobody else has them.
+    /// # Safety The GPU is done with them, and nothing else has them.
     unsafe fn destroy_with_views(&self, buffer: vk::Buffer, texels: Texels) {
-        // SAFETY: the caller's.
+        // SAFETY: as the caller ensures.
         unsafe {
             self.device.destroy_buffer_view(texels.words, None);
             self.device.destroy_buffer_view(texels.fours, None);
@@ -668,7 +682,7 @@ fn image_info(desc: ImageDesc) -> vk::ImageCreateInfo<'static> {
     use vk::ImageUsageFlags as Usage;
     let attachment = match desc.format {
         vk::Format::D32_SFLOAT => Usage::DEPTH_STENCIL_ATTACHMENT,
-        // Not all devices write these as storage.
+        // Not all devices support these as storage images.
         vk::Format::B8G8R8A8_UNORM | vk::Format::R8G8B8A8_UNORM | vk::Format::R32G32_UINT => {
             Usage::COLOR_ATTACHMENT
         }
@@ -685,7 +699,7 @@ fn image_info(desc: ImageDesc) -> vk::ImageCreateInfo<'static> {
         .usage(attachment | Usage::TRANSFER_SRC | Usage::TRANSFER_DST)
 }
 
-/// With whole pages of a device that must not find images and buffers on one.
+/// Rounds requirements up to the device's buffer-image granularity.
 fn requirements(device: &Device, needs: vk::MemoryRequirements) -> MemoryRequirements {
     let align = needs.alignment.max(device.limits.buffer_image_granularity);
     MemoryRequirements {

@@ -1,8 +1,9 @@
-//! Vulkan, and nothing about points.
+//! Vulkan objects, independent of points.
 //!
-//! `device` finds and opens a device; `memory` makes named buffers and images and keeps freed ones for reuse; `kernel` makes compute
-//! pipelines; `raster` those that rasterise; `timeline` counts what is done; `timing` reads timestamps; `breadcrumbs` says
-//! which pass was running when a device was lost.
+//! `device` finds and opens a device; `memory` creates named buffers and images and recycles freed
+//! ones; `kernel` creates compute pipelines and `raster` graphics pipelines; `timeline` wraps a
+//! timeline semaphore; `timing` reads timestamps; `breadcrumbs` names the pass that was running
+//! when a device was lost.
 
 pub mod breadcrumbs;
 pub mod device;
@@ -19,7 +20,7 @@ pub use memory::{BufferDesc, ImageDesc, Memory, MemoryRequirements, Place};
 use crate::error::Error;
 use ash::vk;
 
-/// `call.map_err(failed("vkQueueSubmit2"))`.
+/// Converts a `vk::Result` to an error: `call.map_err(failed("vkQueueSubmit2"))`.
 pub fn failed(during: &str) -> impl FnOnce(vk::Result) -> Error + '_ {
-    move |code| Error::Vulkan { during: during.to_string(), code: format!("{code:?}") }
+    move |code| Error::Vulkan { during: during.to_string(), code }
 }

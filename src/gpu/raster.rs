@@ -1,6 +1,9 @@
-//! Points and squares through the rasteriser with a depth test: graphics pipelines, of a vertex and a fragment stage, with one colour and one depth attachment.
+//! Graphics pipelines that rasterise points and squares with a depth test, into one colour and one
+//! depth attachment.
 //!
-//! In: SPIR-V with its reflected bindings; of points a vertex buffer of f32 x, y, z, while squares are made up by their vertex stage. Out: one integer target, and depth. It is the stages that say what depth means; the larger one wins, of the same the first.
+//! Points come from a vertex buffer of f32 x, y, z; the vertex stage generates squares. Output is
+//! one integer target and depth. Larger depth wins, and the first among equals; what depth means is
+//! up to the shaders.
 
 use super::kernel::{Code, Constants, descriptor_type};
 use super::memory::RawImage;
@@ -9,36 +12,36 @@ use crate::error::Result;
 use ash::vk;
 use std::collections::HashMap;
 
-/// What is drawn.
+/// Primitives of a draw.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Primitives {
-    /// Of a vertex buffer.
+    /// Points of a vertex buffer.
     Points,
-    /// Two triangles each: six vertices, one after the other.
+    /// Squares of two triangles each, six consecutive vertices.
     Squares,
 }
 
-/// A draw, without what it is bound to.
+/// A draw without its bindings.
 #[derive(Clone, Debug)]
 pub struct Draw {
-    /// Vertex and fragment.
+    /// Vertex and fragment stage.
     pub stages: &'static [Code; 2],
     pub constants: Constants,
     pub push: Vec<u8>,
     pub primitives: Primitives,
     pub count: u32,
-    /// Over what the attachments hold already.
+    /// Whether the attachments' contents are kept.
     pub keeps: bool,
 }
 
-/// A pipeline, and the layouts of its sets: one of each stage.
+/// A pipeline and the descriptor set layout of each stage.
 pub struct Pipeline {
     pub pipeline: vk::Pipeline,
     pub layout: vk::PipelineLayout,
     pub set_layouts: [vk::DescriptorSetLayout; 2],
 }
 
-/// Pipelines made so far, by shader, specialisation constants and primitives.
+/// Cache of pipelines by shader, specialisation constants and primitives.
 pub struct Rasters {
     device: ash::Device,
     made: HashMap<(&'static str, Constants, Primitives), Pipeline>,
@@ -80,7 +83,7 @@ impl Drop for Rasters {
     }
 }
 
-/// Records what the pipeline is to draw, with everything bound.
+/// Records the draw; pipeline and descriptors must be bound.
 pub fn record(
     device: &Device,
     commands: vk::CommandBuffer,
@@ -119,7 +122,8 @@ pub fn record(
         Primitives::Squares => 6,
     };
     let raw = &device.raw;
-    // SAFETY: the graph gives live attachments in GENERAL, has bound a pipeline made for them, and a vertex buffer of as many positions where points are drawn.
+    // SAFETY: the graph passes live attachments in GENERAL, has bound a pipeline made for them, and
+    // for points a vertex buffer with enough positions.
     unsafe {
         raw.cmd_begin_rendering(commands, &rendering);
         raw.cmd_set_viewport(commands, 0, &[viewport]);
@@ -195,7 +199,8 @@ fn make(device: &Device, draw: &Draw, color: &RawImage, depth: &RawImage) -> Res
     let values: Vec<u32> = draw.constants.iter().map(|&(_, value)| value).collect();
     let specialization =
         vk::SpecializationInfo::default().map_entries(&entries).data(bytemuck::cast_slice(&values));
-    // SAFETY: all pointers outlive their calls; the SPIR-V was made by build.rs from this repository's GLSL, and its layouts from its own reflection.
+    // SAFETY: all pointers outlive their calls; build.rs made the SPIR-V from this repository's
+    // GLSL, and the layouts from its reflection.
     unsafe {
         let set_layout = |code: &Code, stage_flags| {
             let binding = |binding: &super::Binding| {

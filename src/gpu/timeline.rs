@@ -1,4 +1,4 @@
-//! A counter that threads and the device both raise and read: a timeline semaphore.
+//! A counter that threads and the device raise and read: a timeline semaphore.
 
 use super::memory::LifetimeGuard;
 use super::{Device, failed};
@@ -6,12 +6,13 @@ use crate::error::Result;
 use ash::vk;
 use std::sync::Mutex;
 
-/// May be raised from any thread, also from one that learns late that the device is gone.
+/// A timeline semaphore. Any thread may raise it, even after the device is gone.
 pub struct Timeline {
     pub raw: vk::Semaphore,
     device: ash::Device,
     alive: LifetimeGuard,
-    // Held for either call: the validation layers (1.3.239) stall for ten seconds over a value that is read while it is being raised.
+    // Held during both calls: the validation layers (1.3.239) stall for ten seconds when a value is
+    // read while it is being raised.
     call: Mutex<()>,
 }
 
@@ -20,20 +21,22 @@ impl Timeline {
         let mut kind =
             vk::SemaphoreTypeCreateInfo::default().semaphore_type(vk::SemaphoreType::TIMELINE);
         let info = vk::SemaphoreCreateInfo::default().push_next(&mut kind);
-        // SAFETY: a plain creation on a live device that has timeline semaphores (device.rs asks for them).
+        // SAFETY: a plain creation on a live device, which has timeline semaphores (`device`
+        // requires them).
         let raw = unsafe { device.raw.create_semaphore(&info, None) }
             .map_err(failed("vkCreateSemaphore"))?;
         device.name(raw, name);
         Ok(Timeline { raw, device: device.raw.clone(), alive: alive.child(), call: Mutex::new(()) })
     }
 
-    /// From now on it counts nothing, whoever still has it; submissions that raise the counter are waited for.
+    /// Destroys the semaphore; later calls on remaining handles are no-ops. Submissions that signal
+    /// it must have been waited for.
     pub fn end(&self) {
-        // SAFETY: the device is alive, nobody is at work with the semaphore, and it is destroyed once.
+        // SAFETY: the device is alive, no thread uses the semaphore, and it is destroyed once.
         self.alive.close(|| unsafe { self.device.destroy_semaphore(self.raw, None) });
     }
 
-    /// Raises the counter; values only ever grow.
+    /// Raises the counter; values must grow.
     pub fn signal(&self, value: u64) -> Result<()> {
         let _alone = self.call.lock();
         self.alive.with_alive((), || {

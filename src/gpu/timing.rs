@@ -1,4 +1,4 @@
-//! A timestamp pair a pass in, milliseconds out.
+//! GPU timestamps: one pair per pass, read as milliseconds.
 
 use super::{Device, failed};
 use crate::error::Result;
@@ -29,7 +29,7 @@ impl Timing {
         })
     }
 
-    /// Before the first pass.
+    /// Resets the queries; call before the first pass.
     pub fn reset(&self, commands: vk::CommandBuffer) {
         // SAFETY: recorded outside of rendering into a command buffer that is being recorded.
         unsafe { self.device.cmd_reset_query_pool(commands, self.pool, 0, 2 * self.passes.max(1)) };
@@ -48,7 +48,7 @@ impl Timing {
         };
     }
 
-    /// Milliseconds of every pass, once the submission is complete.
+    /// Returns the time of each pass [ms] once the submission has completed.
     pub fn read(&self) -> Result<Vec<f64>> {
         let mut ticks = vec![0u64; 2 * self.passes as usize];
         if ticks.is_empty() {

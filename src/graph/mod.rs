@@ -1,7 +1,8 @@
-//! The render graph: passes are recorded in order, and order of recording is order of execution.
+//! The render graph: passes run in the order in which they are recorded.
 //!
-//! In: typed shader structs (`crate::shader`, generated) over handles. Out: a submission whose barriers, dropped passes and reused memory the pure
-//! [`plan`] has decided. Handles are not `Clone`, so Rust's own borrow rules refuse one image as input and output of a pass.
+//! Input: typed shader structs (`crate::shader`, generated) over handles. Output: a submission
+//! whose barriers, dropped passes and memory reuse are decided by the pure [`plan`]. Handles are
+//! not `Clone`, so that the borrow checker refuses one image as input and output of a pass.
 
 pub mod plan;
 mod record;
@@ -24,7 +25,7 @@ use tiles::TileMask;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct ResourceId(pub usize);
 
-/// An image of this frame.
+/// An image of the frame.
 #[derive(Debug)]
 pub struct Image {
     id: ResourceId,
@@ -32,13 +33,14 @@ pub struct Image {
 }
 
 impl Image {
-    /// A second handle, for a pass that reads of a pixel what it then writes there, or a later one; and of an image that passes are recorded over again ([`ReusedImages`]).
+    /// Returns a second handle, for a pass that reads a pixel before it writes it, for a later
+    /// pass, and for images that are reused ([`ReusedImages`]).
     pub(crate) fn alias(&self) -> Image {
         Image { id: self.id, desc: self.desc }
     }
 }
 
-/// A buffer of this frame.
+/// A buffer of the frame.
 #[derive(Debug)]
 pub struct Buffer {
     id: ResourceId,
@@ -46,18 +48,19 @@ pub struct Buffer {
 }
 
 impl Buffer {
-    /// A second handle, for a shader that reads a buffer while it writes it atomically, and takes a stale value as well as a fresh one.
+    /// Returns a second handle, for a shader that reads a buffer while it writes it atomically and
+    /// accepts stale values.
     pub fn racy_alias(&self) -> Buffer {
         self.alias()
     }
 
-    /// A second handle, for a later pass that reads what this one names.
+    /// Returns a second handle, for a later pass.
     pub fn alias(&self) -> Buffer {
         Buffer { id: self.id, desc: self.desc }
     }
 }
 
-/// What generated code asks of a handle.
+/// Access of generated code to handles.
 pub trait Handle {
     fn resource(&self) -> ResourceId;
 }
@@ -74,51 +77,53 @@ impl Handle for Buffer {
     }
 }
 
-/// What `build.rs` implements for every compute shader.
+/// A compute shader; `build.rs` implements this for each.
 pub trait Shader {
     const CODE: Code;
-    /// In the order of `CODE.bindings`.
+    /// Returns the resources in the order of `CODE.bindings`.
     fn resources(&self) -> Vec<ResourceId>;
     fn push(&self) -> &[u8];
     fn constants(&self) -> Vec<(u32, u32)>;
 }
 
-/// What `build.rs` implements for every pair of a vertex and a fragment shader.
+/// A pair of a vertex and a fragment shader; `build.rs` implements this for each.
 pub trait Raster {
     const STAGES: [Code; 2];
-    /// Of each stage, in the order of its bindings.
+    /// Resources of each stage in the order of its bindings.
     fn resources(&self) -> [Vec<ResourceId>; 2];
     fn push(&self) -> &[u8];
     fn constants(&self) -> Vec<(u32, u32)>;
 }
 
-/// What a pass draws.
+/// Vertices of a draw.
 #[derive(Clone, Copy, Debug)]
 pub enum Vertices<'b> {
-    /// So many points of a vertex buffer of f32 x, y, z.
+    /// Points of a vertex buffer of f32 x, y, z, and their number.
     Points(&'b Buffer, u32),
-    /// So many squares, whose corners the vertex stage makes up.
+    /// Number of squares; the vertex stage generates their corners.
     Squares(u32),
 }
 
-/// Over what a pass is dispatched.
+/// Workgroups of a pass.
 #[derive(Clone, Copy, Debug)]
 pub enum Dispatch<'l> {
-    /// Every pixel of the first image that the pass writes.
+    /// One invocation per pixel of the first image that the pass writes.
     PerPixel,
-    /// The same, and of no image is another pixel read than the one that is written: it may be written over what is read there for the last time.
+    /// As `PerPixel`, for a pass that reads only the pixel it writes: its output may replace an
+    /// input that is read for the last time.
     PerPixelInPlace,
-    /// So many texels, each with four rows of pixels.
+    /// One invocation per texel that packs four rows of pixels.
     PerPackedTexel([u32; 2]),
-    /// Workgroups that take eight tiles of 8 x 8 pixels at a time, for so many tiles.
+    /// Workgroups that loop over tiles of 8 x 8 pixels, eight at a time; the number of tiles.
     PerEightTiles(u32),
-    /// So many workgroups.
+    /// Fixed number of workgroups.
     Groups([u32; 3]),
-    /// As many workgroups as three words of a buffer say, from this word on: tiles that an earlier pass has listed.
+    /// Workgroup counts read from three words of a buffer, from this word on; an earlier pass wrote
+    /// them.
     Indirect(&'l Buffer, u32),
 }
 
-/// How many workgroups a pass has.
+/// Workgroup counts of a recorded pass.
 #[derive(Clone, Copy)]
 pub(crate) enum Groups {
     Fixed([u32; 3]),
@@ -126,9 +131,10 @@ pub(crate) enum Groups {
     Indirect(ResourceId, u64),
 }
 
-/// What the GPU is to do in a pass.
+/// Work of a pass.
 pub(crate) enum Work {
-    /// `resources` of the bindings in order; of a shader that could keep to an area and does not, without the last one.
+    /// `resources` in binding order, without the last if the shader supports a tile list and has
+    /// none.
     Run {
         code: Code,
         constants: Vec<(u32, u32)>,
@@ -147,7 +153,7 @@ pub(crate) enum Work {
     Clear {
         image: ResourceId,
     },
-    /// From a byte to a byte, so many.
+    /// Source offset, destination offset and length of each part [bytes].
     CopyParts {
         from: ResourceId,
         to: ResourceId,
@@ -164,36 +170,36 @@ pub(crate) enum Work {
     },
     Draw {
         draw: raster::Draw,
-        /// Of each stage, in the order of its bindings.
+        /// Resources of each stage in the order of its bindings.
         resources: [Vec<ResourceId>; 2],
         vertices: Option<ResourceId>,
-        /// Colour and depth.
+        /// Colour and depth attachment.
         attachments: [ResourceId; 2],
     },
 }
 
-/// Vulkan's names of an imported buffer.
+/// Vulkan handles of an imported buffer.
 #[derive(Clone, Copy)]
 pub(crate) struct Import {
     raw: vk::Buffer,
     texels: Texels,
 }
 
-/// The device and what outlives a frame: memory, kernels.
+/// The device with everything that outlives a frame: memory, kernels, pipelines.
 pub struct Gpu {
-    // In this order they are dropped: all of them before the device.
+    // Fields are dropped in this order, all before the device.
     pub kernels: Kernels,
     pub raster: raster::Rasters,
-    /// Raised by every submission when the device is done with it, to the number of submissions so far.
+    /// Timeline that each submission raises to its number when it completes.
     pub completed: Timeline,
     pub submitted: u64,
-    /// As [`crate::gpu::DeviceOptions::lost_after`].
+    /// See [`crate::gpu::DeviceOptions::lost_after`].
     pub(crate) lost_after: Option<u64>,
-    /// As [`crate::gpu::DeviceOptions::surface_lost_after`].
+    /// See [`crate::gpu::DeviceOptions::surface_lost_after`].
     pub(crate) surface_lost_after: Option<u64>,
-    /// Clouds that have been made resident so far.
+    /// Number of clouds made resident so far.
     pub residents: u64,
-    /// Submissions that nobody waits for.
+    /// Submissions that run detached.
     detached: Vec<PendingSubmission>,
     pub memory: Memory,
     pub device: Device,
@@ -219,7 +225,7 @@ impl Gpu {
         })
     }
 
-    /// Waits for submissions that nobody has waited for.
+    /// Waits for detached submissions.
     pub fn wait_detached(&mut self) -> Result<()> {
         std::mem::take(&mut self.detached)
             .into_iter()
@@ -229,43 +235,43 @@ impl Gpu {
 
 impl Drop for Gpu {
     fn drop(&mut self) {
-        // Who used the device has heard what it said.
+        // Errors were already reported to the caller.
         let _ = self.wait_detached();
     }
 }
 
-/// Passes that the device decides on as one.
+/// Passes that run if a predicate on the device holds.
 struct Predicate {
-    /// Those that they want, and the buffer that will hold them.
+    /// Buffer of the requested workgroup counts.
     wanted: ResourceId,
     words: Vec<[u32; 3]>,
-    /// Those that they get.
+    /// Buffer of the granted workgroup counts.
     groups: ResourceId,
 }
 
-/// Passes of one gate at most.
+/// Most passes of one predicate.
 pub const MAX_PREDICATED_PASSES: usize = 1024;
 
-/// One frame being recorded.
+/// A frame being recorded.
 pub struct Graph<'g> {
     pub gpu: &'g mut Gpu,
     passes: Vec<Pass>,
     work: Vec<Work>,
     resources: Vec<Resource>,
-    /// Contents of upload buffers, by resource; made when they are asked for.
+    /// Upload buffers by resource.
     uploads: Vec<(ResourceId, RawBuffer)>,
     imports: Vec<(ResourceId, Import)>,
-    /// Buffers that outlive the frame and are changed by it: name, what they are made of, and how many steps of that they hold then.
+    /// Persistent buffers that the frame changes: name, cache key, and steps held afterwards.
     persistent: Vec<(ResourceId, String, Vec<u64>, u32)>,
     progress: Option<&'g dyn Progress>,
-    /// Where passes are recorded that the device may skip.
+    /// The predicate of the passes being recorded.
     predicate: Option<Predicate>,
-    /// Contents of upload buffers that are known when all has been recorded.
+    /// Requested workgroup counts, uploaded when recording is complete.
     wanted: Vec<(ResourceId, Vec<[u32; 3]>)>,
-    /// What passes keep to that can.
+    /// The tile list of the passes being recorded.
     tile_mask: Option<TileMask>,
     reused: Option<ReusedImages>,
-    /// For tests of the tests: record no barriers at all.
+    /// For tests of the tests: records no barriers.
     pub without_barriers: bool,
 }
 
@@ -288,17 +294,18 @@ impl<'g> Graph<'g> {
         }
     }
 
-    /// With someone who listens, and may stop the frame, where it takes long: on software devices, between its passes.
+    /// Reports progress to `progress`, which may cancel the frame between passes; on software
+    /// devices only.
     pub fn with_progress(self, progress: &'g dyn Progress) -> Graph<'g> {
         Graph { progress: Some(progress), ..self }
     }
 
-    /// Another submission, which is to be done before this one, with the same listener.
+    /// Returns a graph for a submission that precedes this one, with the same progress.
     pub fn preceding(&mut self) -> Graph<'_> {
         Graph { progress: self.progress, ..Graph::new(self.gpu) }
     }
 
-    /// A transient image; its contents are undefined until a pass writes them.
+    /// Adds a transient image; undefined until a pass writes it.
     pub fn image(&mut self, name: &str, size: [u32; 2], kind: Kind) -> Image {
         let format = kind.format().unwrap_or_else(|| panic!("{name} is an image, not a buffer"));
         self.image_of(name, ImageDesc { size, format })
@@ -313,19 +320,20 @@ impl<'g> Graph<'g> {
         image
     }
 
-    /// A buffer that passes write for the CPU, which reads it after the submission.
+    /// Adds a buffer that passes write and the CPU reads after the submission.
     pub fn readback(&mut self, name: &str, bytes: u64) -> Buffer {
         let desc = BufferDesc { bytes, place: Place::Download };
         Buffer { id: self.add(name, Shape::Buffer(desc)), desc }
     }
 
-    /// A transient buffer; its contents are undefined until a pass writes them.
+    /// Adds a transient buffer; undefined until a pass writes it.
     pub fn buffer(&mut self, name: &str, bytes: u64) -> Buffer {
         let desc = BufferDesc { bytes, place: Place::Device };
         Buffer { id: self.add(name, Shape::Buffer(desc)), desc }
     }
 
-    /// A buffer that holds `words` from the start. Sizes are rounded up, so that frames find each other's buffers on the shelf.
+    /// Adds a buffer with initial contents. Sizes are rounded up, so that frames can recycle each
+    /// other's buffers.
     pub fn upload<T: bytemuck::Pod>(&mut self, name: &str, items: &[T]) -> Result<Buffer> {
         let bytes: &[u8] = bytemuck::cast_slice(items);
         let desc = BufferDesc {
@@ -339,7 +347,8 @@ impl<'g> Graph<'g> {
         Ok(Buffer { id, desc })
     }
 
-    /// A buffer that somebody else owns, reads only, and keeps alive until the submission has been waited for.
+    /// Adds a buffer owned by the caller, which is only read and must live until the submission has
+    /// been waited for.
     pub fn import(&mut self, name: &str, buffer: &RawBuffer) -> Buffer {
         let desc = BufferDesc { place: Place::Imported, ..buffer.desc };
         let id = self.add(name, Shape::Buffer(desc));
@@ -347,7 +356,9 @@ impl<'g> Graph<'g> {
         Buffer { id, desc }
     }
 
-    /// A buffer that outlives the frame, by its name, and how many steps it holds of what is made of `cache_key`, in steps. Passes of this frame add those up to `wanted`, of how many it already holds.
+    /// Adds the persistent buffer of this name and returns the number of completed steps it holds
+    /// for `cache_key`. Passes of this frame extend them to the number that `wanted` returns for
+    /// those held.
     pub fn persistent(
         &mut self,
         name: &str,
@@ -363,24 +374,24 @@ impl<'g> Graph<'g> {
         self.imports.push((id, import));
         let wanted = wanted(held);
         if wanted > held {
-            // Until the device has been given all of them.
+            // Void until the submission succeeds.
             self.gpu.memory.set_persistent_state(name, None);
             self.persistent.push((id, name.to_string(), cache_key, wanted));
         }
         Ok((Buffer { id, desc }, held))
     }
 
-    /// What the kept buffer of this name was made of, and how many steps of that it holds; none where it holds nothing.
+    /// Returns key and completed steps of a persistent buffer; `None` if it holds nothing.
     pub fn persistent_state(&self, name: &str) -> Option<(&[u64], u32)> {
         self.gpu.memory.persistent_state(name)
     }
 
-    /// That nobody needs what a kept buffer holds any more; passes of this frame may still read it.
+    /// Marks a persistent buffer as void after this frame, whose passes may still read it.
     pub fn invalidate(&mut self, name: &str) {
         self.gpu.memory.invalidate(name);
     }
 
-    /// A second handle of a transient buffer, for who counts what passes did.
+    /// Returns a second handle of a transient buffer, for statistics.
     pub fn find_buffer(&self, name: &str) -> Option<Buffer> {
         self.resources.iter().enumerate().find_map(|(i, resource)| match resource.shape {
             Shape::Buffer(desc) if resource.name == name => {
@@ -403,12 +414,13 @@ impl<'g> Graph<'g> {
         ResourceId(self.resources.len() - 1)
     }
 
-    /// Bytes that one storage buffer binding may have.
+    /// Returns the largest storage buffer binding [bytes].
     pub fn binding_limit(&self) -> u64 {
         self.gpu.device.limits.max_storage_buffer_range as u64
     }
 
-    /// The same of a buffer that is gathered from as words, too, where the device has texel buffers for that.
+    /// Returns the largest buffer that is gathered from as words [bytes]: texel buffers where the
+    /// device has large ones.
     pub fn gathered_limit(&self) -> u64 {
         let device = &self.gpu.device;
         let texels = if device.has_large_texel_buffers {
@@ -419,7 +431,7 @@ impl<'g> Graph<'g> {
         self.binding_limit().min(texels)
     }
 
-    /// A pass that runs a compute shader.
+    /// Records a compute pass.
     pub fn run<S: Shader>(&mut self, shader: S, dispatch: Dispatch<'_>) {
         let code = S::CODE;
         let mut resources = shader.resources();
@@ -487,8 +499,9 @@ impl<'g> Graph<'g> {
             matches!(dispatch, Dispatch::PerPixelInPlace);
     }
 
-    /// Records passes that run only where the device says so: `decide` records a pass from the workgroups that they want to those that they get, three words a pass. TileMask another gate, that one decides.
-    /// What only they write is undefined where they do not run. Clears and copies run in any case.
+    /// Records passes that run only if the device decides so. `decide` records a pass that writes
+    /// the granted workgroup counts from the requested ones, three words per pass. Nested calls use
+    /// the outer predicate. Outputs of skipped passes are undefined; clears and copies always run.
     pub fn predicated<T>(
         &mut self,
         decide: impl FnOnce(&mut Self, &Buffer, &mut Buffer, u32),
@@ -512,7 +525,8 @@ impl<'g> Graph<'g> {
         recorded
     }
 
-    /// Passes that keep to an area, of those that can: shaders that include area.glsl. Devices whose texel buffers are too small for a list work on the whole picture, which shows the same.
+    /// Restricts passes to a tile list, if their shaders include area.glsl. Devices with small
+    /// texel buffers process the whole picture, with the same result.
     pub fn within_tiles<T>(
         &mut self,
         tiles: Option<&TileList>,
@@ -526,7 +540,7 @@ impl<'g> Graph<'g> {
         recorded
     }
 
-    /// Passes that are recorded over the images that they had the time before.
+    /// Records passes that reuse the images they had the time before.
     pub fn reusing<T>(
         &mut self,
         reused: &mut ReusedImages,
@@ -540,7 +554,7 @@ impl<'g> Graph<'g> {
         recorded
     }
 
-    /// The workgroups of a pass, or where the device finds them.
+    /// Returns the workgroup counts of a pass, or the place where the device reads them.
     fn predicate(&mut self, groups: [u32; 3]) -> Groups {
         let Some(predicate) = &mut self.predicate else { return Groups::Fixed(groups) };
         assert!(
@@ -554,19 +568,20 @@ impl<'g> Graph<'g> {
         )
     }
 
-    /// A pass that sets every word of a buffer.
+    /// Records a pass that sets every word of a buffer.
     pub fn fill(&mut self, buffer: &mut Buffer, word: u32) {
         let name = format!("clear {}", self.resources[buffer.id.0].name);
         self.push(&name, vec![(buffer.id, Access::Write)], Work::Fill { buffer: buffer.id, word });
     }
 
-    /// A pass that sets every texel of an image to 0.
+    /// Records a pass that sets every texel of an image to 0.
     pub fn clear(&mut self, image: &mut Image) {
         let name = format!("clear {}", self.resources[image.id.0].name);
         self.push(&name, vec![(image.id, Access::Write)], Work::Clear { image: image.id });
     }
 
-    /// A pass that copies an image, for a reader of what it held before later passes change it in place. Dropped like any other where nobody reads the copy.
+    /// Records a copy of an image, for a reader of contents that later passes change in place.
+    /// Dropped if nothing reads the copy.
     pub fn copy(&mut self, name: &str, from: &Image) -> Image {
         let to = self.image_of(name, from.desc);
         self.push(
@@ -577,7 +592,7 @@ impl<'g> Graph<'g> {
         to
     }
 
-    /// A pass that copies parts of a buffer into another: from a byte, to a byte, so many bytes.
+    /// Records copies between buffers: source offset, destination offset and length [bytes].
     pub fn copy_parts(&mut self, name: &str, from: &Buffer, to: &mut Buffer, parts: Vec<[u64; 3]>) {
         if !parts.is_empty() {
             let uses = vec![(from.id, Access::Read), (to.id, Access::Modify)];
@@ -585,7 +600,7 @@ impl<'g> Graph<'g> {
         }
     }
 
-    /// A pass that draws through the rasteriser: into a colour and a depth attachment, over what they hold where that is to be kept.
+    /// Records a draw into a colour and a depth attachment, over their contents if `keeps`.
     pub fn draw<R: Raster>(
         &mut self,
         shader: R,
@@ -622,7 +637,7 @@ impl<'g> Graph<'g> {
         );
     }
 
-    /// A pass that copies an image to a buffer, row by row.
+    /// Records a copy of an image to a buffer, row by row.
     pub fn copy_out(&mut self, from: &Image, to: &mut Buffer) {
         let name = format!("copy {}", self.resources[from.id.0].name);
         self.push(
@@ -632,7 +647,7 @@ impl<'g> Graph<'g> {
         );
     }
 
-    /// Asks for an image's contents after the submission.
+    /// Requests an image's contents after the submission.
     pub fn download(&mut self, image: &Image) -> Buffer {
         let name = format!("read {}", self.resources[image.id.0].name);
         let desc = BufferDesc { bytes: image.desc.bytes(), place: Place::Download };
@@ -645,7 +660,7 @@ impl<'g> Graph<'g> {
         buffer
     }
 
-    /// Asks for a buffer's contents after the submission.
+    /// Requests a buffer's contents after the submission.
     pub fn download_buffer(&mut self, from: &Buffer) -> Buffer {
         let name = format!("read {}", self.resources[from.id.0].name);
         let desc = BufferDesc { bytes: from.desc.bytes, place: Place::Download };
@@ -663,17 +678,20 @@ impl<'g> Graph<'g> {
         self.work.push(work);
     }
 
-    /// The plan of what has been recorded so far, if nothing but `wanted` is asked of it. Pure; `--explain` prints it.
+    /// Returns the plan of the passes recorded so far for the outputs `wanted`. Pure; `--explain`
+    /// prints it.
     pub fn plan(&self, wanted: &[ResourceId]) -> Plan {
         plan::plan(&self.passes, &self.resources, wanted, self.gpu.device.max_allocation)
     }
 
-    /// Plans, records and submits. What is in a download buffer, or `wanted`, is what the frame is for; passes that serve neither are dropped.
+    /// Plans, records and submits. Outputs are download buffers and `wanted`; passes that
+    /// contribute to neither are dropped.
     pub fn submit_async(self, wanted: &[ResourceId]) -> Result<PendingSubmission> {
         Ok(self.begin(wanted)?.0)
     }
 
-    /// The same, and nobody waits for it; later submissions begin when it is done. Its number, as [`Gpu::completed`] counts.
+    /// As [`Graph::submit_async`], without a handle to wait for; later submissions start when it is
+    /// done. Returns its number, as [`Gpu::completed`] counts.
     pub fn submit_detached(self, wanted: &[ResourceId]) -> Result<u64> {
         let (pending, gpu) = self.begin(wanted)?;
         gpu.detached.push(pending);
@@ -686,7 +704,7 @@ impl<'g> Graph<'g> {
         Ok(gpu.submitted)
     }
 
-    /// The same, and waits.
+    /// As [`Graph::submit_async`], and waits.
     pub fn submit_and_wait(self, wanted: &[ResourceId]) -> Result<CompletedSubmission> {
         let (pending, gpu) = self.begin(wanted)?;
         pending.finish(gpu)
@@ -715,16 +733,16 @@ impl<'g> Graph<'g> {
     }
 }
 
-/// A finished submission.
+/// A completed submission.
 pub struct CompletedSubmission {
     pub plan: Plan,
-    /// Milliseconds on the device of each pass that ran, in order.
+    /// Name and GPU time [ms] of each pass, in order.
     pub passes: Vec<(String, f64)>,
     downloads: Vec<(ResourceId, RawBuffer)>,
 }
 
 impl CompletedSubmission {
-    /// What a [`Graph::download`] brought.
+    /// Returns the contents of a download.
     pub fn read<T: bytemuck::Pod>(&self, download: &Buffer) -> &[T] {
         let (_, raw) = self
             .downloads
@@ -734,20 +752,20 @@ impl CompletedSubmission {
         bytemuck::cast_slice(&raw.bytes()[..download.desc.bytes as usize])
     }
 
-    /// Gives the download buffers back for the next frame.
+    /// Recycles the download buffers.
     pub fn recycle(self, gpu: &mut Gpu) {
         for (_, raw) in self.downloads {
             gpu.memory.recycle_buffer(raw);
         }
     }
 
-    /// Milliseconds of all passes whose name starts with `prefix`.
+    /// Returns the GPU time of all passes whose name starts with `prefix` [ms].
     pub fn ms(&self, prefix: &str) -> f64 {
         self.passes.iter().filter(|(name, _)| name.starts_with(prefix)).map(|(_, ms)| ms).sum()
     }
 }
 
-/// An error of a submission that was asked for more than the device takes.
+/// Returns the error of a buffer beyond the device's limit.
 pub(crate) fn too_large(name: &str, bytes: u64, limit: u64) -> Error {
     Error::Request(format!(
         "{name} would be {} MiB, and this device binds at most {} MiB; ask for a smaller --size",
@@ -756,5 +774,5 @@ pub(crate) fn too_large(name: &str, bytes: u64, limit: u64) -> Error {
     ))
 }
 
-/// The layout that every image of a frame is in: compute passes need no other, and barriers then need no images.
+/// Layout of all images of a frame: compute passes need no other, and barriers then need no images.
 pub(crate) const LAYOUT: vk::ImageLayout = vk::ImageLayout::GENERAL;

@@ -1,10 +1,14 @@
-//! Passes and their uses of resources in, barriers and memory out. Pure, and tested as text.
+//! Plans barriers and memory from passes and their uses of resources. Pure, and tested as text.
 //!
-//! 1. Backwards: a pass none of whose writes is wanted or read by a later kept pass is dropped.
-//! 2. Forwards: before a pass goes one barrier where it reads what an earlier pass wrote since the last barrier (read after write), overwrites what was
-//!    read (write after read) or written (write after write). One global memory barrier a pass at most: with every image in GENERAL nothing finer is needed.
-//! 3. Transients lie in one block, large ones first, each where nothing lies that is used from its own first use to its last. The first write of one that lies where others lay
-//!    follows their uses like any other hazard. What a pass that looks at nothing but its own pixels reads for the last time, it may write over.
+//! 1. Backwards: a pass is dropped if none of its writes is wanted or read by a later kept pass.
+//!
+//! 2. Forwards: one barrier precedes a pass that reads what an earlier pass wrote since the last
+//! barrier (read after write), or overwrites what was read (write after read) or written (write
+//! after write). One global memory barrier per pass suffices, since every image is in GENERAL.
+//!
+//! 3. Transients are placed in one block, large ones first, each where no other lies whose lifetime
+//! overlaps. The first write to reused bytes is a hazard against their previous uses. A pass that
+//! reads only the pixels it writes may write over an input that is read for the last time.
 
 use super::{Access, BufferDesc, ImageDesc, Place, ResourceId};
 use crate::gpu::MemoryRequirements;
@@ -22,7 +26,7 @@ pub enum Shape {
 pub struct Resource {
     pub name: String,
     pub shape: Shape,
-    /// Of a transient, what its device asks of the memory that it lies in; none of what brings its own.
+    /// Memory requirements of a transient; `None` if the resource has memory of its own.
     pub requirements: Option<MemoryRequirements>,
 }
 
@@ -30,40 +34,41 @@ pub struct Resource {
 pub struct Pass {
     pub name: String,
     pub uses: Vec<(ResourceId, Access)>,
-    /// Nothing is read of an image but the pixel that is written.
+    /// Whether the pass reads only the pixel that it writes.
     pub in_place: bool,
 }
 
-/// A pass that will run.
+/// A pass that runs.
 #[derive(Clone, Debug)]
 pub struct Step {
     /// Index into the recorded passes.
     pub pass: usize,
     pub barrier: bool,
-    /// Memories of images whose contents are void from here on: others lay there, or nothing yet.
+    /// Memories of images whose contents become undefined here: other resources lay there, or
+    /// nothing yet.
     pub discards: Vec<usize>,
 }
 
-/// What resources are made of, one after the other.
+/// Memory that resources use one after the other.
 #[derive(Clone, Debug)]
 pub struct Memory {
     pub shape: Shape,
-    /// A block, and bytes of it; none of what has a memory of its own.
+    /// Block and byte range; `None` for memory of its own.
     pub within: Option<(usize, Range<u64>)>,
 }
 
 #[derive(Clone, Debug)]
 pub struct Plan {
     pub steps: Vec<Step>,
-    /// Which memory each resource lives in; `None` for one that no kept pass uses.
+    /// Memory of each resource; `None` if no kept pass uses it.
     pub memory: Vec<Option<usize>>,
     pub memories: Vec<Memory>,
-    /// What transients lie in: one block, or one for each kind of memory where a device has several.
+    /// Blocks of transients: one, or one per memory type.
     pub blocks: Vec<MemoryRequirements>,
     text: String,
 }
 
-/// `most`: bytes of one block.
+/// Plans the passes; `max_block` is the largest block [bytes].
 pub fn plan(
     passes: &[Pass],
     resources: &[Resource],
@@ -114,7 +119,8 @@ pub fn plan(
     plan
 }
 
-/// Barriers, and where images are discards: at the last barrier before their first use, or at the start.
+/// Places barriers, and discards of images: at the last barrier before their first use, or at the
+/// start.
 fn order(plan: &mut Plan, passes: &[Pass], lifetimes: &[Option<Lifetime>]) {
     let memories = &plan.memories;
     let shared = |a: usize, b: usize| match (&memories[a].within, &memories[b].within) {
@@ -124,7 +130,8 @@ fn order(plan: &mut Plan, passes: &[Pass], lifetimes: &[Option<Lifetime>]) {
     let others: Vec<Vec<usize>> = (0..memories.len())
         .map(|a| (0..memories.len()).filter(|&b| a != b && shared(a, b)).collect())
         .collect();
-    // What has happened to each memory since the last barrier, and whether it still holds what its own image left.
+    // Accesses of each memory since the last barrier, and whether it still holds its own image's
+    // contents.
     let (mut read, mut written, mut own) =
         (vec![false; memories.len()], vec![false; memories.len()], vec![false; memories.len()]);
     let mut last = 0;
@@ -161,18 +168,18 @@ fn order(plan: &mut Plan, passes: &[Pass], lifetimes: &[Option<Lifetime>]) {
     }
 }
 
-/// Passes between which a resource is used.
+/// First and last pass that use a resource.
 #[derive(Clone, Debug)]
 struct Lifetime {
     first: usize,
-    /// Without end of what is wanted after the frame.
+    /// `usize::MAX` if it is wanted after the frame.
     last: usize,
-    /// The last pass reads no pixel but those that it writes.
+    /// Whether the last pass reads only pixels that it writes.
     in_place: bool,
 }
 
 impl Lifetime {
-    /// Whether `next` may begin where this one ends, pixel by pixel.
+    /// Returns whether `next` may replace this one pixel by pixel.
     fn can_hand_over(&self, next: &Lifetime) -> bool {
         self.in_place && self.last == next.first && self.first < self.last
     }
@@ -205,7 +212,7 @@ fn lifetimes(
     lifetimes
 }
 
-/// A block and bytes of it for every transient, and the blocks.
+/// Places every transient in a block, and sizes the blocks.
 fn place(
     resources: &[Resource],
     lifetimes: &[Option<Lifetime>],
@@ -222,7 +229,8 @@ fn place(
     let mut places: Vec<Option<(usize, Range<u64>)>> = vec![None; resources.len()];
     for (rank, &(i, requirements, life)) in transients.iter().enumerate() {
         let start_in = |block: usize| {
-            // Of those that have a place there, whose lives cross this one's: their bytes, and whether this one may lie in the same.
+            // Placed resources whose lifetimes overlap: their bytes, and whether this one may
+            // replace them.
             let mut taken: Vec<(Range<u64>, bool)> = (transients[..rank].iter())
                 .filter(|(_, _, other)| other.first <= life.last && life.first <= other.last)
                 .filter_map(|&(j, _, other)| {
@@ -287,10 +295,10 @@ fn kept_passes(passes: &[Pass], resources: usize, wanted: &[ResourceId]) -> Vec<
     kept
 }
 
-/// Lines: more than any layer of a frame has.
+/// Longest run of lines that is folded: more than any layer of a frame has.
 const MAX_FOLDED_LINES: usize = 160;
 
-/// Blocks of lines, up to a whole layer, that follow each other three times and more are written once, with how often.
+/// Writes runs of lines that repeat three times or more only once, with their count.
 fn fold_repeats(lines: &[String]) -> String {
     let repeats = |at: usize, length: usize| {
         let block = &lines[at..at + length];
@@ -352,7 +360,7 @@ fn text(plan: &Plan, passes: &[Pass], resources: &[Resource], kept: &[bool]) -> 
         .map(|(pass, _)| pass.name.as_str())
         .collect();
     if !dropped.is_empty() {
-        writeln!(out, "  dropped, because nobody reads what they write: {}", dropped.join(", "))
+        writeln!(out, "  dropped, since nothing reads their outputs: {}", dropped.join(", "))
             .unwrap();
     }
     for (memory, Memory { shape, within }) in plan.memories.iter().enumerate() {
@@ -478,7 +486,7 @@ mod tests {
     }
 
     #[test]
-    fn a_pass_that_nobody_reads_is_dropped_and_takes_its_sources_with_it() {
+    fn an_unread_pass_is_dropped_and_takes_its_sources_with_it() {
         let plan = frame(3, &[("a", &[], &[0]), ("b", &[0], &[1]), ("c", &[], &[2])], &[2]);
         assert_eq!(plan.steps.len(), 1);
         assert_eq!(plan.memory, [None, None, Some(0)]);
@@ -516,7 +524,7 @@ mod tests {
         );
     }
 
-    /// Of so many bytes each, used by the passes `from..=to`.
+    /// Plans buffers of these sizes [bytes], used by the passes `from..=to`.
     fn buffers(lifetimes: &[(u64, usize, usize)]) -> Plan {
         let resources: Vec<_> = (lifetimes.iter().enumerate())
             .map(|(i, &(bytes, ..))| Resource {
@@ -540,7 +548,7 @@ mod tests {
         let passes: Vec<_> = (0..=end)
             .map(|pass| Pass { name: format!("p{pass}"), uses: uses(pass), in_place: false })
             .collect();
-        // The last pass keeps the others: it changes what they change.
+        // The last pass keeps the others, since it modifies what they modify.
         let wanted: Vec<_> =
             (0..lifetimes.len()).filter(|&i| lifetimes[i].2 == end).map(ResourceId).collect();
         plan(&passes, &resources, &wanted, 1 << 20)
@@ -573,7 +581,7 @@ mod tests {
             &[("a", &[], &[0, 1]), ("own b", &[0, 1], &[2]), ("c", &[2], &[3]), ("d", &[3], &[4])],
             &[4],
         );
-        // 0 and 2 are one memory, which 4 is again; nothing else ever lay there.
+        // 0 and 2 share a memory, which 4 uses again; nothing else ever lay there.
         assert_eq!(plan.memory, [Some(0), Some(1), Some(0), Some(1), Some(0)]);
         assert_eq!(
             plan.steps.iter().map(|step| step.discards.clone()).collect::<Vec<_>>(),

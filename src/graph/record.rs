@@ -1,6 +1,6 @@
-//! Plan -> vkCmd*: the only place that records compute passes.
+//! Records and submits a plan: the only place that records compute passes.
 //!
-//! Every pass is a debug label, a timestamp pair and a breadcrumb.
+//! Every pass has a debug label, a timestamp pair and a breadcrumb.
 
 use super::plan::{Memory, Plan, Shape};
 use super::{
@@ -19,17 +19,17 @@ use std::collections::HashMap;
 
 enum PhysicalResource {
     Image(RawImage),
-    /// Its own.
+    /// A buffer with its own memory.
     Buffer(RawBuffer),
-    /// Somebody else's, or a block's.
+    /// A buffer owned elsewhere, or by a block.
     Borrowed(Import),
 }
 
-/// All that a submission uses.
+/// Resources of a submission.
 #[derive(Default)]
 struct Resources {
     blocks: Vec<Block>,
-    /// By number of the plan's memory.
+    /// By index of the plan's memory.
     physical: HashMap<usize, PhysicalResource>,
 }
 
@@ -52,7 +52,7 @@ impl PhysicalResource {
     }
 }
 
-/// A submission on its way through the device, with all that it uses.
+/// A submission in flight, with all that it uses.
 #[must_use = "what it uses is free again only when it is finished"]
 pub struct PendingSubmission {
     plan: Plan,
@@ -91,7 +91,8 @@ pub(super) fn launch<'g>(graph: Graph<'g>, plan: Plan) -> Result<(PendingSubmiss
             return Err(error);
         }
     };
-    // Those that no pass of the plan touches have not been filled. Later submissions begin when this one is done.
+    // Buffers that no pass of the plan uses have not been filled. Later submissions start when this
+    // one is done.
     let filled = persistent.into_iter().filter(|(id, ..)| plan.memory[id.0].is_some());
     filled.for_each(|(_, name, cache_key, steps)| {
         gpu.memory.set_persistent_state(&name, Some((cache_key, steps)))
@@ -100,7 +101,7 @@ pub(super) fn launch<'g>(graph: Graph<'g>, plan: Plan) -> Result<(PendingSubmiss
 }
 
 impl PendingSubmission {
-    /// Whether [`PendingSubmission::finish`] would not wait.
+    /// Returns whether [`PendingSubmission::finish`] returns at once.
     pub fn is_done(&self) -> bool {
         self.context.is_done()
     }
@@ -120,7 +121,7 @@ impl PendingSubmission {
 }
 
 impl Gpu {
-    /// Whether the device is still there, as far as tests let it.
+    /// Fails if tests pretend that the device is lost.
     fn check_simulated_loss(&self, breadcrumbs: &Breadcrumbs) -> Result<()> {
         match self.lost_after {
             Some(submissions) if self.submitted >= submissions => {
@@ -132,14 +133,14 @@ impl Gpu {
 }
 
 impl Graph<'_> {
-    /// Gives back what was made for a frame that is not to be drawn.
+    /// Recycles the resources of a frame that will not be submitted.
     pub fn discard(self) {
         let Graph { gpu, uploads, .. } = self;
         uploads.into_iter().for_each(|(_, raw)| gpu.memory.recycle_buffer(raw));
     }
 }
 
-/// Memory goes back to the shelf whatever happened, but for what a good frame brings home.
+/// Recycles memory, and returns the downloads of a successful frame.
 fn recycle(
     gpu: &mut Gpu,
     plan: &Plan,
@@ -162,10 +163,11 @@ fn recycle(
     downloads
 }
 
-/// Steps of a software device between two looks at whether it is to stop: it may compile for a second on each, and a submission of its own costs a tenth of a millisecond.
+/// Steps of a software device between checks for cancellation: each may compile for a second, and a
+/// submission costs a tenth of a millisecond.
 const STEPS_PER_FLUSH: usize = 4;
 
-/// Records and submits.
+/// Records and submits the steps.
 fn execute(
     gpu: &mut Gpu,
     plan: &Plan,
@@ -199,7 +201,8 @@ fn execute(
                 };
             }
             breadcrumbs.mark(&gpu.device, commands, order);
-            // Submissions share kept buffers and shelved memory: the first step follows whatever was submitted before.
+            // Submissions share persistent buffers and recycled memory: the first step waits for
+            // all earlier submissions.
             if order == 0 || (step.barrier && barriers) {
                 barrier(gpu, commands, step.discards.iter().map(|memory| physical[memory].image()));
             }
@@ -225,7 +228,7 @@ fn execute(
     }
 }
 
-/// Memory of every shape that the plan asks for; uploads bring their own.
+/// Allocates the plan's memory; uploads have their own.
 fn allocate(
     gpu: &mut Gpu,
     plan: &Plan,
@@ -282,7 +285,7 @@ fn allocate(
     Ok(())
 }
 
-/// Before anything is made of it.
+/// Checks sizes against the device's limits before anything is created.
 fn check_limits(gpu: &Gpu, name: &str, shape: &Shape) -> Result<()> {
     let limits = &gpu.device.limits;
     match shape {
@@ -311,7 +314,8 @@ fn full_barrier() -> vk::MemoryBarrier2<'static> {
         .dst_access_mask(vk::AccessFlags2::MEMORY_READ | vk::AccessFlags2::MEMORY_WRITE)
 }
 
-/// After all that was recorded before. Images whose contents are void go to GENERAL, where they stay.
+/// Records a barrier after all earlier work. Images with undefined contents go to GENERAL, where
+/// they stay.
 fn barrier<'a>(
     gpu: &Gpu,
     commands: vk::CommandBuffer,
@@ -332,7 +336,8 @@ fn barrier<'a>(
         })
         .collect();
     let all = [all];
-    // SAFETY: recorded between passes, outside of rendering; the images live until the submission has been waited for.
+    // SAFETY: recorded between passes, outside of rendering; the images live until the submission
+    // has been waited for.
     unsafe {
         gpu.device.raw.cmd_pipeline_barrier2(
             commands,
@@ -341,7 +346,7 @@ fn barrier<'a>(
     };
 }
 
-/// What one submission needs and destroys again: command pool, descriptor pool, fence.
+/// Objects of one submission: command pool, descriptor pool, fence.
 struct CommandContext {
     device: ash::Device,
     command_pool: vk::CommandPool,
@@ -415,7 +420,8 @@ impl CommandContext {
             .map_err(failed("vkBeginCommandBuffer"))
     }
 
-    /// A descriptor set of one stage; `last`: of the last of its bindings, where `resources` has none.
+    /// Allocates and writes the descriptor set of a stage. `last` is the last binding's view if
+    /// `resources` has none.
     fn set<'p>(
         &self,
         layout: vk::DescriptorSetLayout,
@@ -457,7 +463,8 @@ impl CommandContext {
             buffers.iter().map(|(binding, info)| write(binding).buffer_info(info)).collect();
         writes.extend(texels.iter().map(|(binding, view)| write(binding).texel_buffer_view(view)));
         writes.extend(images.iter().map(|(binding, info)| write(binding).image_info(info)));
-        // SAFETY: kinds and formats were checked when the pass was recorded; everything lives until the fence.
+        // SAFETY: kinds and formats were checked when the pass was recorded; everything lives until
+        // the fence.
         unsafe { self.device.update_descriptor_sets(&writes, &[]) };
         Ok(set)
     }
@@ -470,7 +477,8 @@ impl CommandContext {
     ) -> Result<()> {
         match work {
             Work::Run { code, constants, push, resources, groups } => {
-                // Of a shader that keeps to no area nobody reads the list of its tiles, which wants a buffer all the same.
+                // A shader without a tile list still needs a buffer bound for it, which it never
+                // reads.
                 let no_tiles = match code.listed {
                     Some(_) if resources.len() < code.bindings.len() => Some(
                         gpu.memory
@@ -484,7 +492,8 @@ impl CommandContext {
                 let kernel = gpu.kernels.get(&gpu.device, code, constants)?;
                 let set = self.set(kernel.set_layout, code, resources, no_tiles, &at)?;
                 let bind = vk::PipelineBindPoint::COMPUTE;
-                // SAFETY: sizes of push constants were checked by the generated types; everything lives until the fence.
+                // SAFETY: the generated types fix the sizes of push constants; everything lives
+                // until the fence.
                 unsafe {
                     self.device.cmd_bind_pipeline(self.commands, bind, kernel.pipeline);
                     self.device.cmd_bind_descriptor_sets(
@@ -585,7 +594,8 @@ impl CommandContext {
                     layer_count: 1,
                     ..Default::default()
                 };
-                // SAFETY: the image was made with TRANSFER_DST, and is in the layout of all images of a frame.
+                // SAFETY: the image has TRANSFER_DST usage and is in the layout of all images of a
+                // frame.
                 unsafe {
                     self.device.cmd_clear_color_image(
                         self.commands,
@@ -598,7 +608,7 @@ impl CommandContext {
             }
             Work::CopyBuffer { from, to, bytes } => {
                 let region = vk::BufferCopy::default().size(*bytes);
-                // SAFETY: both buffers have at least so many bytes.
+                // SAFETY: both buffers have at least this many bytes.
                 unsafe {
                     self.device.cmd_copy_buffer(
                         self.commands,
@@ -613,7 +623,8 @@ impl CommandContext {
                     vk::BufferCopy::default().src_offset(from).dst_offset(to).size(bytes)
                 };
                 let regions: Vec<_> = parts.iter().map(region).collect();
-                // SAFETY: whoever recorded it says that both buffers have these bytes, and that no two parts share any of `to`.
+                // SAFETY: the recorder ensures that both buffers have these bytes, and that no two
+                // parts overlap in `to`.
                 unsafe {
                     self.device.cmd_copy_buffer(
                         self.commands,
@@ -675,7 +686,8 @@ impl CommandContext {
         Ok(())
     }
 
-    /// Submits what has been recorded, waits, and goes on recording. Pages are not the loader's again before the last of it.
+    /// Submits what has been recorded, waits, and continues recording. Pages return to the loader
+    /// only after the last submission.
     fn flush(&self, gpu: &Gpu, breadcrumbs: &Breadcrumbs) -> Result<()> {
         self.submit(gpu, breadcrumbs, &[])?;
         self.wait(breadcrumbs)?;
@@ -689,7 +701,7 @@ impl CommandContext {
         self.begin()
     }
 
-    /// Submits the rest.
+    /// Submits the remaining commands and raises the timeline.
     fn submit_rest(&self, gpu: &mut Gpu, breadcrumbs: &Breadcrumbs) -> Result<()> {
         let to_host = [vk::MemoryBarrier2::default()
             .src_stage_mask(vk::PipelineStageFlags2::ALL_COMMANDS)
@@ -712,14 +724,14 @@ impl CommandContext {
     }
 
     fn is_done(&self) -> bool {
-        // SAFETY: the fence is alive, and was given to a submission. A lost device is said by who waits.
+        // SAFETY: the fence is alive and was submitted. `wait` reports a lost device.
         let status = unsafe { self.device.get_fence_status(self.fence) };
         status != Ok(false)
     }
 
-    /// A lost device is blamed on the pass that was running.
+    /// Waits for the fence; the error of a lost device names the pass that was running.
     fn wait(&self, breadcrumbs: &Breadcrumbs) -> Result<()> {
-        // SAFETY: the fence is alive, and was given to a submission.
+        // SAFETY: the fence is alive and was submitted.
         unsafe { self.device.wait_for_fences(&[self.fence], true, u64::MAX) }
             .map_err(|code| breadcrumbs.blame(code))
     }
@@ -734,7 +746,8 @@ impl CommandContext {
         let submission = vk::SubmitInfo2::default()
             .command_buffer_infos(&commands)
             .signal_semaphore_infos(signals);
-        // SAFETY: the command buffer is complete, and all it uses lives until the fence has been waited for.
+        // SAFETY: the command buffer is complete, and all it uses lives until the fence has been
+        // waited for.
         unsafe {
             self.device.end_command_buffer(self.commands).map_err(failed("vkEndCommandBuffer"))?;
             self.device

@@ -1,15 +1,18 @@
-//! Where passes over the screen have anything to do: tiles that were listed on the device; and images that stay from one time to the next, so that what lies beyond need not be written again.
+//! Tile lists that restrict passes, and images that are reused so that pixels outside a list keep
+//! their contents.
 
 use super::{Buffer, Groups, Image, ImageDesc, ResourceId};
 
-/// Tiles of 8 x 8 pixels, in words (glsl/lib/tile.glsl): workgroups that take eight each, three words, and the number of tiles; then the tiles, 16 bits across and 16 down.
+/// A list of tiles of 8 x 8 pixels, as words (glsl/lib/tile.glsl): three workgroup counts at eight
+/// tiles each, the number of tiles, then the tiles, 16 bits across and 16 down.
 pub struct TileList {
-    /// The words before the tiles; those of the list itself, or of a copy that the device may have emptied.
+    /// Buffer with the workgroup counts: the list itself, or a copy that the device may have
+    /// zeroed.
     pub groups: Buffer,
     pub list: Buffer,
 }
 
-/// An area while passes are recorded.
+/// A tile list while passes are recorded.
 #[derive(Clone, Copy)]
 pub(super) struct TileMask {
     groups: ResourceId,
@@ -21,17 +24,18 @@ impl TileMask {
         TileMask { groups: tiles.groups.id, list: tiles.list.id }
     }
 
-    /// Where the workgroups of such a pass stand.
+    /// Returns the place of the workgroup counts.
     pub fn groups(&self) -> Groups {
         Groups::Indirect(self.groups, 0)
     }
 }
 
-/// Images of passes that are recorded several times: each has the same one every time, which holds what the time before left wherever nobody writes.
+/// Images of passes that are recorded repeatedly: each gets the same one every time, with the
+/// previous contents wherever nothing writes.
 #[derive(Default)]
 pub struct ReusedImages {
     made: Vec<(String, Image)>,
-    /// Of these, those that were handed out this time.
+    /// Whether each image has been handed out this time.
     taken: Vec<bool>,
 }
 
@@ -40,7 +44,7 @@ impl ReusedImages {
         self.taken.fill(false);
     }
 
-    /// The first of this name and kind that nobody has had this time.
+    /// Returns the first image of this name and kind that has not been handed out this time.
     pub(super) fn take(&mut self, name: &str, desc: ImageDesc) -> Option<Image> {
         let place = (0..self.made.len())
             .find(|&i| !self.taken[i] && self.made[i].0 == name && self.made[i].1.desc == desc)?;
