@@ -28,7 +28,7 @@ impl AtomicFile {
         // A rename would put a file in the place of a pipe, and as root in the place of /dev/null.
         if path.metadata().is_ok_and(|found| !found.is_file()) {
             return Err(Error::Request(format!(
-                "{} is a folder, a pipe or a device; name a file to write",
+                "cannot write {}: it is a folder, a pipe or a device; name a file",
                 path.display()
             )));
         }
@@ -94,7 +94,7 @@ pub fn temporary_file(path: &Path) -> Result<File> {
 fn partial_begin(path: &Path) -> Result<String> {
     let name = path
         .file_name()
-        .ok_or_else(|| Error::Request(format!("{} is no file name", path.display())))?;
+        .ok_or_else(|| Error::Request(format!("{} is not a file name", path.display())))?;
     Ok(format!(".{}.partial-", shortened(&name.to_string_lossy(), NAME_BYTES - 1 - PARTIAL_BYTES)))
 }
 

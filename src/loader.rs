@@ -257,7 +257,7 @@ impl<P: FnMut()> Thread<P> {
                 .or(panic.downcast_ref::<String>().cloned());
             let what = format!(
                 "node {node} could not be read: {}",
-                said.unwrap_or("a panic without words".into())
+                said.unwrap_or("an unknown panic".into())
             );
             Err(Error::format(self.index.path(), what))
         });

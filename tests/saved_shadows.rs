@@ -152,10 +152,13 @@ fn shadows_of_another_cloud_or_light_are_refused_and_damaged_ones_are_said() {
     let said = failed(&render(&format!("@street.las --shadows @a.shadows {LIGHT}")), 1);
     assert!(said.contains("the input is not one"), "{said}");
     let said = failed(&render(&format!("@street.pnti --shadows @street.las {LIGHT}")), 1);
-    assert!(said.contains("is no file of shadows") && !said.contains("street.las`"), "{said}");
+    assert!(said.contains("is not a shadow file") && !said.contains("street.las`"), "{said}");
     let scan_before = std::fs::read(place.at("street.las")).unwrap();
     let said = failed(&place.run(&format!("shadows @street.pnti -o @street.las {LIGHT}")), 1);
-    assert!(said.contains("is there, and is no file of shadows; give -o another name"), "{said}");
+    assert!(
+        said.contains("exists and is not a shadow file; choose another name with -o"),
+        "{said}"
+    );
     assert!(std::fs::read(place.at("street.las")).unwrap() == scan_before);
     scan(&place.at("other.las"), SceneKind::Plane, 200_000);
     succeeded(&place.run("index @other.las -o @other.pnti"));

@@ -108,7 +108,7 @@ impl Device {
         };
         let int64_atomics = !missing_int64 && !options.no_int64_atomics;
         let family = queue_family(&instance, physical).ok_or_else(|| {
-            Error::Device("the device has no queue that computes and draws".to_string())
+            Error::Device("the device has no queue for compute and graphics".to_string())
         })?;
         let raw = open_device(&instance, physical, family, int64_atomics, options.window)?;
         // SAFETY: `open_device` requested this family and its queue 0.
@@ -242,7 +242,7 @@ fn open_instance(
         if has_debug { vec![ext::debug_utils::NAME.as_ptr()] } else { vec![] };
     if options.window {
         if !offers(khr::surface::NAME) {
-            return Err(Error::Device("the Vulkan loader knows no window system".to_string()));
+            return Err(Error::Device("the Vulkan loader supports no window system".to_string()));
         }
         // The window system in use is known only when the window exists.
         extension_names

@@ -36,7 +36,7 @@ impl CacheLocation {
             .filter(|path| path.is_absolute())
             .or_else(|| set("HOME").map(|home| home.join(".cache")));
         let folder = folder.ok_or_else(|| {
-            Error::Request("there is no cache folder (neither HOME nor XDG_CACHE_HOME is set); give --cache-dir or --no-cache".into())
+            Error::Request("no cache folder (neither HOME nor XDG_CACHE_HOME is set); give --cache-dir or --no-cache".into())
         })?;
         Ok(CacheLocation::Folder(folder.join("pointillist")))
     }

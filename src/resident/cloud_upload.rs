@@ -121,7 +121,7 @@ impl CloudUpload {
         self.built_points += partition.order.len() as u64;
         if self.built_nodes > MOST_NODES {
             return Err(Error::Request(format!(
-                "{} points are more than the 4,294,901,760 that can be resident at once",
+                "{} points are more than the 4,294,901,760 that fit at once; index the files first",
                 self.points
             )));
         }

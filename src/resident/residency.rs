@@ -295,7 +295,7 @@ impl Residency {
             if stuck > 1 {
                 let [pool, _] = self.pool_bytes();
                 return Err(Error::Request(format!(
-                    "a pool of {} MiB does not hold even the roots of this index",
+                    "{} MiB of GPU memory do not hold the roots of this index; give more",
                     pool >> 20
                 )));
             }
@@ -370,7 +370,7 @@ impl Residency {
         let stalled = self.loader.stalled();
         if let Some(node) = stalled.filter(|_| stalled != self.stalled) {
             let (path, waited) = (self.index.path().display(), PATIENCE.as_secs_f64());
-            self.unsaid.errors.push(format!("{path}: node {node} has not come within {waited} s; what is there is drawn until it does"));
+            self.unsaid.errors.push(format!("{path}: node {node} has not come within {waited} s; coarser nodes are drawn until it does"));
         }
         self.stalled = stalled;
         Ok(())
@@ -409,7 +409,7 @@ impl Residency {
                 if self.unreadable.insert(node) {
                     self.unsaid
                         .errors
-                        .push(format!("{error}; of that node its parent is drawn, or nothing where it has none that is there"));
+                        .push(format!("{error}; its nearest resident ancestor is drawn instead"));
                 }
             }
         }
@@ -577,7 +577,7 @@ impl Residency {
                     // The device has less than the budget: what it gave is the pool from now on.
                     self.resident.pool.pages.budget = self.resident.pool.allocated();
                     update.errors.push(format!(
-                        "the pool stays at {} MiB: {error}",
+                        "GPU memory for nodes is limited to {} MiB: {error}",
                         self.pool_bytes()[0] >> 20
                     ));
                 }

@@ -119,7 +119,7 @@ impl<'f> LeafCache<'f> {
         (self.read)(at, &mut bytes)?;
         if crc32c::crc32c(&bytes) != record.crc[plane as usize] {
             let what = format!(
-                "node {node}'s {plane:?} plane reads otherwise than it was written: the disk has lost a write; try again"
+                "cannot read back node {node}'s {plane:?} plane: the disk has lost a write; try again"
             );
             return Err(Error::Request(what));
         }

@@ -28,7 +28,7 @@ impl<'i> ShadowWriter<'i> {
         {
             return Err(Error::format(
                 path,
-                "is there, and is no file of shadows; give -o another name",
+                "exists and is not a shadow file; choose another name with -o",
             ));
         }
         let crcs = Mutex::new(vec![0; index.nodes().len()]);
@@ -54,7 +54,7 @@ impl<'i> ShadowWriter<'i> {
         if crc32c::crc32c(&marks) != self.crcs.lock().unwrap_or_else(PoisonError::into_inner)[node]
         {
             return Err(Error::Request(format!(
-                "node {node}'s marks read otherwise than they were written: the disk has lost a write; try again"
+                "cannot read back the shadows of node {node}: the disk has lost a write; try again"
             )));
         }
         Ok(marks)
@@ -95,9 +95,7 @@ impl<'i> ShadowWriter<'i> {
                 if own.len() as u32 != nodes[node].count {
                     return Err(Error::format(
                         self.index.path(),
-                        format!(
-                            "node {node} has other samples than its children say; make it again"
-                        ),
+                        format!("node {node} does not match its children; make the index again"),
                     ));
                 }
                 self.put(node, &own)

@@ -282,7 +282,7 @@ impl Builder<'_> {
                 .map_while(|_| std::thread::Builder::new().spawn_scoped(scope, guarded).ok());
             let handles: Vec<_> = started.collect();
             if handles.is_empty() {
-                return vec![Err(Error::Request("the system starts no more threads".into()))];
+                return vec![Err(Error::Request("the system cannot start threads".into()))];
             }
             handles
                 .into_iter()

@@ -72,11 +72,11 @@ impl Index {
         };
         let mut header = FileHeader::zeroed();
         if map.len() < HEADER_BYTES {
-            return Err(wrong(format!("is no complete index ({} bytes)", map.len())));
+            return Err(wrong(format!("is not a complete index ({} bytes)", map.len())));
         }
         map.copy(0, bytemuck::bytes_of_mut(&mut header))?;
         if header.magic != MAGIC {
-            return Err(wrong("is no index, or an unfinished one".into()));
+            return Err(wrong("is not an index, or is unfinished".into()));
         }
         if header.version > VERSION {
             return Err(Error::format(
@@ -91,7 +91,7 @@ impl Index {
             return Err(wrong("has a damaged header".into()));
         }
         if header.length != map.len() {
-            return Err(wrong(format!("has {} bytes of {}", map.len(), header.length)));
+            return Err(wrong(format!("has {} of {} bytes", map.len(), header.length)));
         }
         // In u128, so that no sum of a crafted header overflows.
         let record_bytes =
@@ -234,7 +234,7 @@ fn check(directory: &Directory, end: u64) -> std::result::Result<(), String> {
             return wrong("with an impossible number of points");
         }
         if node.lattice as usize >= directory.contents.lattices.len() || node.coarser > 64 {
-            return wrong("on a lattice that there is not");
+            return wrong("on an unknown lattice");
         }
         let longest = node.extent.iter().max().map_or(0, |&side| 32 - side.leading_zeros()).max(1);
         if node.bits as u32 != longest || longest > BITS_PER_PLANE * POSITION_PLANES {
@@ -251,7 +251,7 @@ fn check(directory: &Directory, end: u64) -> std::result::Result<(), String> {
         }
         if node.at < HEADER_BYTES || node.at.checked_add(node.bytes()).is_none_or(|last| last > end)
         {
-            return wrong("outside of the file");
+            return wrong("beyond the end of the file");
         }
         if !node.spacing.is_finite()
             || node.spacing < 0.0
@@ -261,7 +261,7 @@ fn check(directory: &Directory, end: u64) -> std::result::Result<(), String> {
         }
         if node.is_leaf() {
             if node.points != node.count as u64 {
-                return wrong("that is a leaf without all of its points");
+                return wrong("that is an incomplete leaf");
             }
             continue;
         }
@@ -270,20 +270,17 @@ fn check(directory: &Directory, end: u64) -> std::result::Result<(), String> {
             || next <= i
             || node.first_child as u64 + node.children as u64 > nodes.len() as u64
         {
-            return wrong("whose children are not where they must be");
+            return wrong("with misplaced children");
         }
         next += node.children as usize;
         let children = &nodes[node.children()];
         let sum = children.iter().fold(0u64, |sum, child| sum.saturating_add(child.points));
         if sum != node.points || children.iter().any(|child| child.parent as usize != i) {
-            return wrong("whose children are not its own");
+            return wrong("with children of another node");
         }
     }
     if next != nodes.len() {
-        return Err(format!(
-            "has {} nodes that belong to no parent",
-            nodes.len() - next.min(nodes.len())
-        ));
+        return Err(format!("has {} nodes without a parent", nodes.len() - next.min(nodes.len())));
     }
     let stations = directory.contents.stations.len();
     if directory
@@ -306,7 +303,7 @@ fn check(directory: &Directory, end: u64) -> std::result::Result<(), String> {
         .iter()
         .fold(0u64, |sum, root| sum.saturating_add(root.points));
     if total != directory.contents.points {
-        return Err(format!("claims {} points, and has {total}", directory.contents.points));
+        return Err(format!("claims {} points but has {total}", directory.contents.points));
     }
     Ok(())
 }

@@ -20,7 +20,7 @@ impl Map {
         let found = std::fs::metadata(path).map_err(|error| Error::io("open", path, error))?;
         // Opening a pipe would wait for a writer.
         if !found.is_file() {
-            return Err(Error::format(path, "is a folder, a pipe or a device, and no index"));
+            return Err(Error::format(path, "is a folder, a pipe or a device, not a file"));
         }
         let file = File::open(path).map_err(|error| Error::io("open", path, error))?;
         // SAFETY: the map is never made a slice of; its bytes are only copied by the kernel, for which a page that changes or goes is no undefined behaviour.

@@ -93,13 +93,13 @@ impl SavedShadows {
         let wrong = |what: &str| Error::format(path, format!("{what}; {again}"));
         let mut header = FileHeader::zeroed();
         if map.len() < HEADER_BYTES {
-            return Err(wrong("is no complete file of shadows"));
+            return Err(wrong("is not a complete shadow file"));
         }
         map.copy(0, bytemuck::bytes_of_mut(&mut header))?;
         if header.magic != MAGIC {
             let make =
                 format!("`pointillist shadows {} -o NAME.shadows` makes one", index.display());
-            return Err(Error::format(path, format!("is no file of shadows; {make}")));
+            return Err(Error::format(path, format!("is not a shadow file; {make}")));
         }
         if header.version > VERSION {
             return Err(Error::format(
@@ -138,7 +138,7 @@ impl SavedShadows {
         let contents: ShadowContents = serde_json::from_slice(&directory[crcs_bytes..])
             .map_err(|error| wrong(&format!("has unreadable contents ({error})")))?;
         if !(1..=255).contains(&contents.full) {
-            return Err(wrong("has contents that no marks have"));
+            return Err(wrong("has an invalid value for full light"));
         }
         Ok(SavedShadows { map, offsets, crcs, contents })
     }
@@ -154,7 +154,7 @@ impl SavedShadows {
         if crc32c::crc32c(into) != self.crcs[node] {
             return Err(Error::format(
                 self.path(),
-                format!("is damaged: the checksum of node {node}'s marks is wrong"),
+                format!("is damaged: the checksum of node {node}'s shadows is wrong"),
             ));
         }
         Ok(())

@@ -96,7 +96,7 @@ impl Writer {
             .is_ok_and(|again: Contents| again == directory.contents)
         {
             return Err(Error::Request(format!(
-                "{}: what was opened has numbers that an index cannot keep",
+                "{}: the input has numbers that an index cannot store",
                 self.path.display()
             )));
         }
