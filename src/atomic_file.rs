@@ -1,8 +1,10 @@
-//! A file that is there whole or not at all.
+//! Files that are complete or absent.
 //!
-//! In: a path, and somebody who writes. Out: the file, under its own name only once it is complete and on the disk. Until then it lies beside
-//! its place as `.NAME.partial-PID`, or with another number where that one is taken; it is removed when writing fails, when Ctrl-C ends the work, and when the process leaves in a hurry. What a killed
-//! process left is removed by the next one that writes the same name: whoever writes holds a lock on its partial file, so one that can be locked is stale.
+//! A file gets its name only once it is complete and on the disk. Until then it is a partial file
+//! beside its place, `.NAME.partial-PID`, or with another number if that is taken. The partial file
+//! is removed when writing fails, on Ctrl-C, and when the process exits early. Partial files of a
+//! killed process are removed by the next writer of the same name: writers hold a lock on their
+//! partial file, so one that can be locked is stale.
 
 use crate::error::{Error, Result};
 use std::fs::{File, OpenOptions, TryLockError};
@@ -10,22 +12,24 @@ use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 
-/// What is being written at this moment, for [`abandon_all`].
+/// Partial files of this process, for [`remove_unfinished`].
 static UNFINISHED: Mutex<Vec<PathBuf>> = Mutex::new(Vec::new());
 
-/// A file on its way: write to [`AtomicFile::partial`], then [`AtomicFile::finish`]. Dropped before that, it leaves nothing.
+/// A file being written: write to [`AtomicFile::partial`], then call [`AtomicFile::finish`].
+/// Dropping it earlier leaves nothing.
 pub struct AtomicFile {
     path: PathBuf,
-    /// None once it has its name.
+    /// `None` once the file has its name.
     partial: Option<PathBuf>,
-    /// Locked as long as it is being written.
+    /// Locked while the file is being written.
     _lock: File,
 }
 
 impl AtomicFile {
-    /// Creates the empty partial file, so that a folder that cannot be written to is refused before the work is done.
+    /// Creates the empty partial file, so that a read-only folder is reported before the work is
+    /// done.
     pub fn create(path: &Path) -> Result<AtomicFile> {
-        // A rename would put a file in the place of a pipe, and as root in the place of /dev/null.
+        // A rename would replace a pipe, or as root /dev/null, by a file.
         if path.metadata().is_ok_and(|found| !found.is_file()) {
             return Err(Error::Request(format!(
                 "cannot write {}: it is a folder, a pipe or a device; name a file",
@@ -42,7 +46,7 @@ impl AtomicFile {
         self.partial.as_deref().unwrap_or(&self.path)
     }
 
-    /// Brings the contents to the disk, gives the file its name, and brings that to the disk too.
+    /// Syncs the contents, renames the file, and syncs the folder.
     pub fn finish(mut self) -> Result<()> {
         let synced =
             OpenOptions::new().write(true).open(self.partial()).and_then(|file| file.sync_all());
@@ -53,7 +57,7 @@ impl AtomicFile {
     }
 
     fn rename(&mut self) -> std::io::Result<()> {
-        // Under the lock, because from the rename on somebody else may have the partial name.
+        // Under the lock, because after the rename another writer may take the partial name.
         let mut unfinished = unfinished();
         std::fs::rename(self.partial(), &self.path)?;
         let partial = self.partial.take();
@@ -66,21 +70,21 @@ impl Drop for AtomicFile {
     fn drop(&mut self) {
         let Some(partial) = self.partial.take() else { return };
         let mut unfinished = unfinished();
-        // Nobody is left to tell if that fails.
+        // A failure cannot be reported here.
         let _ = std::fs::remove_file(&partial);
         unfinished.retain(|other| *other != partial);
     }
 }
 
-/// Writes `path` whole, or not at all.
+/// Writes `path` completely or not at all.
 pub fn write_atomically(path: &Path, write: impl FnOnce(&Path) -> Result<()>) -> Result<()> {
     let file = AtomicFile::create(path)?;
     write(file.partial())?;
     file.finish()
 }
 
-/// A nameless file beside `path`, to read and write, which the system removes with the process, however that ends. Killed within the instant in which it
-/// has a name, it is as stale as a partial file.
+/// Creates an unnamed temporary file beside `path`, which the system removes when the process ends.
+/// If the process is killed before the name is removed, the file is as stale as a partial file.
 pub fn temporary_file(path: &Path) -> Result<File> {
     let (partial, file) = claim(path, &partial_begin(path)?)?;
     let mut unfinished = unfinished();
@@ -90,7 +94,7 @@ pub fn temporary_file(path: &Path) -> Result<File> {
     Ok(file)
 }
 
-/// What the names of partial files of `path` begin with.
+/// Returns the beginning of the names of partial files of `path`.
 fn partial_begin(path: &Path) -> Result<String> {
     let name = path
         .file_name()
@@ -98,13 +102,14 @@ fn partial_begin(path: &Path) -> Result<String> {
     Ok(format!(".{}.partial-", shortened(&name.to_string_lossy(), NAME_BYTES - 1 - PARTIAL_BYTES)))
 }
 
-/// Process numbers are smaller on every system.
+/// Process ids are smaller on every system.
 const NUMBERS: u32 = 1 << 22;
 
-/// Creates a partial file that nobody else has, and locks it.
+/// Creates a partial file with a free name, and locks it.
 fn claim(path: &Path, begin: &str) -> Result<(PathBuf, File)> {
     let failed = |error| Error::io("create", path, error);
-    // Another writer in this process, or one in a container with a process of the same number, may have the first.
+    // Another writer in this process, or in a container with the same process id, may have the
+    // first name.
     for number in (0..u32::MAX / NUMBERS).map(|k| k * NUMBERS + std::process::id() % NUMBERS) {
         let partial = path.with_file_name(format!("{begin}{number}"));
         let mut unfinished = unfinished();
@@ -112,7 +117,8 @@ fn claim(path: &Path, begin: &str) -> Result<(PathBuf, File)> {
             Err(error) if error.kind() == ErrorKind::AlreadyExists => continue,
             created => created.map_err(failed)?,
         };
-        // Before it was locked it looked stale: whoever has the lock, or had it, has removed it. Where a file system has no locks nothing is told to be stale.
+        // Before it was locked it looked stale: whichever process holds the lock, or held it, has
+        // removed it. On file systems without locks no file counts as stale.
         if matches!(file.try_lock(), Err(TryLockError::WouldBlock)) || !is_at(&file, &partial) {
             continue;
         }
@@ -122,7 +128,7 @@ fn claim(path: &Path, begin: &str) -> Result<(PathBuf, File)> {
     Err(failed(ErrorKind::AlreadyExists.into()))
 }
 
-/// Whether a file is still where it was created; where the system does not say, it is.
+/// Returns whether a file is still where it was created; true if the system does not tell.
 #[cfg(unix)]
 fn is_at(file: &File, path: &Path) -> bool {
     use std::os::unix::fs::MetadataExt;
@@ -139,15 +145,15 @@ fn is_at(_file: &File, path: &Path) -> bool {
     path.exists()
 }
 
-/// Removes whatever is half written, for a process that is about to exit without unwinding.
+/// Removes all partial files, for a process that exits without unwinding.
 pub fn remove_unfinished() {
     for partial in unfinished().drain(..) {
-        // It may have been renamed this instant.
+        // It may have been renamed at this moment.
         let _ = std::fs::remove_file(partial);
     }
 }
 
-/// Partial files of the same name whose writer is gone.
+/// Removes partial files of the same name whose writer is gone.
 fn remove_stale(path: &Path, begin: &str) {
     let folder =
         path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
@@ -157,7 +163,8 @@ fn remove_stale(path: &Path, begin: &str) {
             .to_str()
             .and_then(|name| name.strip_prefix(begin))
             .is_some_and(|pid| pid.parse::<u32>().is_ok());
-        // Names of this process come and go under the same lock, so that what is removed is what was found.
+        // Names of this process change under the same lock, so that only the file that was found is
+        // removed.
         let unfinished = unfinished();
         let is_stale = |path: &Path| {
             OpenOptions::new()
@@ -166,7 +173,7 @@ fn remove_stale(path: &Path, begin: &str) {
                 .is_ok_and(|file| file.try_lock().is_ok() && is_at(&file, path))
         };
         if is_partial && !unfinished.contains(&entry.path()) && is_stale(&entry.path()) {
-            // Whoever else is removing it has the same in mind.
+            // A concurrent removal has the same effect.
             let _ = std::fs::remove_file(entry.path());
         }
     }
@@ -188,9 +195,9 @@ fn unfinished() -> std::sync::MutexGuard<'static, Vec<PathBuf>> {
     UNFINISHED.lock().unwrap_or_else(|poisoned| poisoned.into_inner())
 }
 
-/// What file systems allow a name.
+/// Longest file name that file systems allow [bytes].
 const NAME_BYTES: usize = 255;
-/// Of ".partial-" and a process number.
+/// Length of ".partial-" and a process id [bytes].
 const PARTIAL_BYTES: usize = 19;
 
 fn shortened(name: &str, bytes: usize) -> &str {

@@ -1,14 +1,18 @@
-//! LOADER THREAD: the newest wish-list in, nodes' pages out, errors as values.
+//! The loader thread reads nodes of an index into pages.
 //!
-//! The frame thread posts wish-lists, and the thread goes by the newest (`queue`): what it has not begun of an older one, and the newest does not
-//! name again, comes back as dropped. Of every wish it says how it ended, and then publishes through a callback; the frame never waits for it.
+//! The frame thread posts request lists, and the loader follows the newest (`queue`): requests of
+//! an older list that have not been started and are not repeated come back as dropped. Each request
+//! is answered with its outcome, and then a callback is called; the frame never waits.
 //!
-//!   read(wish): for every plane: copy it out of the file into scratch, check the checksum of that copy, write it to its page
-//! The checksum is never taken of the page itself: mapped device memory may be write-combined, and reading such memory back is slow.
+//!   read(request): for every plane: copy it from the file, check the checksum of the copy, write it to its page
 //!
-//! A panic while reading is one node's error; the thread goes on. A read that takes longer than anybody waits for is said ([`Loader::stalled`]): a disk, or the network
-//! behind a folder, may hang for as long as it likes. Dropping the [`Loader`] lets the thread finish its node, and joins it; where that hangs the thread is left
-//! behind, and whoever made the destinations closes them to it.
+//! The checksum is never computed from the page itself: mapped device memory may be write-combined,
+//! and slow to read.
+//!
+//! A panic while reading is an error of one node; the thread goes on. A read that takes too long is
+//! reported ([`Loader::stalled`]), since a disk or a network folder may hang. Dropping the
+//! [`Loader`] lets the thread finish its node and joins it; a hanging thread is left behind, and
+//! the creator of the destinations closes them.
 
 use crate::cloud::attribute::{
     Attribute, CODE_SHIFT, DisplayAttribute, STATION_SHIFT, station_code,
@@ -34,31 +38,33 @@ mod sync {
     pub use std::sync::{Condvar, Mutex, MutexGuard};
 }
 
-/// Where a node's pages are to be written. It is dropped before the wish is answered: from then on the pages are the frame's again.
+/// Destination of a node's pages. It is dropped before the request is answered: from then on the
+/// pages are the frame's again.
 pub trait Destination: Send {
-    /// Writes the first words of a page: position planes from 0 on, then the points' other words.
+    /// Writes the first words of a page: position planes from 0 on, then the points' attribute
+    /// words.
     fn put(&mut self, page: u32, words: &[u32]);
 }
 
-/// A node that a frame wants, in the order of the list.
+/// A requested node, in the order of the list.
 pub type NodeRequest = queue::NodeRequest<Box<dyn Destination>>;
 
-/// FaultKind a wish ended.
+/// Outcome of a request.
 #[derive(Debug)]
 pub enum Outcome {
-    /// The pages are written.
+    /// The pages have been written.
     Done(Read),
-    /// Not begun when a newer list no longer named it.
+    /// Not started before a newer list left it out.
     Dropped,
     Failed(Error),
 }
 
-/// What was read of a node.
+/// Statistics of a node that was read.
 #[derive(Clone, Copy, Debug)]
 pub struct Read {
-    /// Of the file.
+    /// Bytes of the file.
     pub bytes: u64,
-    /// FaultKind far apart its points are, in cells of the coarsest plane.
+    /// Point spacing [cells of the coarsest plane].
     pub spacing: f64,
 }
 
@@ -77,12 +83,12 @@ pub struct Loader {
 
 #[derive(Default)]
 struct Reading {
-    /// The node that should not take long.
+    /// The node being read, unless it may take long.
     node: Option<usize>,
-    /// When this one was begun, and what all before it took.
+    /// Start of the current read, and duration of all earlier ones.
     since: Option<Instant>,
     before: Duration,
-    /// Where the system tells how long the thread has had a core.
+    /// File in which the system reports the thread's processor time.
     told: Option<PathBuf>,
 }
 
@@ -91,7 +97,7 @@ fn lock(reading: &Mutex<Reading>) -> MutexGuard<'_, Reading> {
 }
 
 impl Loader {
-    /// `publish` is called from the thread after every answer.
+    /// Starts the thread, which calls `publish` after every answer.
     pub fn start(
         index: Arc<Index>,
         shown: DisplayAttribute,
@@ -117,20 +123,20 @@ impl Loader {
         Ok(Loader { queue, answers, reading, thread: Some(thread) })
     }
 
-    /// Replaces the wish-list.
+    /// Replaces the request list.
     pub fn post(&self, requests: Vec<NodeRequest>) {
-        // Where the thread is gone, `answer` and `wait` say so.
+        // If the thread is gone, `answer` and `wait` report it.
         self.queue.post(requests);
     }
 
-    /// The node whose reading nobody should have to wait for any longer.
+    /// Returns the node whose read takes too long.
     pub fn stalled(&self) -> Option<usize> {
         let reading = lock(&self.reading);
         reading.node.filter(|_| reading.since.is_some_and(|since| since.elapsed() >= PATIENCE))
     }
 
-    /// FaultKind long the thread has had a core since the start, within a tick of the system's; nothing any more once it has ended. Where the system does not tell as Linux does, how long nodes have been read,
-    /// waiting for cores and for the disk included.
+    /// Returns the thread's processor time since the start, to a tick of the system's clock; 0 once
+    /// it has ended. On systems other than Linux, the time spent reading, waiting included.
     pub fn worked(&self) -> Duration {
         let reading = lock(&self.reading);
         match &reading.told {
@@ -139,7 +145,7 @@ impl Loader {
         }
     }
 
-    /// An answer that is there already; an error if the thread is gone.
+    /// Returns an answer that has arrived; errors if the thread is gone.
     pub fn answer(&self) -> Result<Option<Answer>> {
         match self.answers.try_recv() {
             Ok(answer) => Ok(Some(answer)),
@@ -148,12 +154,12 @@ impl Loader {
         }
     }
 
-    /// Whether the thread is gone, which only a panic outside of any node brings about.
+    /// Returns whether the thread has ended, which only a panic outside of any node causes.
     pub fn has_ended(&self) -> bool {
         self.thread.as_ref().is_none_or(JoinHandle::is_finished)
     }
 
-    /// The next answer, if it comes in time.
+    /// Returns the next answer, or `None` after `at_most`.
     pub fn wait(&self, at_most: Duration) -> Result<Option<Answer>> {
         match self.answers.recv_timeout(at_most) {
             Ok(answer) => Ok(Some(answer)),
@@ -163,7 +169,8 @@ impl Loader {
     }
 }
 
-/// Where Linux tells of this thread how long it has had a core, in nanoseconds, the first number of three.
+/// Returns the file in which Linux reports this thread's processor time [ns], the first number of
+/// three.
 fn told_of_this_thread() -> Option<PathBuf> {
     let thread = std::fs::read_link("/proc/thread-self").ok()?;
     let told = Path::new("/proc").join(thread).join("schedstat");
@@ -191,7 +198,7 @@ impl Drop for Loader {
             }
         };
         if let Some(thread) = self.thread.take().filter(|_| ended) {
-            // A panic outside of a node has been seen by whoever asked for answers.
+            // A panic outside of a node has been reported by `answer` or `wait`.
             let _ = thread.join();
         }
     }
@@ -204,10 +211,10 @@ struct Thread<P> {
     reading: Arc<Mutex<Reading>>,
     answer: Sender<Answer>,
     publish: P,
-    /// Scratch: one plane of one node.
+    /// Scratch for one plane of one node.
     words: Vec<u32>,
     bytes: Vec<u8>,
-    /// Read, or tried to.
+    /// Nodes read or attempted.
     nodes: u64,
 }
 
@@ -216,7 +223,7 @@ impl<P: FnMut()> Thread<P> {
         lock(&self.reading).told = told_of_this_thread();
         while let Some(next) = self.queue.next() {
             let (node, outcome) = match next {
-                // Their pages are the frame's again before it hears of them.
+                // The pages return to the frame before it gets the answer.
                 Next::Dropped { node, destination } => {
                     drop(destination);
                     (node, Outcome::Dropped)
@@ -225,7 +232,7 @@ impl<P: FnMut()> Thread<P> {
                     (node, self.attempt(node, planes, destination))
                 }
             };
-            // Nobody listens any more where the loader is being dropped.
+            // The receiver is gone if the loader is being dropped.
             let _ = self.answer.send(Answer { node, outcome });
             (self.publish)();
         }
@@ -264,7 +271,7 @@ impl<P: FnMut()> Thread<P> {
         read.map_or_else(Outcome::Failed, Outcome::Done)
     }
 
-    /// From now on this node is being read, or none.
+    /// Starts timing the read of a node, or stops it.
     fn watch(&self, node: Option<usize>) {
         let mut reading = lock(&self.reading);
         let took = reading.since.map_or(Duration::ZERO, |since| since.elapsed());
@@ -285,7 +292,7 @@ impl<P: FnMut()> Thread<P> {
         let elevation = self.shown.attribute == Attribute::Elevation;
         let mut heights = vec![0u32; if elevation { count } else { 0 }];
         let mut read = Read { bytes: 0, spacing: 0.0 };
-        // Elevation is of the whole position, so that it does not depend on how much of it is drawn.
+        // Elevation uses the whole position, independent of the planes that are drawn.
         let needed = if elevation { record.position_planes() } else { planes };
         for (page, &(plane, bytes)) in (0..needed).zip(&PLANES) {
             index.read(node, plane, bytemuck::cast_slice_mut(words))?;
@@ -308,7 +315,7 @@ impl<P: FnMut()> Thread<P> {
                 read.bytes += record.range(plane).1;
                 widen(plane, &self.bytes, words);
                 if Plane::STATIONS.contains(&plane) {
-                    // The file's own number of the station; nodes hold its place in the list.
+                    // The file's own station number; nodes store its place in the list.
                     let stations = &index.directory.contents.stations;
                     words.iter_mut().for_each(|word| {
                         *word = stations
@@ -363,7 +370,7 @@ impl<P: FnMut()> Thread<P> {
                     destination.put(planes + word + k as u32, words);
                 }
             } else {
-                // That takes what it takes.
+                // Computing strokes may take long without being stalled.
                 lock(&self.reading).node = None;
                 let (strokes, bytes) = strokes::of_node(&index, node)?;
                 read.bytes += bytes;
@@ -384,7 +391,7 @@ impl<P: FnMut()> Thread<P> {
     }
 }
 
-/// Adds some planes to words, each shifted by so many bits; of those that a node lacks, nothing. The bytes read.
+/// Adds planes to words, each shifted; missing planes add nothing. Returns the bytes read.
 fn gather(
     index: &Index,
     node: usize,
@@ -404,7 +411,8 @@ fn gather(
     Ok(read)
 }
 
-/// A node's normals: derived ones, else those of its files, else none that are known. The bytes read.
+/// Reads a node's normals: derived ones, else those of its files, else unknown. Returns the bytes
+/// read.
 fn normals(index: &Index, node: usize, bytes: &mut Vec<u8>, words: &mut [u32]) -> Result<u64> {
     let record = &index.nodes()[node];
     words.fill(octahedral::UNKNOWN);
@@ -427,7 +435,7 @@ fn normals(index: &Index, node: usize, bytes: &mut Vec<u8>, words: &mut [u32]) -
     Ok(bytes.len() as u64)
 }
 
-/// World heights of a node's cells along z, as all its planes give them.
+/// Returns the world height of a cell along z, given with all planes.
 fn world_height(index: &Index, record: &NodeRecord) -> impl Fn(u32) -> f64 {
     let lattice = index.lattice(record);
     let (lowest, pad) =
@@ -435,7 +443,7 @@ fn world_height(index: &Index, record: &NodeRecord) -> impl Fn(u32) -> f64 {
     move |cell| lattice.offset.z + lattice.step.z * (lowest + (cell >> pad) as i64) as f64
 }
 
-/// The words of a plane's values, as [`DisplayAttribute::word`] makes them.
+/// Widens a plane's values to words, as [`DisplayAttribute::word`] does.
 fn widen(plane: Plane, bytes: &[u8], words: &mut [u32]) {
     let three = |[a, b, c]: [u8; 3]| a as u32 | (b as u32) << 8 | (c as u32) << 16;
     match plane {
@@ -474,7 +482,7 @@ fn widen(plane: Plane, bytes: &[u8], words: &mut [u32]) {
     }
 }
 
-/// What a point shows where its part has no such attribute.
+/// Returns the value of points without the attribute.
 fn lacking(attribute: Attribute) -> u32 {
     match attribute {
         Attribute::Rgb | Attribute::Corrected => 0xFFFFFF,

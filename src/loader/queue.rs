@@ -1,34 +1,37 @@
-//! WISH-LISTS in, one wish after another out: the newest list wins.
+//! Request lists in, single requests out: the newest list wins.
 //!
-//!   post(list): what an older list still waits for stays if the newer one names it, in the newer one's order; the rest is dropped
-//!   next(): first what was dropped, so that somebody answers for it; then the first wish; where there is neither, waits
-//!   close(): nothing comes out any more
+//! - post(list): requests of an older list that the newer one repeats stay, in the newer one's
+//!   order; the rest is dropped
+//! - next(): returns first what was dropped, so that it is answered, then the first request; waits
+//!   if there is neither
+//! - close(): nothing is returned any more
 //!
-//! One mutex, which nobody holds while a file is read: whoever posts has it for as long as two lists are compared, whoever reads for as long as a wish is
-//! taken. Each destination that is posted comes out once, begun or dropped, or is dropped with the queue.
+//! The mutex is never held while a file is read, only while two lists are compared or a request is
+//! taken. Each posted destination comes out once, started or dropped, or is dropped with the queue.
 //!
-//! `sync` is the standard library's; in `tests/queue.rs` it is loom's, which goes through all orders in which threads can meet here.
+//! `sync` is the standard library's; in `tests/queue.rs` it is loom's, which explores all
+//! interleavings.
 
 use super::sync::{Condvar, Mutex, MutexGuard};
 use std::collections::{BTreeMap, VecDeque};
 
-/// A node that a frame wants, in the order of the list.
+/// A requested node, in the order of the list.
 pub struct NodeRequest<D> {
     pub node: usize,
-    /// Position planes.
+    /// Number of position planes.
     pub planes: u32,
-    /// None where an earlier list brought it, and no answer has come yet.
+    /// `None` if an earlier list had it and no answer has come yet.
     pub destination: Option<D>,
 }
 
-/// What is to be done next.
+/// Next task of the thread.
 pub enum Next<D> {
     Read {
         node: usize,
         planes: u32,
         destination: D,
     },
-    /// Not begun when a newer list no longer named it.
+    /// Not started before a newer list left it out.
     Dropped {
         node: usize,
         destination: D,
@@ -58,14 +61,14 @@ impl<D> Queue<D> {
         }
     }
 
-    /// Replaces the wish-list.
+    /// Replaces the request list.
     pub fn post(&self, list: Vec<NodeRequest<D>>) {
         let mut waiting = self.lock();
         let older = std::mem::take(&mut waiting.requested).into_iter();
         let mut older: BTreeMap<usize, (u32, D)> =
             older.map(|(node, planes, destination)| (node, (planes, destination))).collect();
         for NodeRequest { node, planes, destination } in list {
-            // Neither where it has been begun in the meantime.
+            // Nothing to do if it has been started in the meantime.
             let found = destination.map(|own| (planes, own)).or_else(|| older.remove(&node));
             waiting
                 .requested
@@ -78,7 +81,7 @@ impl<D> Queue<D> {
         self.changed.notify_one();
     }
 
-    /// None once it is closed.
+    /// Waits for the next task; `None` once closed.
     pub fn next(&self) -> Option<Next<D>> {
         let mut waiting = self.lock();
         loop {

@@ -1,9 +1,11 @@
-//! CLOUD -> PAGES, in two halves: what takes long and needs no device, on any thread; and pages, as many at a time as whoever draws meanwhile has time for.
+//! Upload of a cloud in two halves: building nodes, which takes long and needs no device, on any
+//! thread; and writing pages, a few at a time while frames are drawn.
 //!
-//!   [`CloudUpload::new`]: what is known of all points
-//!   [`CloudUpload::organise`]: the nodes of one more part, and its strokes
-//!   [`CloudUpload::write`]: the pages of some more nodes
-//! Pages are taken in node order, so that the cloud is the same however the halves are cut.
+//! - [`CloudUpload::new`]: statistics of all points
+//! - [`CloudUpload::build_nodes`]: nodes of one more part, and its strokes
+//! - [`CloudUpload::upload_nodes`]: pages of some more nodes
+//!
+//! Pages are taken in node order, so that the result does not depend on how the halves interleave.
 
 use super::pool::Pool;
 use super::{MOST_NODES, Resident, ResidentNode, in_metres};
@@ -26,10 +28,10 @@ use std::collections::VecDeque;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 
-/// How the points of a part are put into nodes.
+/// A function that partitions the points of a part into nodes.
 pub type Partitioner = fn(&Columns, &dyn Progress) -> Result<Partition>;
 
-/// A cloud on its way to the device.
+/// A cloud being uploaded.
 pub struct CloudUpload {
     shown: DisplayAttribute,
     stations: Vec<Station>,
@@ -38,27 +40,27 @@ pub struct CloudUpload {
     axes: Axes,
     spacing_m: f64,
     points: u64,
-    /// Strokes that were found before, where somebody keeps them.
+    /// Cache of strokes that were found before.
     found: Option<Arc<StrokeCache>>,
-    /// Parts that are not organised yet, with their numbers.
+    /// Parts that are not partitioned yet, with their numbers.
     parts: VecDeque<(usize, Part)>,
     ready: VecDeque<Ready>,
     built_nodes: u64,
     built_points: u64,
-    /// What has pages.
+    /// Nodes uploaded so far.
     resident: Option<Resident>,
 }
 
-/// A part whose nodes need nothing but pages.
+/// A partitioned part that needs only pages.
 struct Ready {
     part: Part,
     first_station: usize,
     stations: Vec<Station>,
     partition: Partition,
-    /// With the station of the points of each node, where it is one.
+    /// Frame of each node, and the station of its points if it is one.
     framed: Vec<(Frame, Option<u32>)>,
     strokes: Arc<Vec<[u32; 2]>>,
-    /// Nodes that have pages.
+    /// Number of uploaded nodes.
     written: usize,
 }
 
@@ -103,7 +105,7 @@ impl CloudUpload {
         self.points
     }
 
-    /// One more part; false where there is none.
+    /// Builds the nodes of one more part; returns false if there is none.
     pub fn build_nodes(
         &mut self,
         partitioner: Partitioner,
@@ -166,7 +168,7 @@ impl CloudUpload {
         Ok(true)
     }
 
-    /// Pages of so many nodes at most, of the parts that are organised; whether some are left.
+    /// Uploads at most `most` nodes of the partitioned parts; returns whether some are left.
     pub fn upload_nodes(
         &mut self,
         gpu: &mut Gpu,
@@ -182,7 +184,7 @@ impl CloudUpload {
         written.map(|()| !self.ready.is_empty())
     }
 
-    /// Every point is organised, and every one is written: in both halves together that is how far it is.
+    /// Reports progress over both halves: every point is partitioned once and written once.
     fn half<'p>(&self, progress: &'p dyn Progress) -> progress::Part<'p> {
         let written = self.resident.as_ref().map_or(0, |resident| resident.points);
         progress::Part { progress, done: self.built_points + written, total: 2 * self.points }
@@ -201,7 +203,7 @@ impl CloudUpload {
                 spacing_m: Some(self.spacing_m),
                 counts: self.counts.take(),
                 balance: self.balance.take(),
-                // A file's normals, where it has any.
+                // Normals of files are oriented.
                 oriented: self.shown.further.normal,
                 axes: self.axes,
                 opacities: Opacities::default(),
@@ -212,7 +214,7 @@ impl CloudUpload {
         })
     }
 
-    /// Once all is written.
+    /// Returns the resident cloud, once everything is uploaded.
     pub fn finish(mut self, gpu: &mut Gpu) -> Resident {
         self.resident(gpu);
         self.resident.expect("made above")

@@ -1,4 +1,5 @@
-//! Nodes of an index in pages, some at a time: for passes over all points of a cloud larger than memory, which look at where they are and at nothing else.
+//! Batches of index nodes in GPU memory: for passes over all points of a cloud larger than memory
+//! that use only positions.
 
 use super::point_density::weighted_median;
 use super::pool::{PAGE_BYTES, Pages, Pool};
@@ -15,7 +16,7 @@ use crate::select::clip::Clips;
 use crate::select::opacity::Opacities;
 use rayon::prelude::*;
 
-/// Leaves that are asked how far apart points are.
+/// Leaves sampled for the point spacing.
 const ASKED: usize = 64;
 
 fn frame(record: &NodeRecord) -> Frame {
@@ -27,13 +28,13 @@ fn frame(record: &NodeRecord) -> Frame {
     }
 }
 
-/// How far apart a node's points are, by the words of its coarsest plane, metres.
+/// Returns the point spacing of a node from the words of its coarsest plane [m].
 fn spacing_m(index: &Index, record: &NodeRecord, coarse: &[u32]) -> f64 {
     in_metres(spacing(coarse.len(), |i| coarse[i]), &index.lattice(record), &frame(record))
 }
 
 impl Resident {
-    /// Room for nodes of an index, so many bytes of it; empty.
+    /// Creates an empty pool of this many bytes for nodes of an index.
     pub fn room(gpu: &mut Gpu, index: &Index, bytes: u64) -> Resident {
         gpu.residents += 1;
         Resident {
@@ -55,7 +56,8 @@ impl Resident {
         }
     }
 
-    /// How far apart points are, metres, as [`Resident::spacing_m`]: in these leaves, or where they are many in some all over the cloud.
+    /// Returns the point spacing [m], as [`Resident::spacing_m`], from the leaves or a sample of
+    /// them.
     pub fn spacing_of(index: &Index, leaves: &[usize]) -> Result<f64> {
         let asked = leaves.len().min(ASKED);
         let of_leaf = |i: usize| {
@@ -68,7 +70,7 @@ impl Resident {
         Ok(weighted_median((0..asked).into_par_iter().map(of_leaf).collect::<Result<Vec<_>>>()?))
     }
 
-    /// As many of these nodes, from the first on, as fit the room, and at least one.
+    /// Returns how many of these nodes, from the first on, fit the pool; at least one.
     pub fn fitting(&self, index: &Index, nodes: &[usize]) -> usize {
         let mut pages = Pages::new(self.pool.pages.budget);
         nodes
@@ -79,7 +81,8 @@ impl Resident {
             .min(nodes.len())
     }
 
-    /// These nodes in place of those that were there, with all of their positions; the device must be done with those.
+    /// Replaces the nodes by these, with full positions; the device must be done with the previous
+    /// ones.
     pub fn hold(&mut self, gpu: &mut Gpu, index: &Index, nodes: &[usize]) -> Result<()> {
         self.nodes.clear();
         let needed =
@@ -109,7 +112,7 @@ impl Resident {
             .collect();
         self.pool.write(gpu, runs, |(held, node), pages| {
             let record = &index.nodes()[node];
-            // Checked where it can be read fast, and then copied to where it may not.
+            // Checked in main memory, then copied to device memory that may be slow to read.
             let mut words = vec![0u32; (record.count as usize).min(POINTS_PER_PAGE as usize)];
             for (plane, page) in pages.into_iter().enumerate() {
                 index.read(node, PLANES[plane].0, bytemuck::cast_slice_mut(&mut words))?;

@@ -1,11 +1,13 @@
-//! RESIDENT NODE BUFFERS: nodes in, pages that the GPU reads out.
+//! Nodes of a cloud in GPU memory.
 //!
-//! A page is one plane of one node: 65,536 words of 32 bits, in a [`pool`] of fixed pages. A small cloud is organised in memory and is
-//! resident as a whole ([`Resident::fill`]); the nodes of an index come and go ([`residency`]). Either way [`Resident::nodes`] is what a frame draws from.
+//! A page holds one plane of one node: 65,536 words of 32 bits, in a [`pool`] of equal pages. A
+//! small cloud is partitioned in memory and is resident as a whole ([`Resident::fill`]); nodes of
+//! an index are streamed ([`residency`]). Either way frames draw from [`Resident::nodes`].
 //!
-//! Shaders reach pages by device address, because storage buffer bindings may end at 128 MiB. A point's id is `number * points per page + i`, where `number`
-//! is its node's place among the nodes of the frame. Those are in node order, so ids, and with them ties, depend neither on which thread packed
-//! which node, nor on which pages were free when a node arrived.
+//! Shaders address pages by pointer, because storage buffer bindings may end at 128 MiB. A point's
+//! id is `number * points per page + i`, where `number` is the index of its node in the frame.
+//! Nodes are in node order, so that ids, and with them ties, depend neither on the thread that
+//! packed a node nor on the pages that were free.
 
 mod cloud_upload;
 mod leaves;
@@ -39,31 +41,33 @@ use crate::view::View;
 use glam::DVec3;
 use pool::{PAGE_BYTES, Pool};
 
-/// A node whose planes are on the GPU.
+/// A node in GPU memory.
 #[derive(Clone, Debug)]
 pub struct ResidentNode {
     pub lattice: Lattice,
     pub frame: Frame,
     pub count: u32,
-    /// Its place among the nodes of the frame.
+    /// Index among the nodes of the frame.
     pub number: u32,
-    /// Its pages lie side by side in one block: position planes from here, coarsest first, then the other words of its points ([`DisplayAttribute::words`]).
+    /// First of its consecutive pages in one block: position planes, coarsest first, then the
+    /// attribute words of its points ([`DisplayAttribute::words`]).
     pub first_page: u32,
-    /// Position planes that are resident; at least one, and fewer than `frame.planes` where no more are needed, or not yet there.
+    /// Resident position planes, at least one; fewer than `frame.planes` if no more are needed, or
+    /// not yet loaded.
     pub planes: u32,
-    /// How far apart its points are, metres.
+    /// Point spacing [m].
     pub spacing: f64,
-    /// The one that all of its points are of, where there is one and somebody knows.
+    /// Station of all its points, if it is one and known.
     pub station: Option<u32>,
 }
 
 impl ResidentNode {
-    /// The id of its first point.
+    /// Returns the id of its first point.
     pub fn first_point(&self) -> u32 {
         self.number * POINTS_PER_PAGE
     }
 
-    /// World corners of its box.
+    /// Returns the world corners of its box.
     pub fn bounds(&self) -> (DVec3, DVec3) {
         let top = [0, 1, 2].map(|axis| self.frame.origin[axis] + self.frame.extent[axis] as i64);
         let (a, b) = (self.lattice.world(self.frame.origin), self.lattice.world(top));
@@ -71,10 +75,10 @@ impl ResidentNode {
     }
 }
 
-/// Numbers that say which node it is ([`Resident::nodes_identity`]).
+/// Words per node in [`Resident::nodes_identity`].
 pub const IDENTITY_WORDS: usize = 15;
 
-/// World corners of the box of a node, by those numbers.
+/// Returns the world corners of a node's box from its identity.
 pub fn bounds_of(identity: &[u64]) -> (DVec3, DVec3) {
     let place =
         |at: usize| DVec3::from_array([0, 1, 2].map(|axis| f64::from_bits(identity[at + axis])));
@@ -86,55 +90,56 @@ pub fn bounds_of(identity: &[u64]) -> (DVec3, DVec3) {
     (a.min(b), a.max(b))
 }
 
-/// A point that somebody asked for.
+/// A point that was looked up.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Point {
-    /// World.
+    /// World coordinates.
     pub position: DVec3,
-    /// The position is the file's own, not that of a cell around it.
+    /// Whether the position is the file's own, not the centre of a cell.
     pub exact: bool,
-    /// As [`crate::cloud::attribute::kind`] packs it, where points bring it.
+    /// Kind as packed by [`crate::cloud::attribute::kind`], if points have it.
     pub kind: Option<u32>,
 }
 
-/// The pool, and of what is in it, what the frame draws from.
+/// The page pool, and the nodes that the frame draws.
 pub struct Resident {
-    /// Which of the device's clouds this is, counted.
+    /// Number of this cloud on the device.
     serial: u64,
     pool: Pool,
-    /// In node order; of these a frame leaves out what its view cannot see.
+    /// Nodes in node order; frames cull those outside the view.
     pub nodes: Vec<ResidentNode>,
-    /// What the points show.
+    /// Attribute that the points show.
     pub shown: DisplayAttribute,
-    /// Of the whole cloud.
+    /// Points of the whole cloud.
     pub points: u64,
     pub stations: Vec<Station>,
-    /// As [`Resident::spacing_m`], of a cloud that is there whole.
+    /// Spacing of a cloud that is resident as a whole [m].
     spacing_m: Option<f64>,
-    /// Of the whole cloud, where they were counted and points bring their kinds.
+    /// Histograms of the whole cloud, if they were computed and points have kinds.
     pub counts: Option<Histograms>,
-    /// What gives all stations one exposure, where colours say which station they are of.
+    /// Exposure gains of the stations, if colours carry station codes.
     pub balance: Option<Balance>,
-    /// Normals that points have brought say which side of a surface is outside.
+    /// Whether the points' normals are oriented outwards.
     pub oriented: bool,
-    /// What strokes are painted in.
+    /// Axes in which strokes are painted.
     pub axes: Axes,
-    /// How opaque its points are; what hides some by their kind needs them to bring it.
+    /// Opacities by kind; hiding by kind needs points that have it.
     pub opacities: Opacities,
-    /// Of an index, whose nodes come and go.
+    /// Whether nodes are streamed from an index.
     pub comes_and_goes: bool,
-    /// Of which light points say how much reaches them, where they have brought that.
+    /// Light of the saved shadows, if points have them.
     pub light: Option<Box<ShadowContents>>,
-    /// Which part of it is there.
+    /// Clip boxes.
     pub clips: Clips,
 }
 
-/// A length in cells of the coarsest plane, in metres; where a lattice has other steps along other axes, along the widest.
+/// Converts a length in cells of the coarsest plane to metres, along the widest lattice step.
 fn in_metres(cells: f64, lattice: &Lattice, frame: &Frame) -> f64 {
     cells * crate::select::lod::cell_steps(frame, 1) * lattice.step.abs().max_element()
 }
 
-/// Of a node's words, in the middle of the cell that the resident planes tell; the position itself where all of them are resident.
+/// Decodes a position: the centre of the cell known from resident planes, or the exact position if
+/// all are resident.
 fn position(node: &ResidentNode, words: &[u32], i: u32) -> DVec3 {
     let Frame { origin, bits, planes, .. } = node.frame;
     let cells = (0..node.planes).fold([0u64; 3], |cells, plane| {
@@ -155,12 +160,13 @@ fn position(node: &ResidentNode, words: &[u32], i: u32) -> DVec3 {
 const MOST_NODES: u64 = NO_POINT as u64 / POINTS_PER_PAGE as u64;
 
 impl Resident {
-    /// Whether some points of nodes that are drawn may not be there, by what they are or by where they lie.
+    /// Returns whether points of drawn nodes may be hidden, by kind or by clip boxes.
     pub fn leaves_out(&self) -> bool {
         self.opacities.hides(&self.known()) || self.clips.active() > 0
     }
 
-    /// Organises the cloud and puts all of it into pages. The columns of each part are dropped as soon as its nodes are packed.
+    /// Partitions the cloud and uploads all of it. The columns of each part are dropped as soon as
+    /// its nodes are packed.
     pub fn fill(
         gpu: &mut Gpu,
         cloud: Cloud,
@@ -170,7 +176,7 @@ impl Resident {
         Resident::arrange(gpu, cloud, shown, index::partition, progress)
     }
 
-    /// The same with another way of organising than the Morton order; for benchmarks.
+    /// As [`Resident::fill`], with another partition than Morton order; for benchmarks.
     pub fn arrange(
         gpu: &mut Gpu,
         cloud: Cloud,
@@ -194,22 +200,23 @@ impl Resident {
         }
     }
 
-    /// What is known of the points that rules about them may name.
+    /// Returns what rules about points may refer to.
     pub fn known(&self) -> Known<'_> {
         Known { stations: &self.stations, points: self.points, counts: self.counts.as_ref() }
     }
 
-    /// Whether some points let through what is behind them.
+    /// Returns whether some points are transparent.
     pub fn is_transparent(&self) -> bool {
         self.opacities.is_transparent(&self.known())
     }
 
-    /// Whether some points are left out by how opaque they are.
+    /// Returns whether opacities hide some points.
     pub fn hides(&self) -> bool {
         self.opacities.hides(&self.known())
     }
 
-    /// World positions of all points of a small cloud, decoded from the pages, in the order of their ids.
+    /// Returns the world positions of all points of a small cloud, decoded from the pages, in id
+    /// order.
     pub fn positions(&self, gpu: &mut Gpu) -> Result<Vec<DVec3>> {
         let mut positions = Vec::new();
         self.look_at(gpu, &self.nodes.iter().collect::<Vec<_>>(), |node, words| {
@@ -218,14 +225,14 @@ impl Resident {
         Ok(positions)
     }
 
-    /// The pages of some nodes, one node after another.
+    /// Visits the pages of some nodes.
     fn look_at(
         &self,
         gpu: &mut Gpu,
         nodes: &[&ResidentNode],
         mut look: impl FnMut(&ResidentNode, &[u32]),
     ) -> Result<()> {
-        /// At once, so that copies of them stay small.
+        /// Nodes read at once, so that copies stay small.
         const NODES: usize = 16;
         for nodes in nodes.chunks(NODES) {
             let runs: Vec<_> = nodes
@@ -238,7 +245,7 @@ impl Resident {
         Ok(())
     }
 
-    /// The point of an id, as far as what is resident tells.
+    /// Returns the point of an id, as far as resident planes tell.
     pub fn point(&self, gpu: &mut Gpu, id: u32) -> Result<Option<Point>> {
         let (number, i) = (id / POINTS_PER_PAGE, id % POINTS_PER_PAGE);
         let Some(node) = self.nodes.get(number as usize).filter(|node| i < node.count) else {
@@ -258,19 +265,20 @@ impl Resident {
         }
     }
 
-    /// Handles of the pool's blocks for one frame.
+    /// Imports the pool's blocks into a frame.
     pub fn import(&self, g: &mut Graph) -> Vec<Buffer> {
         self.pool.import(g)
     }
 
-    /// For every node by its number, the address of the page with this word of its points ([`DisplayAttribute::words`]).
+    /// Returns, per node, the address of the page with this word of its points
+    /// ([`DisplayAttribute::words`]).
     pub fn addresses(&self, word: u32) -> Vec<[u32; 2]> {
         let addresses =
             self.nodes.iter().map(|node| self.pool.address(node.first_page + node.planes + word));
         addresses.chain(self.nodes.is_empty().then_some([0; 2])).collect()
     }
 
-    /// For every node by its number, the address of its first page, and how many of its pages are position planes.
+    /// Returns, per node, the address of its first page and the number of its position planes.
     pub fn homes(&self) -> Vec<([u32; 2], u32)> {
         self.nodes
             .iter()
@@ -279,8 +287,8 @@ impl Resident {
             .collect()
     }
 
-    /// How far apart points are, metres: that of the cloud ([`crate::cloud::spacing`]), or where nodes come and go of the points that are there, in
-    /// the node that the middle one is in, from dense nodes to sparse ones; 0 where there are none.
+    /// Returns the point spacing [m]: that of the cloud ([`crate::cloud::spacing`]), or for
+    /// streamed nodes the weighted median of the resident nodes; 0 if there are none.
     pub fn spacing_m(&self) -> f64 {
         if let Some(spacing_m) = self.spacing_m {
             return spacing_m;
@@ -290,7 +298,7 @@ impl Resident {
         )
     }
 
-    /// Nodes of which the view can see something, with the least and the greatest depth of each.
+    /// Returns the nodes in view, with the least and greatest depth of each.
     pub fn seen<'r>(
         &'r self,
         view: &'r View,
@@ -298,7 +306,7 @@ impl Resident {
         self.seen_of(self.nodes.iter(), view)
     }
 
-    /// The same of some of the nodes.
+    /// As [`Resident::seen`], of the given nodes.
     pub fn seen_of<'r>(
         &'r self,
         nodes: impl Iterator<Item = &'r ResidentNode>,
@@ -308,12 +316,12 @@ impl Resident {
         nodes.filter(is_left).filter_map(|node| Some((view.depths(node.bounds())?, node)))
     }
 
-    /// What is drawn, in numbers: the same ones only where a frame draws the same points under the same ids.
+    /// Returns words that are equal only if a frame draws the same points under the same ids.
     pub fn identity(&self) -> Vec<u64> {
         self.cloud_identity().into_iter().chain(self.nodes_identity()).collect()
     }
 
-    /// Of every node, in numbers of which each has as many: the same ones only where it has the same points.
+    /// Returns [`IDENTITY_WORDS`] words per node, equal only for the same points.
     pub fn nodes_identity(&self) -> Vec<u64> {
         let node = |node: &ResidentNode| {
             let Frame { origin, extent, .. } = node.frame;
@@ -329,7 +337,8 @@ impl Resident {
         self.nodes.iter().flat_map(node).collect()
     }
 
-    /// What points are drawn, and which of them are left out, but for the nodes: as [`Resident::identity`].
+    /// Returns words that identify which points are drawn and hidden, without the nodes; see
+    /// [`Resident::identity`].
     pub fn cloud_identity(&self) -> Vec<u64> {
         // Of opacities, which points are left out.
         let factors = self.opacities.table(&self.stations).into_iter().enumerate();

@@ -1,30 +1,33 @@
-//! HOW DENSELY POINTS SAMPLE A PICTURE: what is resident, and a view, in; out a few numbers, which effects decide by. A part of a picture goes by those of the whole.
+//! Point density of a view, by which effects decide. Parts of a picture use the density of the
+//! whole.
 
 use super::{Resident, ResidentNode};
 use crate::view::{Projection, View};
 
-/// Numbers of a picture, by the nodes that it shows.
+/// Density of a view, from its visible nodes.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct PointDensity {
-    /// As [`Resident::spacing_m`].
+    /// Point spacing [m], see [`Resident::spacing_m`].
     pub spacing_m: f64,
-    /// How wide a pixel is, metres: in the middle of the node that the middle point is in, from near nodes to far ones; 0 where there are none.
+    /// Pixel size [m] at the centre of the node of the median point, from near nodes to far ones; 0
+    /// if there are none.
     pub pixel_m: f64,
-    /// Points a pixel where the middle point is, from sparse nodes to dense ones; 0 where there are none.
+    /// Points per pixel at the median point, from sparse nodes to dense ones; 0 if there are none.
     pub density: f64,
-    /// How far apart points are on the screen, pixels: on nine tenths of what they cover no farther; 0 where there are none.
+    /// Point spacing on the screen [px] that 90% of the covered area does not exceed; 0 if there
+    /// are none.
     pub apart_px: f64,
 }
 
 impl PointDensity {
-    /// Of what the view sees.
+    /// Measures the nodes in view.
     pub fn of(resident: &Resident, view: &View) -> PointDensity {
         let seen: Vec<Node> =
             resident.seen(view).map(|(depths, node)| Node::of(view, depths, node)).collect();
         let number = |of: fn(&Node) -> Option<f64>| {
             seen.iter().filter_map(|node| Some((of(node)?, node.count))).collect()
         };
-        // Of points that are all in one place nobody knows how dense they are.
+        // Points in one place have no known density.
         let density = |node: &Node| (node.covered > 0.0).then(|| node.count as f64 / node.covered);
         PointDensity {
             spacing_m: resident.spacing_m(),
@@ -34,25 +37,26 @@ impl PointDensity {
         }
     }
 
-    /// How far apart points are on the screen, pixels, where the middle one is; 0 where there are none.
+    /// Returns the point spacing on the screen [px] at the median point; 0 if there are none.
     pub fn spacing_px(&self) -> f64 {
         if self.pixel_m > 0.0 { self.spacing_m / self.pixel_m } else { 0.0 }
     }
 }
 
-/// A node as the view sees it, at its middle.
+/// A node as seen at its centre.
 struct Node {
     count: u64,
     /// Metres.
     pixel_m: f64,
-    /// From point to point, pixels.
+    /// Point spacing [px].
     apart: f64,
     /// Pixels.
     covered: f64,
 }
 
 impl Node {
-    /// A node's points cover as much as their spacing says, and no more than its box does: of a tree, many points lie behind each other.
+    /// Measures a node. Its points cover as much as their spacing implies, but no more than the
+    /// box: in a tree many points lie behind each other.
     fn of(view: &View, (near, far): (f64, f64), node: &ResidentNode) -> Node {
         let pixel_m = match view.camera.projection {
             Projection::Perspective => (near + far) / 2.0 / view.focal_px(),
@@ -67,12 +71,12 @@ impl Node {
     }
 }
 
-/// Of numbers that so many points have each, the middle one; 0 of none.
+/// Returns the median of numbers weighted by points; 0 if empty.
 pub fn weighted_median(numbers: Vec<(f64, u64)>) -> f64 {
     quantile(numbers.into_iter().map(|(number, points)| (number, points as f64)).collect(), 0.5)
 }
 
-/// Of numbers with their weights, the least that is no less than those of this share of the weight; 0 of none.
+/// Returns the smallest number that reaches this share of the weight; 0 if empty.
 fn quantile(mut numbers: Vec<(f64, f64)>, share: f64) -> f64 {
     numbers.sort_by(|a, b| a.0.total_cmp(&b.0));
     let all: f64 = numbers.iter().map(|(_, weight)| weight).sum();

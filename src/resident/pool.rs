@@ -1,8 +1,10 @@
-//! One pool of fixed pages: runs of pages out, within a budget.
+//! A pool of equal pages: runs of pages within a budget.
 //!
-//! The CPU writes to them through a persistent map, or where it can map little of the device's memory to a ring (`ring`), from which the device copies them.
-//! A page is 65,536 words of 32 bits. The pages of a run lie side by side in one block, because a dispatch reads one block. Runs are given first fit, lowest
-//! page first, so that where things go depends on the order of asking alone. Blocks are allocated when a run first falls into them.
+//! The CPU writes to pages through a persistent map, or to a staging ring (`staging_ring`), from
+//! which the device copies, if it can map little device memory. A page is 65,536 words of 32 bits.
+//! The pages of a run are consecutive in one block, because a dispatch reads one block. Runs are
+//! allocated first fit, lowest page first, so that their places depend only on the order of
+//! requests. Blocks are allocated when a run first falls into them.
 
 use super::staging_ring::StagingRing;
 use crate::config::{PAGES_PER_BLOCK, POINTS_PER_PAGE};
@@ -16,11 +18,11 @@ use std::collections::BTreeMap;
 
 pub const PAGE_BYTES: u64 = 4 * POINTS_PER_PAGE as u64;
 
-/// Which pages are taken; no memory.
+/// Occupancy of pages, without memory.
 #[derive(Clone, Debug)]
 pub struct Pages {
     taken: Vec<bool>,
-    /// No page below is free.
+    /// Lowest page that may be free.
     lowest: u32,
     pub budget: u32,
     pub used: u32,
@@ -35,7 +37,7 @@ impl Pages {
         !self.taken.get(page as usize).copied().unwrap_or(false)
     }
 
-    /// The first page of the lowest run of free ones.
+    /// Takes the lowest free run of pages and returns its first.
     pub fn take(&mut self, count: u32) -> Option<u32> {
         let mut run = 0;
         for page in self.lowest..self.budget {
@@ -73,18 +75,18 @@ impl Pages {
     }
 }
 
-/// Pages and their memory.
+/// Pages with their memory.
 pub struct Pool {
     pub pages: Pages,
     blocks: Vec<RawBuffer>,
-    /// None where pages are mapped.
+    /// `None` if pages are mapped.
     ring: Option<StagingRing>,
-    /// Ended before its memory is given back, for threads that may still want to write there.
+    /// Closed before memory is freed, for threads that may still write there.
     alive: LifetimeGuard,
 }
 
 impl Pool {
-    /// At most so many pages.
+    /// Creates a pool of at most `budget` pages.
     pub fn new(gpu: &Gpu, budget: u32) -> Pool {
         let ring = (!gpu.device.has_host_visible_vram).then(StagingRing::default);
         Pool {
@@ -95,7 +97,7 @@ impl Pool {
         }
     }
 
-    /// A run of pages; none where there is no room for it. An error of the device leaves the pool as it was.
+    /// Takes a run of pages; `None` if there is no room. A device error leaves the pool unchanged.
     pub fn take(&mut self, gpu: &mut Gpu, count: u32) -> Result<Option<u32>> {
         let Some(first) = self.pages.take(count) else { return Ok(None) };
         while self.blocks.len() <= (first / PAGES_PER_BLOCK) as usize {
@@ -114,17 +116,18 @@ impl Pool {
         Ok(Some(first))
     }
 
-    /// The pages that have memory.
+    /// Returns the number of pages with memory.
     pub fn allocated(&self) -> u32 {
         self.blocks.iter().map(|block| (block.desc.bytes / PAGE_BYTES) as u32).sum()
     }
 
-    /// Makes room to write to a run that has been taken; false where there is none before the device has copied what was written last.
+    /// Prepares writing to a taken run; returns false if there is no staging space until the device
+    /// has copied earlier runs.
     pub fn open(&mut self, gpu: &mut Gpu, first: u32, count: u32) -> Result<bool> {
         self.ring.as_mut().map_or(Ok(true), |ring| ring.open(gpu, first, count))
     }
 
-    /// Where an open run is written to: which buffer of those that are, and from which page of it on.
+    /// Returns buffer and first page to which an open run is written.
     fn place(&self, first: u32) -> (usize, u32) {
         match &self.ring {
             Some(ring) => (0, ring.place(first)),
@@ -132,7 +135,7 @@ impl Pool {
         }
     }
 
-    /// An open run for another thread to write.
+    /// Returns an open run's memory for another thread to write.
     pub fn mapped_range(&self, first: u32, count: u32) -> MappedRange {
         let (block, page) = self.place(first);
         let memory = &self.ring.as_ref().map_or(&self.blocks[..], StagingRing::memory)[block];
@@ -140,22 +143,23 @@ impl Pool {
         memory.mapped_range(at..at + PAGE_BYTES * count as u64, &self.alive)
     }
 
-    /// Nobody writes to an open run any more: what is there is to be drawn from, or is not.
+    /// Closes an open run; its contents are used only if `written`.
     pub fn close(&mut self, first: u32, written: bool) {
         self.ring.iter_mut().for_each(|ring| ring.close(first, written));
     }
 
-    /// Sends closed runs on their way; submissions from now on find them in their pages.
+    /// Submits the copies of closed runs; later submissions find them in their pages.
     pub fn submit_copies(&mut self, gpu: &mut Gpu) -> Result<()> {
         self.ring.as_mut().map_or(Ok(()), |ring| ring.submit_copies(gpu, &self.blocks))
     }
 
-    /// Whether runs are on their way that take up room.
+    /// Returns whether copies in flight occupy staging space.
     pub fn has_pending_copies(&self) -> bool {
         self.ring.as_ref().is_some_and(StagingRing::has_pending_copies)
     }
 
-    /// Writes runs that have been taken, each by a job of its own on any thread: all at once where pages are mapped, else as many at a time as the ring holds. A job gets the words of each page.
+    /// Writes taken runs in parallel, with one job each: all at once if pages are mapped, else as
+    /// many at a time as the ring holds. A job gets the words of each page.
     pub fn write<J: Send>(
         &mut self,
         gpu: &mut Gpu,
@@ -200,7 +204,7 @@ impl Pool {
         Ok(())
     }
 
-    /// The words of runs of pages: where they lie, or copies that the device makes.
+    /// Returns the words of runs of pages, borrowed if mapped, else copied by the device.
     pub fn read(&self, gpu: &mut Gpu, runs: &[(u32, u32)]) -> Result<Vec<Cow<'_, [u32]>>> {
         if self.ring.is_none() {
             let words = |&(first, count): &(u32, u32)| {
@@ -241,30 +245,31 @@ impl Pool {
         Ok(read)
     }
 
-    /// Device address of a page, as the two words that a shader makes a pointer of.
+    /// Returns the device address of a page as two words.
     pub fn address(&self, page: u32) -> [u32; 2] {
         let address = self.blocks[(page / PAGES_PER_BLOCK) as usize].address
             + PAGE_BYTES * (page % PAGES_PER_BLOCK) as u64;
         [address as u32, (address >> 32) as u32]
     }
 
-    /// Handles of the blocks for one frame; a block's page `p` starts at word `p * points per page`.
+    /// Imports the blocks into a frame; page `p` of a block starts at word `p * points per page`.
     pub fn import(&self, g: &mut Graph) -> Vec<Buffer> {
         self.blocks.iter().map(|block| g.import("pages", block)).collect()
     }
 
-    /// Gives the memory back.
+    /// Frees the memory.
     pub fn free(self, gpu: &mut Gpu) {
         self.alive.close(|| ());
-        // A device that is lost has nothing on its way any more.
+        // A lost device has nothing in flight.
         let _ = gpu.wait_detached();
         let ring = self.ring.into_iter().flat_map(StagingRing::into_memory);
         self.blocks.into_iter().chain(ring).for_each(|block| gpu.memory.destroy_buffer(block));
     }
 }
 
-/// The words of runs of pages, each told by its block and the first of its pages there, in that order: disjoint, so that runs are written in parallel straight into mapped memory. Takes as long as there are
-/// runs, however many blocks there are.
+/// Splits blocks into the words of disjoint runs, each given by block and first page, in ascending
+/// order, so that runs are written in parallel to mapped memory. Takes time in the number of runs,
+/// not of blocks.
 fn cut_out<'m, B>(
     blocks: &'m mut [B],
     words: impl Fn(&'m mut B) -> &'m mut [u32],
@@ -317,7 +322,7 @@ mod tests {
     #[test]
     fn runs_are_cut_out_of_their_blocks_where_they_lie() {
         const PAGE: usize = POINTS_PER_PAGE as usize;
-        // Every word its page.
+        // Every word holds its page number.
         let block = |block: u32| {
             (0..4 * PAGE).map(|word| 4 * block + (word / PAGE) as u32).collect::<Vec<u32>>()
         };

@@ -1,18 +1,25 @@
-//! Which nodes of an index are resident, and which of them a frame draws.
+//! Streaming: the resident nodes of an index, and those that a frame draws.
 //!
-//! Every frame, [`Residency::update`], without ever waiting:
-//!   hear what the loader has finished; give back pages that the GPU has passed
-//!   choose the cut for the view; while its pages do not fit the pool, one with half of the points
-//!   ask for what is missing: roots first, then by how wrong the picture is without it, at most UPLOAD_BYTES at a time, UPLOAD_BYTES_SHARED for a picture that moves on a software device
-//!     where the pool is full, evict what was drawn least recently and is not in the cut
-//!   draw each node of the cut; a missing one by its children, if they are all there, else by its nearest resident ancestor, and then nothing else of that
-//! Roots stay, so that there is always an ancestor. A node that cannot be read is said once and left to its parent or its children ([`lod::choose`]); so is one that
-//! nobody has brought in time, which is drawn once it comes. Where the loader itself has ended, another one goes on.
+//! Every frame, [`Residency::update`] runs without waiting:
 //!
-//! [`Residency::wait_until_resident`] repeats that until the cut is complete: the picture then depends on view, detail and pool alone, not on what was drawn before.
+//! - take the loader's answers; free pages that the GPU no longer reads
+//! - choose the LOD cut for the view; while its pages do not fit the pool, one with half of the
+//!   points
+//! - request missing nodes: roots first, then by screen error, at most UPLOAD_BYTES at a time, or
+//!   UPLOAD_BYTES_SHARED for a moving picture on a software device; if the pool is full, evict the
+//!   least recently drawn nodes outside the cut
+//! - draw each node of the cut; instead of a missing one its children, if all are resident, else
+//!   its nearest resident ancestor alone
 //!
-//! Pages are reused when the device has passed the last submission that may read them (`Gpu::completed`). So update between frames: not between recording a
-//! frame and submitting it.
+//! Roots stay resident, so that there is always an ancestor. A node that cannot be read is reported
+//! once and left to its parent or children ([`lod::choose`]); so is one that has not come in time,
+//! which is drawn once it comes. A loader that has ended is replaced.
+//!
+//! [`Residency::wait_until_resident`] repeats that until the cut is complete: the picture then
+//! depends on view, detail and pool alone, not on earlier frames.
+//!
+//! Pages are reused when the device has completed the last submission that may read them
+//! (`Gpu::completed`). So update between frames, not between recording and submitting one.
 
 use super::pool::{PAGE_BYTES, Pages, Pool};
 use super::{Resident, ResidentNode, in_metres};
@@ -35,7 +42,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 use std::time::Duration;
 
-/// Pages of a node: so many position planes, then the other words of its points.
+/// Pages of a node: position planes, then the attribute words of its points.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Run {
     first_page: u32,
@@ -43,54 +50,54 @@ struct Run {
     pages: u32,
 }
 
-/// A node that has pages.
+/// A node that has pages, or is being loaded.
 #[derive(Clone, Debug, Default)]
 struct Entry {
     here: Option<Run>,
-    /// How far apart its points are, in cells of the coarsest plane.
+    /// Point spacing [cells of the coarsest plane].
     spacing: f64,
-    /// With the loader.
+    /// Pages that the loader is writing.
     coming: Option<Run>,
-    /// The update that drew it last.
+    /// Last update that drew it.
     drawn: u64,
-    /// The submission that may have read its pages last.
+    /// Last submission that may have read its pages.
     read_by: u64,
 }
 
-/// How a step asks for nodes.
+/// Request policy of a step.
 #[derive(Clone, Copy)]
 struct Asking {
-    /// For what is coarser, too, until they are there.
+    /// Whether coarser nodes are requested as well, until the cut is resident.
     fall_back: bool,
-    /// Bytes of pages on their way at most, but for one node's.
+    /// Most bytes of pages being loaded, unless one node needs more.
     at_once: u64,
 }
 
-/// A node that an update asks for.
+/// A node requested by an update.
 #[derive(Clone, Copy, Debug)]
 struct Want {
     node: usize,
     planes: u32,
-    /// Of the cut, not only something to fall back to.
+    /// Whether it is in the cut, not only a fallback.
     needed: bool,
 }
 
-/// What one update did.
+/// Outcome of an update.
 #[derive(Clone, Debug, Default)]
 pub struct Update {
     pub cut: Cut,
-    /// Of the cut; less than what was asked for where the pool is too small.
+    /// Point budget of the cut; less than requested if the pool is too small.
     pub budget: u64,
     /// Nodes of the cut that are not resident.
     pub missing: usize,
     /// Nodes of the cut that are resident with fewer planes than the view wants.
     pub coarse: usize,
-    /// Missing nodes that nothing resident can stand in for.
+    /// Missing nodes without a resident substitute.
     pub holes: usize,
     pub evicted: usize,
-    /// Read from the file since the last update.
+    /// Bytes read from the file since the last update.
     pub bytes_read: u64,
-    /// Nodes that could not be read, each once, and memory that the device did not give.
+    /// Unreadable nodes, each once, and memory that the device refused.
     pub errors: Vec<String>,
 }
 
@@ -100,31 +107,31 @@ impl Update {
     }
 }
 
-/// The nodes of an index on the device.
+/// The nodes of an index on the device, and their loader.
 pub struct Residency {
     resident: Resident,
     index: Arc<Index>,
     loader: Loader,
-    /// Answers published, and those heard.
+    /// Answers published, and number of those taken.
     published: Arc<Published>,
     heard: u64,
-    /// The node that it was last said of that it does not come.
+    /// Node last reported as stalled.
     stalled: Option<usize>,
     entries: HashMap<usize, Entry>,
     unreadable: HashSet<usize>,
     /// Pages that a submission may still read.
     retired: Vec<(Run, u64)>,
-    /// The node numbers of `resident.nodes`.
+    /// Node numbers of `resident.nodes`.
     drawn: Vec<usize>,
     pages_coming: u32,
     updates: u64,
-    /// Since the start.
+    /// Bytes read since the start.
     pub bytes_read: u64,
     pub evictions: u64,
     unsaid: Update,
 }
 
-/// Answers of the loader so far, counted where the frame looks.
+/// Counter of the loader's answers.
 struct Published {
     count: AtomicU64,
     timeline: Timeline,
@@ -138,7 +145,7 @@ impl Published {
     ) -> Result<Loader> {
         let published = self.clone();
         let publish = move || {
-            // A device that is lost is said by the frame.
+            // The frame reports a lost device.
             let _ = published.timeline.signal(published.count.fetch_add(1, Relaxed) + 1);
         };
         Loader::start(index.clone(), shown, publish)
@@ -154,7 +161,7 @@ impl Destination for Mapped {
 }
 
 impl Residency {
-    /// `pool_bytes` of device memory at most.
+    /// Opens an index with at most `pool_bytes` of device memory.
     pub fn open(
         gpu: &mut Gpu,
         index: Arc<Index>,
@@ -164,7 +171,7 @@ impl Residency {
         let timeline = Timeline::new(&gpu.device, &gpu.memory.alive, "loaded")?;
         let published = Arc::new(Published { count: AtomicU64::new(0), timeline });
         let loader = published.loader(&index, shown)?;
-        // Point ids number at most so many nodes, and each has two pages or more.
+        // Point ids allow this many nodes, and each has two pages or more.
         let budget = (pool_bytes / PAGE_BYTES).min(2 * super::MOST_NODES) as u32;
         gpu.residents += 1;
         let resident = Resident {
@@ -208,7 +215,7 @@ impl Residency {
         })
     }
 
-    /// What the last update draws, for [`crate::resident::Resident`]'s users.
+    /// Returns what the last update draws.
     pub fn resident(&self) -> &Resident {
         &self.resident
     }
@@ -221,7 +228,7 @@ impl Residency {
         &self.index
     }
 
-    /// The nodes that the last update draws.
+    /// Returns the nodes that the last update draws.
     pub fn drawn(&self) -> &[usize] {
         &self.drawn
     }
@@ -230,29 +237,31 @@ impl Residency {
         self.here(node).is_some()
     }
 
-    /// Bytes of the pool at most, and of them those in use.
+    /// Returns size and used part of the pool [bytes].
     pub fn pool_bytes(&self) -> [u64; 2] {
         [self.resident.pool.pages.budget, self.resident.pool.pages.used]
             .map(|pages| PAGE_BYTES * pages as u64)
     }
 
-    /// How long the loader has had a core since the start ([`Loader::worked`]).
+    /// Returns the processor time of the loader ([`Loader::worked`]).
     pub fn loader_worked(&self) -> Duration {
         self.loader.worked()
     }
 
-    /// Brings what the next frame draws up to date with the loader and the view. Never waits.
+    /// Updates what the next frame draws. Never waits.
     pub fn update(&mut self, gpu: &mut Gpu, view: &View, detail: &Detail) -> Result<Update> {
         self.step(gpu, view, detail, Asking { fall_back: true, at_once: UPLOAD_BYTES })
     }
 
-    /// The same for a picture that moves, which is to come evenly: of a software device, whose cores the loader shares, no more is asked for at a time than takes little of a picture.
+    /// As [`Residency::update`], for a moving picture with even frame times: on a software device,
+    /// whose cores the loader shares, it requests less at a time.
     pub fn update_moving(&mut self, gpu: &mut Gpu, view: &View, detail: &Detail) -> Result<Update> {
         let at_once = if gpu.device.is_cpu { UPLOAD_BYTES_SHARED } else { UPLOAD_BYTES };
         self.step(gpu, view, detail, Asking { fall_back: true, at_once })
     }
 
-    /// Waits until the cut is complete. Nodes that cannot be read are left out, and said in the outcome's errors.
+    /// Waits until the cut is complete. Unreadable nodes are left out and reported in the outcome's
+    /// errors.
     pub fn wait_until_resident(
         &mut self,
         gpu: &mut Gpu,
@@ -283,14 +292,14 @@ impl Residency {
                 continue;
             }
             if self.pages_coming > 0 {
-                // Whoever has ended is heard of at the next step.
+                // The next step notices a thread that has ended.
                 if let Ok(Some(answer)) = self.loader.wait(Duration::from_millis(100)) {
                     self.take_in(answer);
                     stuck = 0;
                 }
                 continue;
             }
-            // The cut fits an empty pool: what is in the way are pages in the wrong places.
+            // The cut fits an empty pool: pages in unfavourable places are in the way.
             stuck += 1;
             if stuck > 1 {
                 let [pool, _] = self.pool_bytes();
@@ -303,10 +312,10 @@ impl Residency {
         }
     }
 
-    /// Ends the loader and gives the memory back.
+    /// Ends the loader and frees the memory.
     pub fn free(self, gpu: &mut Gpu) {
         drop(self.loader);
-        // A thread that hangs has its own hold on it.
+        // A hanging thread holds its own reference.
         self.published.timeline.end();
         self.resident.free(gpu);
     }
@@ -343,7 +352,7 @@ impl Residency {
         self.entries.get(&node).and_then(|entry| entry.here)
     }
 
-    /// Everything above a node, nearest first.
+    /// Returns the ancestors of a node, nearest first.
     fn ancestors(&self, node: usize) -> impl Iterator<Item = usize> + '_ {
         let above = |&node: &usize| {
             Some(self.index.nodes()[node].parent as usize).filter(|&parent| parent != node)
@@ -376,7 +385,7 @@ impl Residency {
         Ok(())
     }
 
-    /// Another loader in place of one that has ended, and with it whatever was on its way.
+    /// Replaces a loader that has ended, and drops what it was loading.
     fn begin_again(&mut self) -> Result<()> {
         for run in self.entries.values_mut().filter_map(|entry| entry.coming.take()) {
             self.resident.pool.close(run.first_page, false);
@@ -415,7 +424,7 @@ impl Residency {
         }
     }
 
-    /// Pages that no submission reads any more are free again.
+    /// Frees pages that no submission reads any more.
     fn reclaim(&mut self, gpu: &Gpu) -> Result<()> {
         if !self.retired.is_empty() {
             let passed = gpu.completed.value()?;
@@ -432,14 +441,15 @@ impl Residency {
         Ok(())
     }
 
-    /// The cut, or the finest one by halvings of its points whose pages an empty pool holds.
+    /// Returns the cut, its points halved until an empty pool holds its pages, and the point
+    /// budget.
     fn fitting(&self, view: &View, detail: &Detail, fall_back: bool) -> (Cut, u64) {
         let mut detail = *detail;
         loop {
             let cut =
                 lod::choose(&self.index, view, &self.resident.clips, &detail, &self.unreadable);
             let mut pages = Pages::new(self.resident.pool.pages.budget);
-            // Whatever is there to fall back to gives way, but for the roots.
+            // Fallback nodes give way, except the roots.
             let wants = self.wants(view, &detail, &cut, fall_back);
             let stay = wants.iter().filter(|want| want.needed || self.is_root(want.node));
             if detail.budget == 0
@@ -453,7 +463,8 @@ impl Residency {
         }
     }
 
-    /// In the order of asking. To fall back to: the roots, and what lies above missing nodes, so that a missing node does not make all of a root coarse.
+    /// Lists the wanted nodes in order of requests. Fallbacks are the roots and the missing
+    /// ancestors of missing nodes, so that a missing node does not coarsen all of a root.
     fn wants(&self, view: &View, detail: &Detail, cut: &Cut, fall_back: bool) -> Vec<Want> {
         let mut above = BTreeSet::new();
         if fall_back {
@@ -474,7 +485,7 @@ impl Residency {
         let needed = cut.nodes.iter().map(|wanted| {
             let record = &self.index.nodes()[wanted.node];
             let frame = self.frame(wanted.node);
-            // Whether a point lies in a box takes all that is known of its place.
+            // Clipping needs the full position.
             let planes = match self.resident.clips.left(self.index.bounds(record)) {
                 Left::Some => frame.planes,
                 _ => detail.precision.planes(
@@ -499,7 +510,7 @@ impl Residency {
         }
     }
 
-    /// Posts the newest wish-list, with pages for as much of it as may be under way at a time.
+    /// Posts the newest request list, with pages for as much of it as may be loaded at a time.
     fn ask(
         &mut self,
         gpu: &mut Gpu,
@@ -525,7 +536,7 @@ impl Residency {
                 continue;
             }
             let pages = want.planes + self.resident.shown.words();
-            // In order, as `fitting` has tried it: nothing smaller slips in before.
+            // In order, as `fitting` assumes: nothing smaller is taken first.
             enough |=
                 self.pages_coming > 0 && (self.pages_coming + pages) as u64 * PAGE_BYTES > at_once;
             if enough {
@@ -537,7 +548,7 @@ impl Residency {
                 continue;
             };
             if !self.resident.pool.open(gpu, first_page, pages)? {
-                // Nothing smaller slips in before, as above.
+                // Nothing smaller is taken first, as above.
                 self.resident.pool.pages.give(first_page, pages);
                 enough = true;
                 continue;
@@ -558,7 +569,8 @@ impl Residency {
         Ok(())
     }
 
-    /// A run of pages, if need be from nodes that were drawn least recently. What is only there to fall back to goes last, and for what is needed only.
+    /// Takes a run of pages, evicting the least recently drawn nodes if needed. Fallbacks are
+    /// evicted last, and only for needed nodes.
     fn take(
         &mut self,
         gpu: &mut Gpu,
@@ -574,7 +586,7 @@ impl Residency {
                 Ok(None) => {}
                 Err(error) if self.resident.pool.allocated() == 0 => return Err(error),
                 Err(error) => {
-                    // The device has less than the budget: what it gave is the pool from now on.
+                    // The device has less memory than the budget: the pool keeps what it got.
                     self.resident.pool.pages.budget = self.resident.pool.allocated();
                     update.errors.push(format!(
                         "GPU memory for nodes is limited to {} MiB: {error}",
@@ -592,7 +604,7 @@ impl Residency {
                     may_go.then_some((kept.is_some(), entry.drawn, node))
                 };
                 let mut victims: Vec<_> = self.entries.iter().filter_map(free).collect();
-                // Popped from the end.
+                // Sorted to be popped from the end.
                 victims.sort_unstable_by(|a, b| b.cmp(a));
                 victims
             });
@@ -610,7 +622,7 @@ impl Residency {
         }
     }
 
-    /// Everything, so that the next pages are the first.
+    /// Evicts everything, so that the next pages are the first.
     fn evict_all(&mut self, gpu: &Gpu) -> Result<()> {
         self.drawn.clear();
         self.resident.nodes.clear();
@@ -622,7 +634,7 @@ impl Residency {
         self.reclaim(gpu)
     }
 
-    /// Decides what the frame draws; the number of holes.
+    /// Chooses what the frame draws; returns the number of holes.
     fn draw(&mut self, view: &View, cut: &Cut) -> usize {
         let mut drawn = BTreeSet::new();
         let mut standing_in = HashSet::new();
@@ -667,7 +679,7 @@ impl Residency {
         holes
     }
 
-    /// The node itself, or those below that together show all of it that can be seen.
+    /// Returns the node itself, or resident descendants that together show all of it in view.
     fn finer(&self, view: &View, node: usize) -> Option<Vec<usize>> {
         let mut found = Vec::new();
         let mut open = vec![node];

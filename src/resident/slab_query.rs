@@ -1,6 +1,7 @@
-//! A vertical slab in the world in, the resident points in it out: what a profile is drawn from.
+//! Resident points in a vertical slab, for profiles.
 //!
-//! Only what is drawn is asked: points that opacities or clip boxes leave out are left out here, and of an index there are the nodes of the last picture.
+//! Only drawn points count: those hidden by opacities or clip boxes are left out, and of an index
+//! only the nodes of the last picture are searched.
 
 use super::{Point, Resident, position};
 use crate::config::POINTS_PER_PAGE;
@@ -10,45 +11,46 @@ use crate::select::clip::Left;
 use glam::{DVec2, DVec3};
 use rayon::prelude::*;
 
-/// From one place to another on the map, so much to either side, at all heights.
+/// A strip of the map between two places, of a given width, at all heights.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Slab {
     start: DVec3,
-    /// On the map, of length 1.
+    /// Unit vector on the map.
     along: DVec2,
-    /// Metres, on the map.
+    /// Length on the map [m].
     pub length: f64,
-    /// Metres, both sides together.
+    /// Full width [m].
     pub width: f64,
 }
 
-/// A point of a slab.
+/// A point in a slab.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SlabPoint {
     pub point: Point,
-    /// What it shows ([`crate::cloud::attribute::DisplayAttribute::word`]).
+    /// Value shown ([`crate::cloud::attribute::DisplayAttribute::word`]).
     pub shown: u32,
-    /// On the map: from the start on, and to the left, metres.
+    /// Distance from the start along the slab, and to its left [m].
     pub place: DVec2,
 }
 
-/// Points of a slab, in the order of their ids.
+/// Points in a slab, in id order.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct SlabPoints {
     pub points: Vec<SlabPoint>,
-    /// Resident points, and those of the whole cloud.
+    /// Points resident, and points of the whole cloud.
     pub resident: u64,
     pub all: u64,
 }
 
 impl Slab {
-    /// None where one place is above the other.
+    /// Creates a slab; `None` if one place is above the other.
     pub fn new(start: DVec3, end: DVec3, width: f64) -> Option<Slab> {
         let across = (end - start).truncate();
         Some(Slab { start, along: across.try_normalize()?, length: across.length(), width })
     }
 
-    /// Where a point is on the map, as seen from the slab's start, if it is in it; its borders are part of it.
+    /// Returns a point's position along and across the slab, if it is inside; borders count as
+    /// inside.
     pub fn place(&self, p: DVec3) -> Option<DVec2> {
         let place = self.turned(p);
         (place.x >= 0.0 && place.x <= self.length && place.y.abs() <= self.width / 2.0)
@@ -60,7 +62,7 @@ impl Slab {
         DVec2::new(from_start.dot(self.along), from_start.dot(self.along.perp()))
     }
 
-    /// Whether a box may have points in it.
+    /// Returns whether a box may have points in the slab.
     fn meets(&self, (min, max): (DVec3, DVec3)) -> bool {
         let corners = [(min.x, min.y), (max.x, min.y), (min.x, max.y), (max.x, max.y)]
             .map(|(x, y)| self.turned(DVec3::new(x, y, 0.0)));

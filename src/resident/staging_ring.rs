@@ -1,9 +1,13 @@
-//! STAGING RING: where the CPU writes pages of a pool that it cannot map, and from where the device copies them to their places.
+//! Staging ring: the CPU writes pages of a pool that it cannot map here, and the device copies them
+//! to their places.
 //!
-//!   open: as many slots, side by side, as a run has pages; whoever writes has them
-//!   close: nobody writes there any more; what was written waits for the next submission
-//!   land: one submission copies all that wait. Frames follow it in the same queue, so they find the pages written, and nobody waits
-//! Slots are free again when the device has passed that submission. There are twice as many as the loader may have under way, so that it writes while the device copies.
+//! - open: reserves consecutive slots for a run of pages
+//! - close: ends writing; what was written waits for the next submission
+//! - submit_copies: one submission copies all waiting runs. Frames follow in the same queue, so
+//!   that they find the pages written, and nothing waits
+//!
+//! Slots are free again when the device has completed that submission. There are twice as many as
+//! the loader may have in flight, so that it writes while the device copies.
 
 use super::pool::{PAGE_BYTES, Pages};
 use crate::config::{PAGES_PER_BLOCK, UPLOAD_BYTES};
@@ -15,7 +19,7 @@ use std::collections::{BTreeMap, HashMap};
 
 const SLOTS: u32 = (2 * UPLOAD_BYTES / PAGE_BYTES) as u32;
 
-/// Slots side by side, and the page that the first of them is for.
+/// Consecutive slots, and the first page they are for.
 #[derive(Clone, Copy)]
 struct Run {
     page: u32,
@@ -25,12 +29,12 @@ struct Run {
 
 pub struct StagingRing {
     slots: Pages,
-    /// One buffer, once somebody has written.
+    /// One buffer, created at the first write.
     memory: Vec<RawBuffer>,
-    /// By their first page.
+    /// Open runs by their first page.
     open: HashMap<u32, Run>,
     written: Vec<Run>,
-    /// With the submission that copies them.
+    /// Runs being copied, with their submission.
     landing: Vec<(Run, u64)>,
 }
 
@@ -67,12 +71,12 @@ impl StagingRing {
         Ok(slot.is_some())
     }
 
-    /// The first slot of an open run.
+    /// Returns the first slot of an open run.
     pub fn place(&self, page: u32) -> u32 {
         self.open[&page].slot
     }
 
-    /// Of the slots; one buffer.
+    /// Returns the buffer of the slots.
     pub fn memory(&self) -> &[RawBuffer] {
         &self.memory
     }
@@ -90,7 +94,7 @@ impl StagingRing {
         }
     }
 
-    /// Copies all that has been written to its pages in `blocks`.
+    /// Submits copies of all closed runs to their pages in `blocks`.
     pub fn submit_copies(&mut self, gpu: &mut Gpu, blocks: &[RawBuffer]) -> Result<()> {
         if self.written.is_empty() {
             return Ok(());

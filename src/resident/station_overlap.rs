@@ -1,32 +1,32 @@
-//! Where on the screen several stations have seen something: only there can they disagree.
+//! Screen tiles covered by more than one scan station, the only places where stations can disagree.
 
 use super::{Resident, ResidentNode};
 use crate::view::View;
 use glam::DVec3;
 use std::ops::Range;
 
-/// Side of a tile, pixels (glsl/luminance.comp).
+/// Side of a tile [px] (glsl/luminance.comp).
 pub const OVERLAP_PX: u32 = 64;
 
-/// Tiles of a whole picture, and in which of them points of several stations may be seen; whether they lie behind each other is not asked.
+/// Tiles of a whole picture that may show points of several stations, regardless of depth.
 #[derive(Clone, Debug, PartialEq)]
 pub struct StationOverlap {
-    /// Across and down.
+    /// Tiles across and down.
     pub size: [u32; 2],
-    /// Row by row.
+    /// Whether a tile may show several stations, row by row.
     pub several: Vec<bool>,
-    /// Of them, those of several.
+    /// Number of tiles of several stations.
     pub count: usize,
-    /// Tiles with any point.
+    /// Number of tiles with any point.
     pub seen: usize,
 }
 
 impl Resident {
     pub fn overlap(&self, view: &View) -> StationOverlap {
         let (view, size) = (view.entire(), tiles_of(view.whole));
-        // Of every tile that shows something: its station, if it is one.
+        // Station of every tile that shows something, if it is one.
         let mut stations: Vec<Option<Option<u32>>> = vec![None; (size[0] * size[1]) as usize];
-        // Points of other stations are there, and not drawn.
+        // Points of other stations are resident but not drawn.
         let drawn = self.opacities.drawn_stations(&self.stations);
         let only = if let [one] = drawn[..] { Some(one) } else { None };
         for (_, node) in self.seen(&view) {
@@ -46,19 +46,20 @@ impl Resident {
 }
 
 impl StationOverlap {
-    /// As if there were several all over a picture of so many pixels.
+    /// Returns an overlap of several stations everywhere in a picture of this size [px].
     pub fn everywhere(size_px: [u32; 2]) -> StationOverlap {
         let size = tiles_of(size_px);
         let several = vec![true; (size[0] * size[1]) as usize];
         StationOverlap { size, seen: several.len(), count: several.len(), several }
     }
 
-    /// Whether no tile shows one station alone.
+    /// Returns whether no tile shows a single station.
     pub fn is_everywhere(&self) -> bool {
         self.count == self.seen
     }
 
-    /// Whether a node may have points in a tile of several stations, or in one beside it.
+    /// Returns whether a node may have points in a tile of several stations, or in a tile beside
+    /// one.
     pub fn touches(&self, view: &View, node: &ResidentNode) -> bool {
         let [across, down] = self.size;
         self.is_everywhere()
@@ -75,11 +76,11 @@ fn tiles_of(size_px: [u32; 2]) -> [u32; 2] {
     size_px.map(|side| side.div_ceil(OVERLAP_PX))
 }
 
-/// Rows of tiles that a node may have points in.
+/// Returns the tiles that a node may have points in, row by row.
 fn tiles(view: &View, size: [u32; 2], node: &ResidentNode) -> impl Iterator<Item = Range<usize>> {
     let (low, high) =
         extent_px(view, node.bounds()).unwrap_or(([0.0; 2], view.size.map(f64::from)));
-    // Points are placed in f32, so a pixel more. What is beyond an edge is as good as on it.
+    // Points are placed in f32, so a pixel more. What lies beyond an edge is clamped to it.
     let end = |axis: usize, px: f64| {
         ((px / OVERLAP_PX as f64).floor().max(0.0) as u32).min(size[axis] - 1)
     };
@@ -90,7 +91,8 @@ fn tiles(view: &View, size: [u32; 2], node: &ResidentNode) -> impl Iterator<Item
     })
 }
 
-/// The rectangle that a box is seen in, pixels; none where a part of it is behind the camera.
+/// Returns the bounding rectangle of a box on the screen [px]; `None` if part of it is behind the
+/// camera.
 fn extent_px(view: &View, (min, max): (DVec3, DVec3)) -> Option<([f64; 2], [f64; 2])> {
     let corner = |k: usize| {
         DVec3::from_array(
