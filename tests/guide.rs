@@ -143,6 +143,27 @@ fn tables_are_those_that_were_measured() {
     succeeded(&checked.expect("start python3"));
 }
 
+#[test]
+fn modules_and_files_are_those_that_exist() {
+    let library = fs::read_to_string(root().join("src/lib.rs")).unwrap();
+    let architecture = PAGES.iter().find(|page| page.name == "architecture").unwrap().text;
+    for line in library.lines() {
+        if let Some(module) = line.strip_prefix("pub mod ") {
+            let module = module.trim_end_matches(';');
+            assert!(architecture.contains(&format!("`{module}`")), "architecture lacks {module}");
+        }
+    }
+    let readme = readme();
+    for text in PAGES.iter().map(|page| page.text).chain([readme.as_str()]) {
+        for path in text.split(['`', '(', ')']) {
+            let is_path = ["src/", "glsl/", "tests/", "tools/"].iter().any(|at| path.starts_with(at))
+                && !path.contains([' ', '*', '\n'])
+                && !path.contains("NAME");
+            assert!(!is_path || root().join(path).exists(), "there is no {path}");
+        }
+    }
+}
+
 /// Two pages: a stranger reads all of it.
 #[test]
 fn the_readme_is_short() {
