@@ -137,6 +137,18 @@ fn the_example_of_an_effect_is_the_effect() {
     assert!(words(&effect).contains(&words(example)), "src/passes/edl.rs has another `record`");
 }
 
+/// Doctests compile both, and they are one.
+#[test]
+fn the_example_of_the_readme_is_that_of_the_crate() {
+    let library = fs::read_to_string(root().join("src/lib.rs")).unwrap();
+    let readme = readme();
+    let example = lines(&readme, "rust,no_run");
+    assert!(example.len() > 10);
+    for line in example.iter().filter(|line| !line.starts_with("Ok::")) {
+        assert!(library.contains(&format!("\n//! {line}\n")), "the crate's example lacks {line}");
+    }
+}
+
 #[test]
 fn tables_are_those_that_were_measured() {
     let checked = Command::new("python3").arg(root().join("tools/measure")).arg("--check").output();
@@ -156,9 +168,10 @@ fn modules_and_files_are_those_that_exist() {
     let readme = readme();
     for text in PAGES.iter().map(|page| page.text).chain([readme.as_str()]) {
         for path in text.split(['`', '(', ')']) {
-            let is_path = ["src/", "glsl/", "tests/", "tools/"].iter().any(|at| path.starts_with(at))
-                && !path.contains([' ', '*', '\n'])
-                && !path.contains("NAME");
+            let is_path =
+                ["src/", "glsl/", "tests/", "tools/"].iter().any(|at| path.starts_with(at))
+                    && !path.contains([' ', '*', '\n'])
+                    && !path.contains("NAME");
             assert!(!is_path || root().join(path).exists(), "there is no {path}");
         }
     }

@@ -17,7 +17,8 @@ fn files(folder: &Path) -> Vec<PathBuf> {
 
 /// All text of a folder's files.
 fn text(folder: &str) -> String {
-    files(&root().join(folder)).iter().map(|path| fs::read_to_string(path).unwrap()).collect()
+    let read = |path: &PathBuf| String::from_utf8_lossy(&fs::read(path).unwrap()).into_owned();
+    files(&root().join(folder)).iter().map(read).collect()
 }
 
 fn stem(path: &Path) -> String {
