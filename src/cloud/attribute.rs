@@ -1,9 +1,10 @@
-//! What a point shows: one attribute as a 32-bit word a point, and the range that a ramp stretches over; and what else it brings to the device.
+//! Displayed attributes: one 32-bit word per point, the range of its colour ramp, and further words
+//! that effects need.
 
 use super::{Cloud, ColumnSet, Part, Station, octahedral};
 use std::str::FromStr;
 
-/// `--color`.
+/// An attribute to display, as in `--color`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum, serde::Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Attribute {
@@ -14,29 +15,31 @@ pub enum Attribute {
     Source,
     Return,
     Normal,
-    /// Colours whose luminance is the mean of their neighbourhoods (`index::attributes::luminance`)
+    /// Colours whose luminance is averaged over neighbours (`index::attributes::luminance`)
     Corrected,
     White,
 }
 
-/// Ramps are stretched between these shares of the points, so that a few outliers do not flatten the rest.
+/// Shares of the points between which ramps are stretched, so that few outliers do not flatten the
+/// rest.
 pub const STRETCH: [f64; 2] = [0.02, 0.98];
 
-/// Elevations are words of 16 bits over the cloud's height: 65,536 levels are more than a ramp of 256 colours shows.
+/// Elevations are 16-bit words over the cloud's height: 65,536 levels are more than a ramp of 256
+/// colours shows.
 const ELEVATION_LEVELS: f64 = 65_535.0;
 
 impl Attribute {
-    /// Says whether values are names of kinds, which have no mean.
+    /// Tests whether values are labels, which have no mean.
     pub fn is_label(self) -> bool {
         matches!(self, Attribute::Class | Attribute::Source | Attribute::Return)
     }
 
-    /// As `--color` says it.
+    /// Returns the name as in `--color`.
     pub fn name(self) -> String {
         format!("{self:?}").to_lowercase()
     }
 
-    /// The columns that showing it needs.
+    /// Returns the columns needed to display it.
     pub fn wanted(self) -> ColumnSet {
         let mut wanted = ColumnSet::default();
         match self {
@@ -51,12 +54,12 @@ impl Attribute {
         wanted
     }
 
-    /// Whether it depends on the light that a station was taken in: colours and intensities do.
+    /// Tests whether it depends on the lighting at a station; colours and intensities do.
     pub fn has_luminance(self) -> bool {
         matches!(self, Attribute::Rgb | Attribute::Intensity | Attribute::Corrected)
     }
 
-    /// Whether some part of the cloud has it.
+    /// Tests whether some part of the cloud has it.
     pub fn is_in(self, cloud: &Cloud) -> bool {
         cloud.parts.iter().any(|part| match self {
             Attribute::Rgb | Attribute::Corrected => part.columns.rgb.is_some(),
@@ -70,36 +73,36 @@ impl Attribute {
     }
 }
 
-/// An attribute of a given cloud, ready to be asked point by point.
+/// An attribute of a given cloud, ready to be evaluated per point.
 #[derive(Clone, Copy, Debug)]
 pub struct DisplayAttribute {
     pub attribute: Attribute,
-    /// World heights of the whole cloud but its strays, for elevation.
+    /// World heights of the whole cloud without strays, for elevation [m].
     heights: [f64; 2],
-    /// The words at the ends of a ramp.
+    /// The words at both ends of the ramp.
     pub stretch: [u32; 2],
-    /// The highest byte of a colour numbers its station ([`station_code`]).
+    /// Whether the highest byte of a colour is its station ([`station_code`]).
     pub coded: bool,
     pub further: ExtraAttributes,
 }
 
-/// What points bring beside what they show, a word a point each, in this order; only where something asks for it.
+/// Words of a point in addition to the displayed one, in this order, only if needed.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct ExtraAttributes {
-    /// Class (8 bits, lowest), return number (4 bits), from bit 16 on the number of the station.
+    /// Class (8 bits, lowest), return number (4 bits), station number (from bit 16).
     pub kind: bool,
-    /// Normal ([`octahedral`]), in 24 bits.
+    /// Normal ([`octahedral`]), 24 bits.
     pub normal: bool,
-    /// What a brush needs to know, two words (`index::attributes::strokes`).
+    /// Stroke data, two words (`index::attributes::strokes`).
     pub strokes: bool,
-    /// How much of a light reaches it, where that was saved (`index::format::shadow_file`).
+    /// Saved visibility of a light (`index::format::shadow_file`).
     pub light: bool,
 }
 
 impl ExtraAttributes {
-    /// The columns that it is made of.
+    /// Returns the columns needed.
     pub fn wanted(self) -> ColumnSet {
-        // Strokes are as large as what is of one colour.
+        // Strokes are as large as areas of one colour.
         ColumnSet {
             rgb: self.strokes,
             class: self.kind,
@@ -111,12 +114,12 @@ impl ExtraAttributes {
     }
 }
 
-/// A point's kind, in a word.
+/// Packs a point's kind into a word.
 pub fn kind(class: u8, returns: u8, station: u16) -> u32 {
     class as u32 | (returns as u32 & 15) << 8 | (station as u32) << 16
 }
 
-/// What the ASPRS standard classes are (LAS 1.4 R15, table 17); none of those that it leaves open.
+/// Returns the name of an ASPRS standard class (LAS 1.4 R15, table 17); `None` if reserved.
 pub fn class_name(class: u8) -> Option<&'static str> {
     let names = [
         "never classified",
@@ -146,18 +149,20 @@ pub fn class_name(class: u8) -> Option<&'static str> {
     names.get(class as usize).copied()
 }
 
-/// Bits of a word that number the station.
+/// Lowest bit of the station number in a kind word.
 pub const STATION_SHIFT: u32 = 16;
 
-/// What a colour's highest byte says of its station: from 1 on; 0 of those beyond 255, and where nobody asked.
+/// Returns a station's code in the highest byte of colours, from 1 on; 0 beyond 255 stations or if
+/// not coded.
 pub fn station_code(station: usize) -> u8 {
     u8::try_from(station + 1).unwrap_or(0)
 }
 
-/// Bits of a colour's word below that.
+/// Lowest bit of the station code in a colour word.
 pub const CODE_SHIFT: u32 = 24;
 
-/// What a point of a file brings at most: what it shows, and all that is further but saved light, which indexes have.
+/// Words of a file's point: the displayed one and all further ones except saved light, which only
+/// indexes have.
 pub type Words = [u32; 5];
 
 impl DisplayAttribute {
@@ -178,7 +183,7 @@ impl DisplayAttribute {
         DisplayAttribute { stretch: shown.stretched(cloud), ..shown }
     }
 
-    /// Elevation over these heights, each with how many points lie there.
+    /// Returns elevation over these heights, each with its number of points.
     pub fn of_heights(heights: Vec<(f64, u64)>) -> DisplayAttribute {
         let fold = |pick: fn(f64, f64) -> f64, from: f64| {
             heights.iter().map(|&(height, _)| height).fold(from, pick)
@@ -192,7 +197,7 @@ impl DisplayAttribute {
         DisplayAttribute { stretch: percentiles(&counts), ..shown }
     }
 
-    /// Of an indexed cloud, whose heights and stretch are known.
+    /// Returns an attribute of an index, whose heights and stretch are known.
     pub fn indexed(attribute: Attribute, heights: [f64; 2], stretch: [u32; 2]) -> DisplayAttribute {
         DisplayAttribute {
             attribute,
@@ -203,7 +208,8 @@ impl DisplayAttribute {
         }
     }
 
-    /// What to show where nothing is asked for: colours where there are any, else intensity that varies, else elevation.
+    /// Chooses an attribute: colours if any, else intensity that varies, else elevation. Returns it
+    /// with the reason.
     pub fn automatic(cloud: &Cloud) -> (DisplayAttribute, &'static str) {
         if Attribute::Rgb.is_in(cloud) {
             return (DisplayAttribute::new(Attribute::Rgb, cloud), "the points have colours");
@@ -222,7 +228,7 @@ impl DisplayAttribute {
         )
     }
 
-    /// Words that a point brings: what it shows, then what is further.
+    /// Returns the number of words per point.
     pub fn words(&self) -> u32 {
         1 + self.further.kind as u32
             + self.further.normal as u32
@@ -230,27 +236,27 @@ impl DisplayAttribute {
             + self.further.light as u32
     }
 
-    /// Which of its words is a point's kind.
+    /// Returns the index of the kind word.
     pub fn kind(&self) -> Option<u32> {
         self.further.kind.then_some(1)
     }
 
-    /// Which of its words is a point's normal.
+    /// Returns the index of the normal word.
     pub fn normal(&self) -> Option<u32> {
         self.further.normal.then_some(1 + self.further.kind as u32)
     }
 
-    /// Which of its words is the first of the two that a brush needs.
+    /// Returns the index of the first of the two stroke words.
     pub fn strokes(&self) -> Option<u32> {
         self.further.strokes.then_some(self.words() - self.further.light as u32 - 2)
     }
 
-    /// Which of its words says how much of a light reaches it.
+    /// Returns the index of the light word.
     pub fn light(&self) -> Option<u32> {
         self.further.light.then_some(self.words() - 1)
     }
 
-    /// The columns that its words are made of.
+    /// Returns the columns needed for its words.
     pub fn wanted(&self) -> ColumnSet {
         self.attribute
             .wanted()
@@ -258,7 +264,8 @@ impl DisplayAttribute {
             .and(ColumnSet { source: self.coded, ..ColumnSet::default() })
     }
 
-    /// All words of a point, but for those that a brush needs, of a part whose stations are these, the first of them this number in the cloud.
+    /// Computes all words of a point except stroke words. `stations` are those of its part, `first`
+    /// is the cloud's number of the first of them.
     pub fn words_of(&self, part: &Part, stations: &[Station], first: usize, i: usize) -> Words {
         let mut words = [self.word(part, i), 0, 0, 0, 0];
         let columns = &part.columns;
@@ -287,12 +294,13 @@ impl DisplayAttribute {
         words
     }
 
-    /// The word of a point: `rgb` 8 bits a channel, red lowest; `normal` 8 bits an axis, 127 = 0; scalars as they are. 0 where the part lacks it.
+    /// Computes the displayed word of a point: `rgb` 8 bits a channel, red lowest; `normal` 8 bits
+    /// an axis, 127 = 0; scalars unchanged. 0 if the part lacks the attribute.
     pub fn word(&self, part: &Part, i: usize) -> u32 {
         let columns = &part.columns;
         let bytes = |[a, b, c]: [u8; 3]| a as u32 | (b as u32) << 8 | (c as u32) << 16;
         match self.attribute {
-            // Of a cloud whose colours have been corrected.
+            // Colours in the cloud have been corrected in place.
             Attribute::Rgb | Attribute::Corrected => {
                 columns.rgb.as_ref().map_or(0xFFFFFF, |rgb| bytes(rgb[i]))
             }
@@ -311,7 +319,7 @@ impl DisplayAttribute {
         }
     }
 
-    /// The numbers at the ends of a ramp, where points show one: heights in metres, intensities of 16 bits.
+    /// Returns the values at the ends of the ramp, if any: heights [m] or 16-bit intensities.
     pub fn ends(&self) -> Option<[f64; 2]> {
         let [bottom, top] = self.heights;
         match self.attribute {
@@ -323,7 +331,7 @@ impl DisplayAttribute {
         }
     }
 
-    /// The word of a world height.
+    /// Returns the word of a world height.
     pub fn elevation(&self, height: f64) -> u32 {
         let [lo, hi] = self.heights;
         if hi > lo {
@@ -333,7 +341,7 @@ impl DisplayAttribute {
         }
     }
 
-    /// The words at the 2nd and 98th percentile of the points, by counting every point.
+    /// Computes the words at the 2nd and 98th percentile by counting every point.
     fn stretched(&self, cloud: &Cloud) -> [u32; 2] {
         use rayon::prelude::*;
         if !matches!(self.attribute, Attribute::Intensity | Attribute::Elevation) {

@@ -1,10 +1,11 @@
 //! One coordinate of many points, before the points' lattice is known.
 //!
-//! In: `f64` values. Out: integers on a lattice. Held as `f32` where the file's own values are, which halves the peak of reading, and loses nothing.
+//! Values are held as `f32` if the file has `f32`, which halves the peak memory of reading and
+//! loses nothing.
 
 use rayon::prelude::*;
 
-/// Values a task, where a whole axis is walked.
+/// Values per task.
 const TASK: usize = 1 << 16;
 
 #[derive(Clone, Debug)]
@@ -14,7 +15,7 @@ pub enum Axis {
 }
 
 impl Axis {
-    /// `narrow` promises that every value pushed is an `f32`.
+    /// Returns an empty axis. `narrow` promises that every pushed value is an `f32`.
     pub fn new(narrow: bool) -> Self {
         if narrow { Axis::Narrow(Vec::new()) } else { Axis::Wide(Vec::new()) }
     }
@@ -26,7 +27,7 @@ impl Axis {
         }
     }
 
-    /// A hint; memory that is not there is missed when it is needed, not before.
+    /// Reserves memory if available; a failure shows when the memory is used.
     pub fn reserve(&mut self, count: usize) {
         let _ = match self {
             Axis::Narrow(values) => values.try_reserve_exact(count),
@@ -62,7 +63,7 @@ impl Axis {
         }
     }
 
-    /// A copy of the values of some points.
+    /// Copies the values of the given points.
     pub fn pick(&self, points: &[u32]) -> Axis {
         match self {
             Axis::Narrow(values) => {
@@ -72,7 +73,7 @@ impl Axis {
         }
     }
 
-    /// Smallest and largest, 0 and 0 of none.
+    /// Returns the smallest and largest value; 0 and 0 if empty.
     pub fn range(&self) -> (f64, f64) {
         let join = |a: (f64, f64), b: (f64, f64)| (a.0.min(b.0), a.1.max(b.1));
         let range = match self {
@@ -88,7 +89,7 @@ impl Axis {
         range.unwrap_or((0.0, 0.0))
     }
 
-    /// Says whether all values are multiples of a power of two.
+    /// Tests whether all values are multiples of a power of two.
     pub fn is_on(&self, step: f64) -> bool {
         let is_whole = |v: f64| (v / step).fract() == 0.0;
         match self {
@@ -99,7 +100,8 @@ impl Axis {
         }
     }
 
-    /// Returns how many decimals all values have at most, from `least` to `most`; none where one has more, or is an `f32`.
+    /// Returns the number of decimals of all values, from `least` to `most`; `None` if one has more
+    /// or is an `f32`.
     pub fn decimals(&self, least: i32, most: i32) -> Option<i32> {
         let Axis::Wide(values) = self else { return None };
         let of_task = |values: &[f64]| {
@@ -110,7 +112,7 @@ impl Axis {
         values.par_chunks(TASK).map(of_task).try_reduce(|| least, |a, b| Some(a.max(b)))
     }
 
-    /// The nearest steps from `offset` on. Nothing overflows before the difference.
+    /// Returns the nearest steps from `offset`. Nothing overflows before the subtraction.
     pub fn quantise(self, offset: f64, step: f64) -> Vec<i32> {
         let q = |v: f64| (v / step - offset / step).round() as i32;
         match self {
@@ -122,7 +124,7 @@ impl Axis {
     }
 }
 
-/// Says whether a value is the f64 nearest to a whole number divided by `parts`.
+/// Tests whether a value is the f64 nearest to an integer divided by `parts`.
 fn is_decimal(value: f64, parts: f64) -> bool {
     const MOST: f64 = (1u64 << 53) as f64;
     let whole = (value * parts).round();

@@ -1,8 +1,7 @@
-//! Calls into decoding libraries, fenced.
+//! Panic isolation for decoding libraries.
 //!
-//! In: a call on bytes that nobody vouches for. Out: its value, or the message of its panic as a value.
-//! The decoders of other people index, divide and unwrap on what they read (RELIABILITY: laz-rs #69); a bad file must not end the program,
-//! nor print a backtrace over the terminal's progress bar.
+//! Third-party decoders index, divide and unwrap on untrusted bytes. A bad file must not end the
+//! program, nor print a backtrace over the progress bar.
 
 use std::cell::Cell;
 use std::panic::{self, AssertUnwindSafe};
@@ -14,7 +13,7 @@ thread_local! {
 
 static HOOK: Once = Once::new();
 
-/// Runs `call`; a panic inside it prints nothing and comes back as its message.
+/// Runs `call`. A panic inside it prints nothing and is returned as its message.
 pub fn catch_panic<T>(call: impl FnOnce() -> T) -> Result<T, String> {
     HOOK.call_once(|| {
         let outer = panic::take_hook();

@@ -1,19 +1,19 @@
-//! Colours of any kind -> 8 bits a channel; and what these mean: the sRGB transfer function.
+//! Ranges of colour channels: 1, 255 or 65535, or as stated by a file.
 //!
-//! In: channels as a file stores them. Out: 8-bit values, and what the file's own counted to: 1, 255, 65535, or what it says.
-//! Many writers put 8-bit values into 16-bit fields, or 255 where a format means 1, so it is not the format that decides but the values of
-//! the whole file: those of most points, since a few outliers prove nothing. `--rgb-range` goes before both.
+//! Many writers put 8-bit values into 16-bit fields, or 255 where a format means 1. The values of
+//! most points of the whole file therefore decide, not the format; a few outliers prove nothing.
+//! `--rgb-range` overrides both.
 
 use serde::{Deserialize, Serialize};
 use std::fmt;
 use std::str::FromStr;
 
-/// Exactly `round(v / 257)` for all 65,536 values (HARD_CASES 24).
+/// Returns exactly `round(v / 257)` for all 65,536 values (guide: numerics, case 24).
 pub fn to_8_bits(v: u16) -> u8 {
     ((v as u32 * 255 + 32895) >> 16) as u8
 }
 
-/// `--rgb-range`: what the channels of a file count to.
+/// The value of a full channel, as in `--rgb-range`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum RgbRange {
     Unit,
@@ -30,7 +30,7 @@ impl RgbRange {
         }
     }
 
-    /// A channel of a 16-bit field; what is beyond the range is clamped.
+    /// Converts a channel of a 16-bit field to 8 bits, clamped.
     #[inline]
     pub fn to_8_bits(self, v: u16) -> u8 {
         match self {
@@ -54,10 +54,10 @@ impl FromStr for RgbRange {
     }
 }
 
-/// What the colours of a file count to, and who says so.
+/// The range of a file's colours, and its origin.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Scale {
-    /// The value of full light.
+    /// The value of a full channel.
     pub full: f64,
     pub by: By,
 }
@@ -65,11 +65,11 @@ pub struct Scale {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum By {
-    /// The file, or its format.
+    /// Stated by the file or its format.
     File,
-    /// The values of most points, which are others than those that the file or its format announces, or than nothing.
+    /// Decided by the values of most points, against the file or for lack of a statement.
     Values,
-    /// `--rgb-range`.
+    /// Given by `--rgb-range`.
     Request,
 }
 
@@ -84,7 +84,7 @@ impl Scale {
         Scale { full: range.full().into(), by }
     }
 
-    /// As stored: 8 or 16 bits a channel.
+    /// Returns the stored bits per channel, 8 or 16.
     pub fn bits(self) -> u8 {
         if self.full > 255.0 { 16 } else { 8 }
     }
@@ -101,15 +101,16 @@ impl fmt::Display for Scale {
     }
 }
 
-/// Of points that have a colour other than black, fewer than one in so many prove nothing.
+/// Fewer than one in this many non-black points are outliers.
 const OUTLIERS: u64 = 10;
 
-/// Whether so many of the coloured points are more than outliers.
+/// Tests whether this many of the coloured points are more than outliers.
 pub fn is_many(points: u64, coloured: u64) -> bool {
     points.saturating_mul(OUTLIERS) > coloured
 }
 
-/// The range of values that no format announces, or that are others than it announces; `above` says whether more than outliers have a channel above a value.
+/// Returns the range of values for a format without one, or against its statement. `above` tests
+/// whether more than outliers have a channel above a value.
 pub fn range_of(fractions: bool, above: impl Fn(f32) -> bool) -> RgbRange {
     if fractions && !above(UNIT_LIMIT) {
         RgbRange::Unit
@@ -120,10 +121,11 @@ pub fn range_of(fractions: bool, above: impl Fn(f32) -> bool) -> RgbRange {
     }
 }
 
-/// Fractions of light may be a little above 1; colours of 0 to 255 are not all as dark as this.
+/// Limit of fractional channels: fractions may be slightly above 1; colours of 0 to 255 are not all
+/// as dark as this.
 pub const UNIT_LIMIT: f32 = 2.0;
 
-/// What occurred in 16-bit fields.
+/// Statistics of 16-bit colour fields.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Occurred {
     /// Points that are not black.
@@ -137,7 +139,7 @@ impl Occurred {
         Occurred { coloured: self.coloured + other.coloured, wide: self.wide + other.wide }
     }
 
-    /// Every value was 0.
+    /// Tests whether every value was 0.
     pub fn is_black(self) -> bool {
         self.coloured == 0
     }
@@ -149,7 +151,7 @@ impl Occurred {
         self.wide += (bits > 255) as u64;
     }
 
-    /// What the fields count to; 16 bits, as they are meant, where nothing occurred.
+    /// Returns the range of the fields; 16 bits if nothing occurred.
     pub fn range(self) -> RgbRange {
         if self.is_black() || is_many(self.wide, self.coloured) {
             RgbRange::Words
@@ -158,7 +160,7 @@ impl Occurred {
         }
     }
 
-    /// What to say of colours that were taken to count to `scale`: whatever is not as the format has it, or not clear.
+    /// Returns a note on colours read with `scale` if it is unusual for the format or uncertain.
     pub fn says(self, scale: Scale) -> Option<String> {
         let Occurred { coloured, wide } = self;
         let narrow = coloured - wide;
@@ -184,7 +186,7 @@ impl Occurred {
     }
 }
 
-/// The option that decides otherwise, before the value that it is given.
+/// The option that overrides the decision; its value follows.
 pub const OTHERWISE: &str = "otherwise give --rgb-range";
 
 const NOTE_8_IN_16: &str = "colours are 8-bit values in 16-bit fields, and read as such";

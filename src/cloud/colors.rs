@@ -1,7 +1,7 @@
-//! Colours as numbers of any kind -> 8 bits a channel.
+//! Conversion of colour channels of any numeric type to 8 bits.
 //!
-//! In: the channels of all points as stored, and what the file or its format says that they count to. Out: bytes, and what they were taken to count to.
-//! What is said holds where the values of most points agree with it; else they decide.
+//! A range stated by the file or its format holds if the values of most points agree with it;
+//! otherwise they decide.
 
 use super::color::{By, OTHERWISE, RgbRange, Scale, UNIT_LIMIT, is_many, range_of};
 use rayon::prelude::*;
@@ -9,13 +9,13 @@ use rayon::prelude::*;
 pub struct Converted {
     pub rgb: Vec<[u8; 3]>,
     pub scale: Scale,
-    /// Points with a channel that is no number or beyond the range.
+    /// Points with a channel that is NaN or out of range.
     pub clamped: u64,
-    /// What was decided, where the file does not say it, or says something else.
+    /// The decision, if the file states no range or another one.
     pub note: Option<String>,
 }
 
-/// `limits` are the stated ones, channel by channel; `asked` goes before them.
+/// Converts colours. `limits` are the stated ones per channel; `asked` overrides them.
 pub fn convert(
     stored: &[[f32; 3]],
     limits: Option<[[f64; 2]; 3]>,
@@ -34,7 +34,7 @@ pub fn convert(
     Converted { rgb, scale, clamped, note }
 }
 
-/// The ends of every channel, and who says so.
+/// Returns the ends of every channel and their origin.
 fn decide(
     stored: &[[f32; 3]],
     stated: Option<[[f64; 2]; 3]>,
@@ -44,7 +44,7 @@ fn decide(
     if let Some(range) = asked {
         return (up_to(range), By::Request);
     }
-    // NaN is more than nothing.
+    // NaN counts as coloured.
     let coloured = chunked(stored).filter(|color| color.iter().any(|&v| v > 0.0)).count() as u64;
     let beyond = |is_beyond: &(dyn Fn(&[f32; 3]) -> bool + Sync)| {
         is_many(chunked(stored).filter(|color| is_beyond(color)).count() as u64, coloured)
@@ -54,7 +54,7 @@ fn decide(
             let limits = limits.map(|[lo, hi]| (lo + share * (hi - lo)) as f32);
             beyond(&|color| color.iter().zip(limits).any(|(&v, limit)| v > limit))
         };
-        // One part in 257 is what a byte takes of 16 bits.
+        // One part in 257 is the step of a byte in 16 bits.
         if coloured == 0 || reaches(1.0 / 257.0) && !reaches(UNIT_LIMIT.into()) {
             return (limits, By::File);
         }

@@ -1,19 +1,20 @@
-//! How many decimals of a coordinate count: as many as tell the steps of its lattice apart, and no more.
+//! Significant decimals of coordinates: as many as distinguish the steps of their lattice.
 //!
-//! In: lattices. Out: places whose shortest decimal has those digits alone: `848992.08`, where `offset + step * q` as f64 is 848992.0800000001.
+//! Rounded positions print short: `848992.08`, although `offset + step * q` as f64 is
+//! 848992.0800000001.
 
 use super::Lattice;
 use glam::DVec3;
 
-/// Decimals of each axis; every digit where no lattice is known.
+/// Decimals of each axis; all digits if no lattice is known.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Digits(Option<[usize; 3]>);
 
-/// More are not in an f64 of a metre.
+/// Most decimals: an f64 has no more for lengths in metres.
 const MOST: usize = 15;
 
 impl Digits {
-    /// Those that the finest of these lattices needs.
+    /// Returns the decimals that the finest of these lattices needs.
     pub fn of(lattices: impl IntoIterator<Item = Lattice>) -> Digits {
         let own = |lattice: Lattice| {
             [0, 1, 2].map(|axis| decimals(lattice.step[axis], lattice.offset[axis]))
@@ -29,12 +30,12 @@ impl Digits {
     }
 }
 
-/// The number that is nearest to a decimal of so many digits behind the point; no zero is below zero.
+/// Rounds to this many decimals; never returns -0.
 pub fn round(v: f64, decimals: usize) -> f64 {
     format!("{v:.decimals$}").parse::<f64>().map_or(v, |rounded| rounded + 0.0)
 }
 
-/// Exactly those of the step and the offset, where they are decimals; else one more than the step is fine.
+/// Returns the exact decimals of step and offset if they are decimals; else one more than the step.
 fn decimals(step: f64, offset: f64) -> usize {
     let step = step.abs();
     if !step.is_normal() {
@@ -47,13 +48,13 @@ fn decimals(step: f64, offset: f64) -> usize {
         .unwrap_or(fine)
 }
 
-/// A number as it is read best: in full, or with an exponent where that would take many zeros.
+/// Formats a number in full, or with an exponent if that would take many zeros.
 pub fn number(v: f64) -> String {
     let is_plain = v == 0.0 || !v.is_finite() || (1e-9..1e16).contains(&v.abs());
     if is_plain { v.to_string() } else { format!("{v:e}") }
 }
 
-/// The shortest decimal of a number that a file has as `f32`.
+/// Returns the shortest decimal of a number that a file stores as `f32`.
 pub fn of_f32(v: f64) -> f64 {
     (v as f32).to_string().parse().unwrap_or(v)
 }

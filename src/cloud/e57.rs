@@ -1,8 +1,10 @@
-//! E57 -> one part a scan.
+//! E57: one part per scan.
 //!
-//! In: a file. Out: each scan in the file's coordinate system: spherical coordinates converted, the pose applied, both in f64, then onto a lattice.
-//! The `e57` crate checks pages and unpacks bits; its raw values are turned into points here, since states that say "no point here" must be
-//! dropped and counted, and limits of colour and intensity are often absent or wrong. Its calls are fenced, and what it would loop on is refused.
+//! Spherical coordinates are converted and the pose is applied, both in f64; then the points go
+//! onto a lattice. The `e57` crate checks pages and unpacks bits. Its raw values become points
+//! here, since points marked invalid must be dropped and counted, and limits of colour and
+//! intensity are often absent or wrong. Panics of the crate are caught, and files on which it would
+//! loop are refused.
 
 use super::catch_panic::catch_panic;
 use super::color::By;
@@ -78,14 +80,14 @@ pub fn read(
 
 struct Found {
     floats: Floats,
-    /// Points whose state says that they have no position.
+    /// Points marked as having no position.
     invalid: u64,
     intensity_limits: Option<[f64; 2]>,
     color_limits: [[f64; 2]; 3],
     why: String,
 }
 
-/// Points between two looks at the progress.
+/// Points between two progress reports.
 const STRETCH: u64 = 1 << 14;
 
 fn points(
@@ -102,7 +104,7 @@ fn points(
         return Err(input
             .wrong(format!("scan \"{name}\" has neither x, y, z nor range, azimuth, elevation")));
     }
-    // The decoder never ends on records that take no bits at all.
+    // The decoder never ends on records of zero bits.
     if scan.records > 0 && bits == 0 {
         return Err(input.wrong(format!(
             "scan \"{name}\" declares {} points of zero bytes each; the file is damaged",
@@ -146,7 +148,7 @@ fn points(
     Ok(found)
 }
 
-/// Where a scan's records keep what, and how its values become ours.
+/// The fields of a scan's records, and their conversion.
 struct Shape {
     cartesian: Option<[usize; 3]>,
     cartesian_state: Option<usize>,
@@ -214,7 +216,7 @@ impl Shape {
         colors.chain(self.intensity.map(|_| Role::Intensity)).collect()
     }
 
-    /// The point in the file's coordinate system; `None` where the scan says there is none.
+    /// Returns the point in the file's coordinate system; `None` if it is marked invalid.
     fn point(&self, scan: &PointCloud, values: &[RecordValue]) -> Option<Point> {
         let value = |index: usize| {
             values[index].to_f64(&scan.prototype[index].data_type).unwrap_or(f64::NAN)
@@ -251,7 +253,8 @@ impl Shape {
     }
 }
 
-/// What a channel spans: the scan's stated limits if they are a range, else its type's, else 0 to 1.
+/// Returns the range of a channel: the scan's limits if they are a range, else its type's, else 0
+/// to 1.
 fn limits(
     data_type: Option<&RecordDataType>,
     stated: Option<(&Option<RecordValue>, &Option<RecordValue>)>,
@@ -274,7 +277,7 @@ fn limits(
     stated.filter(range).or(typed.filter(range)).unwrap_or([0.0, 1.0])
 }
 
-/// The scan's pose; a rotation that is none (length 0, NaN) counts as the identity.
+/// Returns the scan's pose; an invalid rotation (length 0, NaN) counts as the identity.
 fn pose(scan: &PointCloud) -> (DQuat, DVec3) {
     let Some(pose) = &scan.transform else { return (DQuat::IDENTITY, DVec3::ZERO) };
     let (q, t) = (&pose.rotation, &pose.translation);
@@ -285,7 +288,8 @@ fn pose(scan: &PointCloud) -> (DQuat, DVec3) {
     (rotation, DVec3::new(t.x, t.y, t.z))
 }
 
-/// The bounds a scan states are in its own coordinates, so they only count where the pose moves nothing.
+/// Returns the stated bounds if the pose is the identity, since they are in the scan's own
+/// coordinates.
 fn bounds(scan: &PointCloud) -> Option<[[f64; 3]; 2]> {
     let stated =
         scan.cartesian_bounds.as_ref().filter(|_| pose(scan) == (DQuat::IDENTITY, DVec3::ZERO))?;
@@ -329,7 +333,7 @@ fn fact(what: &str, value: Option<&str>) -> Option<(String, String)> {
     (!value.is_empty()).then(|| (what.to_string(), value))
 }
 
-/// A library's message as one line.
+/// Returns a library's message as one line.
 fn line(error: &e57::Error) -> String {
     error.to_string().lines().collect::<Vec<_>>().join(" ")
 }

@@ -1,6 +1,4 @@
-//! Byte order marks: UTF-16 text -> UTF-8.
-//!
-//! In: a text file. Out: where its first character is, and of UTF-16 the same text as UTF-8, held in memory: rare, and half as long.
+//! Byte order marks; decoding of UTF-16 to UTF-8, in memory.
 
 use super::input::Input;
 use crate::error::Result;
@@ -9,12 +7,12 @@ const UTF8: &[u8] = b"\xEF\xBB\xBF";
 const LITTLE: &[u8] = b"\xFF\xFE";
 const BIG: &[u8] = b"\xFE\xFF";
 
-/// Bytes of a mark of UTF-8 at the beginning.
+/// Returns the length of a UTF-8 mark at the beginning.
 pub fn mark_bytes(input: &Input) -> Result<u64> {
     Ok(if input.take(0, 3)? == UTF8 { 3 } else { 0 })
 }
 
-/// The text as UTF-8, where it is UTF-16; without a mark that is refused.
+/// Returns the text as UTF-8 if it is UTF-16. Errors if UTF-16 has no mark.
 pub fn decoded(input: &Input, notes: &mut Vec<String>) -> Result<Option<Input>> {
     let start = input.take(0, 4096)?;
     let (pair, name): (fn([u8; 2]) -> u16, _) = if start.starts_with(LITTLE) {

@@ -1,10 +1,11 @@
-//! Floating-point points -> a part on a lattice.
+//! Floating-point points onto a lattice.
 //!
-//! In: points of a format that stores decimal or binary fractions, gathered block by block in the file's order. Out: integer columns and their lattice.
-//! One step for all axes, of which the cloud is less than 2^30 wide. It is the finest power of two, 7 binary digits more than `f32` coordinates have
-//! across the same width; or, where that would round coordinates and all are decimals of few enough digits, their last digit.
-//! If all steps share trailing zeros (integer coordinates, `f32` far from zero), the step grows by them, which loses nothing and makes the numbers
-//! small.
+//! Input are points of formats that store decimal or binary fractions, gathered block by block in
+//! the file's order. One step serves all axes, so that the cloud is less than 2^30 steps wide. It
+//! is the finest power of two, 7 binary digits finer than `f32` coordinates over the same width. If
+//! that would round coordinates and all are decimals of few digits, it is their last digit. If all
+//! steps share trailing zeros (integer coordinates, `f32` far from zero), the step grows by them,
+//! which loses nothing and makes the numbers small.
 
 use super::axis::Axis;
 use super::color::{By, Scale};
@@ -17,13 +18,13 @@ use super::{ColumnSet, Columns, Header, Lattice, Part};
 use glam::DVec3;
 use rayon::prelude::*;
 
-/// Points as read. Columns that are there have the length of `x`.
+/// Points as read. Present columns have the length of `x`.
 #[derive(Clone, Debug)]
 pub struct Floats {
     axes: [Axis; 3],
-    /// Colours that are bytes in the file.
+    /// Colours stored as bytes.
     pub rgb: Option<Vec<[u8; 3]>>,
-    /// Colours that are not, in [`ColorUnit`].
+    /// Colours stored otherwise, in [`ColorUnit`].
     pub color: Option<Vec<[f32; 3]>>,
     pub intensity: Option<Vec<f32>>,
     pub class: Option<Vec<u8>>,
@@ -32,24 +33,24 @@ pub struct Floats {
     pub returns: Option<Vec<u8>>,
     pub source: Option<Vec<u16>>,
     pub gps_time: Option<Vec<f64>>,
-    /// Points left out because a coordinate is NaN or infinite.
+    /// Points skipped because a coordinate is NaN or infinite.
     pub not_finite: u64,
-    /// Points whose byte colours were out of range.
+    /// Points with byte colours out of range.
     pub clamped: u64,
 }
 
-/// What a stored colour channel counts in, as the file or its format says.
+/// The range of stored colour channels, by the file or its format.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum ColorUnit {
     /// 0 to 1.
     Unit,
     /// 16-bit fields.
     Fields,
-    /// 0 to 1, and nothing else: made so here.
+    /// Exactly 0 to 1, as computed here.
     Harmonics,
-    /// From one number to another, channel by channel.
+    /// Limits of each channel.
     Limits([[f64; 2]; 3]),
-    /// Nothing says it.
+    /// Unknown.
     Guess,
 }
 
@@ -64,12 +65,12 @@ impl ColorUnit {
     }
 }
 
-/// One point on its way into [`Floats`]; what the format has no column for stays as it is.
+/// One point to be added to [`Floats`]; fields without a column keep their defaults.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Point {
     pub position: [f64; 3],
     pub rgb: [u8; 3],
-    /// A channel was beyond what `rgb` holds.
+    /// Whether a channel exceeded what `rgb` holds.
     pub clamped: bool,
     pub color: [f32; 3],
     pub intensity: f32,
@@ -81,7 +82,7 @@ pub struct Point {
     pub gps_time: f64,
 }
 
-/// What a column or property of a file is taken for.
+/// The role of a file's column or property.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Role {
     Position(usize),
@@ -101,7 +102,7 @@ pub enum Role {
 }
 
 impl Role {
-    /// Whether the column that it fills has room for a value.
+    /// Tests whether the column of this role can hold a value.
     pub fn holds(self, value: f64) -> bool {
         let whole = |most: f64| value.fract() == 0.0 && (0.0..=most).contains(&value);
         match self {
@@ -113,7 +114,7 @@ impl Role {
     }
 }
 
-/// The columns that these roles fill: triples only if they are whole.
+/// Returns the columns that these roles fill; triples only if complete.
 pub fn there(roles: &[Role]) -> ColumnSet {
     let whole = |role: fn(usize) -> Role| (0..3).all(|i| roles.contains(&role(i)));
     ColumnSet {
@@ -149,8 +150,8 @@ impl Point {
 }
 
 impl Floats {
-    /// Empty, with columns for what is both wanted and `there`; `narrow` says that positions are `f32`, `bytes` that
-    /// colours are bytes.
+    /// Returns empty points with columns that are both in `wanted` and `there`. `narrow`: positions
+    /// are `f32`; `bytes`: colours are bytes.
     pub fn new(there: ColumnSet, wanted: ColumnSet, narrow: bool, bytes: bool) -> Self {
         let rgb = there.rgb && wanted.rgb;
         Self {
@@ -172,7 +173,7 @@ impl Floats {
         self.axes[0].len()
     }
 
-    /// Room for `count` more, if there is: growing by doubling would hold two copies at the peak.
+    /// Reserves exact room if available: growing by doubling would hold two copies at the peak.
     pub fn reserve(&mut self, count: usize) {
         fn hint<T>(column: &mut Option<Vec<T>>, count: usize) {
             if let Some(column) = column {
@@ -209,7 +210,7 @@ impl Floats {
         self.gps_time.iter_mut().for_each(|column| column.push(point.gps_time));
     }
 
-    /// Appends a block that has the same columns.
+    /// Appends a block with the same columns.
     pub fn append(&mut self, block: Floats) {
         fn join<T>(column: &mut Option<Vec<T>>, block: Option<Vec<T>>) {
             if let (Some(column), Some(mut block)) = (column, block) {
@@ -229,7 +230,8 @@ impl Floats {
         self.clamped += block.clamped;
     }
 
-    /// The part, and another one of its strays where it has some; with notes on what was left out or changed. `limits` is the intensity range the file states, if it does.
+    /// Returns the part, and one for its strays if any. Notes report skipped and changed points.
+    /// `limits` is the file's intensity range.
     pub fn into_parts(
         self,
         input: &Input,
@@ -251,7 +253,7 @@ impl Floats {
             returns: self.returns,
             source: self.source,
             gps_time: self.gps_time,
-            // Zeros and NaN alone are no normals.
+            // Zeros and NaN alone are not normals.
             normal: self.normal.filter(|normal| normal.iter().any(|normal| *normal != [0; 3])),
             ..Columns::default()
         };
@@ -323,7 +325,8 @@ impl Floats {
     }
 }
 
-/// Puts places on a lattice as fine as their extent allows, whose step along z comes with it; that of strays is as fine as how far away they are.
+/// Puts positions on a lattice as fine as their extent allows. Returns it with the step along z.
+/// The lattice of strays is as fine as their distance allows.
 fn on_a_lattice(
     axes: [Axis; 3],
     mut columns: Columns,
@@ -342,10 +345,10 @@ fn on_a_lattice(
     (lattice, columns, step[2])
 }
 
-/// Above this step, about a millimetre, positions lose what users look at, and a note says so.
+/// Largest step without a note, about a millimetre: above, positions lose visible detail.
 const LARGEST_QUIET_STEP: f64 = 1.0 / 1024.0;
 
-/// Powers of two that stay normal as `f32`, whatever is multiplied with them later.
+/// Exponents of steps that stay normal as `f32` after later products.
 const STEP_EXPONENTS: std::ops::RangeInclusive<i32> = -100..=1000;
 
 struct Extent {
@@ -353,7 +356,8 @@ struct Extent {
     step: [f64; 3],
 }
 
-/// Angles are finer than the heights beside them. Strays reach from the origin.
+/// Returns the extent that decides the step. Angles are finer than the heights beside them. Strays
+/// count from the origin.
 fn extent(axes: &[Axis; 3], is_angular: bool, strays: bool) -> Extent {
     let mut ranges = axes.each_ref().map(Axis::range);
     if strays {
@@ -380,12 +384,13 @@ fn extent(axes: &[Axis; 3], is_angular: bool, strays: bool) -> Extent {
     extent
 }
 
-/// Half of the widest range: the whole width of the largest finite one is infinite.
+/// Returns half of the widest range: the whole width of the largest finite one is infinite.
 fn half_width(ranges: &[(f64, f64)]) -> f64 {
     ranges.iter().fold(0.0, |widest: f64, (lo, hi)| widest.max(hi / 2.0 - lo / 2.0))
 }
 
-/// The last digit of coordinates that are decimals, if the width is less than 2^30 of it; of `f32` alone nothing is known.
+/// Returns the last decimal digit of coordinates, if the width is less than 2^30 of it; `None` for
+/// `f32`.
 fn decimal_step(axes: &[Axis], half: f64) -> Option<f64> {
     const MOST: i32 = 15;
     let most =
@@ -403,12 +408,12 @@ fn binary_step(half: f64) -> f64 {
     2f64.powi(exponent)
 }
 
-/// The exponent of a positive normal number; subnormal ones count as the smallest normal.
+/// Returns the exponent of a positive number; subnormal ones count as the smallest normal.
 fn floor_log2(v: f64) -> i32 {
     (v.to_bits() >> 52 & 0x7ff) as i32 - 1023
 }
 
-/// Divides all steps by the power of two they share, and returns it.
+/// Divides all steps by their common power of two, and returns its exponent.
 fn coarsen(columns: &mut Columns) -> u32 {
     let occurred =
         [&columns.x, &columns.y, &columns.z].into_iter().flatten().fold(0, |bits, q| bits | q);
@@ -421,7 +426,8 @@ fn coarsen(columns: &mut Columns) -> u32 {
     1 << shared
 }
 
-/// Intensities over 0..=65535. Integers that fit are kept as they are, counted from the least below 0; others are spread over the stated limits, or over their own range.
+/// Maps intensities to 0..=65535. Integers that fit are kept, counted from the least below 0;
+/// others are spread over the stated limits or their own range.
 fn intensities(stored: &[f32], limits: Option<[f64; 2]>) -> (Vec<u16>, [f64; 2]) {
     let finite = || stored.iter().copied().filter(|v| v.is_finite());
     let (lo, hi) =
@@ -446,7 +452,7 @@ fn intensities(stored: &[f32], limits: Option<[f64; 2]>) -> (Vec<u16>, [f64; 2])
     (stored.iter().map(|&v| spread(v)).collect(), [lo, hi])
 }
 
-/// 127 = 1.0; zero where the length is 0 or not finite.
+/// Returns a unit normal with 127 = 1.0; zero if the length is 0 or not finite.
 fn unit_normal(normal: [f32; 3]) -> [i8; 3] {
     let length = normal.iter().map(|&v| v as f64 * v as f64).sum::<f64>().sqrt();
     if !(length.is_finite() && length > 0.0) {

@@ -1,13 +1,13 @@
-//! How many points are of what they can be told apart by.
+//! Histograms of classes and return numbers.
 
 use super::Columns;
 use serde::{Deserialize, Serialize};
 
-/// Return numbers have four bits.
+/// Number of return numbers; they have four bits.
 pub const RETURNS: usize = 16;
 pub const CLASSES: usize = 256;
 
-/// Of every class and of every return number that occurs, in the order of their numbers, how many points there are.
+/// Number of points of each class and return number that occurs, in ascending order.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Histograms {
     pub classes: Vec<(u8, u64)>,
@@ -21,7 +21,7 @@ impl Histograms {
         tally.counts()
     }
 
-    /// Whether they can be those of so many points.
+    /// Tests whether the histograms can be those of this many points.
     pub fn are_possible(&self, points: u64) -> bool {
         let fit = |counts: &[(u8, u64)], kinds: usize| {
             let sum = counts.iter().fold(0u64, |sum, (_, count)| sum.saturating_add(*count));
@@ -33,7 +33,7 @@ impl Histograms {
     }
 }
 
-/// [`Histograms`] on their way.
+/// A builder of [`Histograms`].
 #[derive(Clone, Debug)]
 pub struct Tally {
     classes: [u64; CLASSES],

@@ -1,7 +1,7 @@
-//! One input file, read by position.
+//! Input files, read by position.
 //!
-//! In: a path. Out: its length and any range of its bytes. Readers ask for ranges from several threads at once, so there is no shared
-//! file position; and nothing is mapped, because a mapped file that shrinks kills the process (RELIABILITY, file shrinks).
+//! Readers request ranges from several threads at once, so there is no shared file position.
+//! Nothing is mapped, because a mapped file that shrinks kills the process (guide: reliability).
 
 use super::color::RgbRange;
 use crate::error::{Error, Result};
@@ -13,21 +13,22 @@ use std::sync::atomic::{AtomicU64, Ordering};
 
 pub struct Input {
     pub path: PathBuf,
-    /// When it was opened; a shorter file later is an error of the read that finds it.
+    /// Length when opened; a file that shrinks later fails the read that finds it.
     pub length: u64,
-    /// What its colours count to, where that was said.
+    /// Colour range given by the user.
     pub rgb_range: Option<RgbRange>,
     contents: Contents,
 }
 
 enum Contents {
     File(File),
-    /// What a reader made of the file's bytes, to be read in their place.
+    /// Decoded bytes to read instead of the file's.
     Made(Vec<u8>),
 }
 
 impl Input {
-    /// Refuses folders, pipes and devices by their metadata: opening a pipe would wait for a writer.
+    /// Opens a file. Refuses folders, pipes and devices by their metadata, since opening a pipe
+    /// would wait for a writer.
     pub fn open(path: &Path) -> Result<Self> {
         let metadata = std::fs::metadata(path).map_err(|source| Error::io("open", path, source))?;
         if metadata.is_dir() {
@@ -48,7 +49,7 @@ impl Input {
         })
     }
 
-    /// The same file with other bytes in place of its own.
+    /// Returns the same file with other contents.
     pub fn with(&self, bytes: Vec<u8>) -> Input {
         Input {
             path: self.path.clone(),
@@ -58,12 +59,12 @@ impl Input {
         }
     }
 
-    /// With what was said of its colours.
+    /// Returns the input with the user's colour range.
     pub fn counting_to(self, rgb_range: Option<RgbRange>) -> Self {
         Self { rgb_range, ..self }
     }
 
-    /// Fills `bytes` from `offset` on, less at the end of the file; returns how many there were.
+    /// Fills `bytes` from `offset`, less at the end of the file. Returns the number of bytes read.
     pub fn read_at(&self, offset: u64, bytes: &mut [u8]) -> Result<usize> {
         let mut filled = 0;
         while filled < bytes.len() {
@@ -80,7 +81,7 @@ impl Input {
         Ok(filled)
     }
 
-    /// All of `bytes`, or an error: for ranges that were inside the file when it was opened.
+    /// Fills all of `bytes`. Errors if the file has been truncated since it was opened.
     pub fn read_exactly(&self, offset: u64, bytes: &mut [u8]) -> Result<()> {
         let there = self.read_at(offset, bytes)?;
         if there < bytes.len() {
@@ -92,7 +93,7 @@ impl Input {
         Ok(())
     }
 
-    /// Up to `length` bytes from `offset` on; never reserves more than the file has.
+    /// Reads up to `length` bytes from `offset`; never allocates more than the file has.
     pub fn take(&self, offset: u64, length: u64) -> Result<Vec<u8>> {
         let mut bytes = vec![0; length.min(self.length.saturating_sub(offset)) as usize];
         let there = self.read_at(offset, &mut bytes)?;
@@ -100,7 +101,7 @@ impl Input {
         Ok(bytes)
     }
 
-    /// A sequential reader from `offset` on.
+    /// Returns a sequential reader from `offset`.
     pub fn stream(&self, offset: u64) -> Stream<'_> {
         Stream { input: self, offset }
     }
@@ -109,7 +110,7 @@ impl Input {
         Error::format(&self.path, what)
     }
 
-    /// The file's name, for notes and stations.
+    /// Returns the file's name, for notes and stations.
     pub fn name(&self) -> String {
         name_of(&self.path)
     }
@@ -159,7 +160,7 @@ impl io::Read for Stream<'_> {
     }
 }
 
-/// Tells a [`Progress`] how much of a file is done, from any thread, once every [`Meter::STEP`] units.
+/// Progress of a file in units of [`Meter::STEP`], reported from any thread.
 pub struct Meter<'a> {
     progress: &'a dyn Progress,
     doing: String,

@@ -1,10 +1,11 @@
-//! LAS 1.0 to 1.4, LAZ and COPC -> one part, or batches.
+//! LAS 1.0 to 1.4, LAZ and COPC: one part, or batches.
 //!
-//! In: a file. Out: its raw i32 coordinates on its own scale and offset, never through f64, and the wanted columns.
-//! Records are fixed-width, so threads read and cut their own stretches of the file; LAZ goes chunk by chunk through the `laz` crate's
-//! record decoder. Both put their records into lanes: windows of whole columns here, one batch a thread in `stream`.
-//! Nothing but what lies behind the lanes and one block a thread is ever in memory.
-//! The file is judged by its own length: what a header promises beyond it is not there, and is said.
+//! Raw i32 coordinates stay on the file's own scale and offset, never converted through f64.
+//! Records have a fixed width, so threads read their own stretches of the file. LAZ is decoded
+//! chunk by chunk with the `laz` crate's record decoder. Both fill lanes: windows of whole columns
+//! here, one batch per thread in `stream`. Only the lanes and one block per thread are ever in
+//! memory. The file's length is authoritative: points that the header declares beyond it are
+//! reported as missing.
 
 pub mod header;
 mod laz;
@@ -24,37 +25,38 @@ use records::{BLOCK, Census, Fields, Lane, Pile, Window};
 pub use sample::sample;
 use std::sync::Mutex;
 
-/// What a file begins with.
+/// Signature of a LAS file.
 pub const MAGIC: &[u8] = b"LASF";
 
-/// Points that one task reads of an uncompressed file.
+/// Points per task of an uncompressed file.
 const STRETCH: u64 = 65_536;
 
-/// Blocks of records have at most this many bytes, but one record at least: a header may say 65,535 bytes a record.
+/// Most bytes of a block of records, at least one record: a header may declare 65,535 bytes a
+/// record.
 const BLOCK_BYTES: usize = 1 << 20;
 
-/// A file whose header has been read: where its points are, and how they are kept.
+/// A file with a parsed header: location and encoding of its points.
 pub struct Las {
     pub layout: Layout,
-    /// What is both wanted and there.
+    /// Columns that are both requested and present.
     pub available: ColumnSet,
     pub places: Places,
     fields: Fields,
-    /// What colours count to: as asked for, or as a sample shows until all points have been looked at.
+    /// Colour range: as requested, or as a sample shows until all points have been read.
     range: Mutex<RgbRange>,
     asked: Option<RgbRange>,
     coding: Option<laz::Coding>,
-    /// What is odd about the number of points, or the finding of them.
+    /// Anomalies of the number of points, or of locating them.
     odd: String,
 }
 
 pub enum Places {
-    /// Each readable without the others.
+    /// Stretches that can be read independently.
     Known(Vec<Stretch>),
     Sequence(Sequence),
 }
 
-/// Records that stand together: a LAZ chunk, or as many as suit a task.
+/// Adjacent records: a LAZ chunk, or as many as suit a task.
 #[derive(Clone, Copy, Debug)]
 pub struct Stretch {
     at: u64,
@@ -62,7 +64,7 @@ pub struct Stretch {
     pub points: u64,
 }
 
-/// LAZ chunks each of which begins where the one before turns out to end.
+/// LAZ chunks, each of which begins where decoding the one before ends.
 #[derive(Clone, Copy, Debug)]
 pub struct Sequence {
     at: u64,
@@ -88,7 +90,7 @@ pub fn read(
 pub const INTENSITY_RANGE: [f64; 2] = [0.0, 65535.0];
 
 impl Las {
-    /// All points, what occurred in their colours, and what is odd.
+    /// Reads all points. Returns them with statistics of their colours, and anomalies.
     fn read(&self, input: &Input, progress: &dyn Progress) -> Result<(Part, Occurred, String)> {
         let (mut columns, lanes, why) = match &self.places {
             Places::Known(stretches) => {
@@ -153,7 +155,7 @@ impl Las {
         Ok(las)
     }
 
-    /// Looks at some points.
+    /// Collects statistics of a sample of points.
     fn census(&self, input: &Input) -> Result<Census> {
         let mut census = Census::default();
         match sample::few(self) {
@@ -175,7 +177,8 @@ impl Las {
         Ok(census)
     }
 
-    /// Takes colours for what these values show them to be; whether they were taken for something else so far.
+    /// Sets the colour range from these statistics. Returns whether it differs from the assumed
+    /// one.
     pub fn reconsiders(&self, occurred: Occurred) -> bool {
         let mut range = self.range.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
         let found =
@@ -187,7 +190,7 @@ impl Las {
         *self.range.lock().unwrap_or_else(|poisoned| poisoned.into_inner())
     }
 
-    /// What colours count to.
+    /// Returns the colour range.
     pub fn scale(&self) -> Scale {
         let range = self.range();
         let by = match (self.asked, range) {
@@ -198,7 +201,7 @@ impl Las {
         Scale::new(range, by)
     }
 
-    /// As many as the header promises and the file can hold.
+    /// Returns the number of points: the header's, limited by the file's length.
     pub fn points(&self) -> u64 {
         match &self.places {
             Places::Known(stretches) => stretches.iter().map(|stretch| stretch.points).sum(),
@@ -206,7 +209,8 @@ impl Las {
         }
     }
 
-    /// All stretches in parallel, each into its own lane. Returns why there are fewer points than promised, or what else is odd.
+    /// Reads all stretches in parallel, each into its own lane. Returns a reason for missing points
+    /// or other anomalies.
     pub fn read_stretches<L: Lane>(
         &self,
         input: &Input,
@@ -233,7 +237,7 @@ impl Las {
         Ok(self.odd_and(why))
     }
 
-    /// All chunks one after the other, into one lane. Returns as [`Las::read_stretches`].
+    /// Reads all chunks in sequence into one lane. Returns as [`Las::read_stretches`].
     pub fn read_sequence(
         &self,
         input: &Input,
@@ -262,7 +266,7 @@ impl Las {
         fields
     }
 
-    /// The notes that `points` deserve in whose colours this occurred, or the error.
+    /// Returns the notes on this many read points and their colours, or an error if `strict`.
     pub fn verdict(
         &self,
         input: &Input,
@@ -304,7 +308,7 @@ impl Las {
         told.into_iter().filter(|what| !what.is_empty()).collect::<Vec<_>>().join("; ")
     }
 
-    /// One stretch; why it ends early, if it does.
+    /// Reads one stretch. Returns a reason if it ends early.
     fn one_stretch(
         &self,
         input: &Input,
@@ -322,7 +326,7 @@ impl Las {
         }
     }
 
-    /// One stretch of uncompressed records.
+    /// Reads one stretch of uncompressed records.
     fn stretch(
         &self,
         input: &Input,
@@ -352,7 +356,7 @@ impl Las {
     }
 }
 
-/// Where uncompressed records are, and what is odd about their number.
+/// Locates uncompressed records. Returns anomalies of their number.
 fn plain(input: &Input, layout: &Layout) -> Result<(Places, String)> {
     let width = layout.record_bytes as u64;
     let room = (input.length - layout.points_at) / width;
@@ -379,8 +383,8 @@ fn plain(input: &Input, layout: &Layout) -> Result<(Places, String)> {
     Ok((Places::Known((0..count).step_by(STRETCH as usize).map(stretch).collect()), odd))
 }
 
-/// Whether what stands behind the points that a header knows are more of them, as of a writer that did not come to its end: whole records, the last of
-/// which is not blank.
+/// Tests whether the bytes behind the declared points are more points, as of an interrupted writer:
+/// whole records, the last of which is not blank.
 fn are_points(input: &Input, layout: &Layout, end: u64) -> Result<bool> {
     let width = layout.record_bytes as u64;
     let is_whole = (end - layout.points_at).is_multiple_of(width);

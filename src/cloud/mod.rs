@@ -1,10 +1,11 @@
-//! FILE -> POINTS.
+//! Readers: files to points.
 //!
-//! In: paths. Out: a [`Cloud`]: one [`Part`] a file (or E57 scan), each a struct of arrays ([`Columns`]) on its own integer [`Lattice`].
-//! Coordinates stay integers from here to the pixel, because at UTM 5,000,000 an `f32` is half a metre wide (HARD_CASES 1.1);
-//! parts keep their own lattices, so that opening two files together moves no point of either.
-//! A reader checks a header's promises against the file's length before it reserves memory or calls a library (RELIABILITY, P1),
-//! and says in [`Cloud::notes`] whatever it had to leave out.
+//! [`read`] returns a [`Cloud`]: one [`Part`] per file (or E57 scan), each a struct of arrays
+//! ([`Columns`]) on its own integer [`Lattice`]. Coordinates stay integers up to the pixel: at UTM
+//! 5,000,000 an `f32` is half a metre wide (guide: numerics, case 1.1). Each part keeps its own
+//! lattice, so opening two files together moves no point of either. A reader checks the header
+//! against the file's length before it allocates or calls a library, and reports in
+//! [`Cloud::notes`] what it skipped.
 
 pub mod attribute;
 mod axis;
@@ -45,7 +46,8 @@ use strays::Treatment;
 use system::{Sample, System};
 use table::TextOptions;
 
-/// The integer grid that a part's points lie on: `world = offset + step * q`, per axis, metres (or the file's unit), f64.
+/// The integer grid of a part's points: `world = offset + step * q` per axis, f64, in metres (or
+/// the file's unit).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Lattice {
     pub step: DVec3,
@@ -57,35 +59,37 @@ impl Lattice {
         self.offset + self.step * DVec3::new(q[0] as f64, q[1] as f64, q[2] as f64)
     }
 
-    /// The corners of a box given in steps, world.
+    /// Returns the world corners of a box given in steps.
     pub fn world_box(&self, steps: [[i32; 3]; 2]) -> (DVec3, DVec3) {
         let [lo, hi] = steps.map(|q| self.world(q.map(i64::from)));
         (lo, hi)
     }
 }
 
-/// Struct of arrays; every column that is there has the length of `x`. Columns that were not wanted, or that the file lacks, are `None`.
+/// Points as a struct of arrays. Every present column has the length of `x`; columns not requested
+/// or not in the file are `None`.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Columns {
-    /// Lattice steps.
+    /// Coordinates in lattice steps.
     pub x: Vec<i32>,
     pub y: Vec<i32>,
     pub z: Vec<i32>,
-    /// 8 bits a channel, sRGB-encoded; 16-bit files are rounded exactly, `(v * 255 + 32895) >> 16` (HARD_CASES 24). A file whose colours are all 0 has none.
+    /// 8 bits a channel, sRGB. 16-bit files are rounded exactly, `(v * 255 + 32895) >> 16` (guide:
+    /// numerics, case 24). A file whose colours are all 0 has none.
     pub rgb: Option<Vec<[u8; 3]>>,
-    /// LAS: the file's value. Float formats: 0..=65535 over [`Part::intensity_range`].
+    /// Intensity. LAS: the file's value. Float formats: 0..=65535 over [`Part::intensity_range`].
     pub intensity: Option<Vec<u16>>,
     /// LAS classification.
     pub class: Option<Vec<u8>>,
     /// Return number (low four bits) and number of returns (high four bits).
     pub returns: Option<Vec<u8>>,
-    /// LAS point source id, as in the file; [`Cloud::stations`] lists those that occur.
+    /// LAS point source id as in the file; [`Cloud::stations`] lists those that occur.
     pub source: Option<Vec<u16>>,
-    /// Unit normals, 127 = 1.0; (0,0,0) where the file has none.
+    /// Unit normals, 127 = 1.0; (0,0,0) where missing.
     pub normal: Option<Vec<[i8; 3]>>,
     /// GPS time as in the file; may be NaN.
     pub gps_time: Option<Vec<f64>>,
-    /// What all places say, once that was asked for.
+    /// Extent and strays, computed on first use.
     pub extent: strays::Kept,
 }
 
@@ -98,13 +102,13 @@ impl Columns {
         self.x.is_empty()
     }
 
-    /// The box around the points, lattice steps.
+    /// Returns the box around the points [lattice steps].
     pub fn bounds(&self) -> Option<[[i32; 3]; 2]> {
         let (x, y, z) = (range(&self.x)?, range(&self.y)?, range(&self.z)?);
         Some([[x.0, y.0, z.0], [x.1, y.1, z.1]])
     }
 
-    /// The columns that are there.
+    /// Returns the set of present columns.
     pub fn available(&self) -> ColumnSet {
         ColumnSet {
             rgb: self.rgb.is_some(),
@@ -117,7 +121,7 @@ impl Columns {
         }
     }
 
-    /// A copy of some points.
+    /// Copies a range of points.
     pub fn slice(&self, points: Range<usize>) -> Columns {
         fn cut<T: Copy>(column: &Option<Vec<T>>, points: &Range<usize>) -> Option<Vec<T>> {
             column.as_ref().map(|column| column[points.clone()].to_vec())
@@ -137,7 +141,7 @@ impl Columns {
         }
     }
 
-    /// A copy of these points; of columns that are there.
+    /// Copies the given points, all present columns.
     pub fn pick(&self, points: &[u32]) -> Columns {
         fn some<T: Copy>(column: &[T], points: &[u32]) -> Vec<T> {
             if column.is_empty() {
@@ -164,7 +168,7 @@ impl Columns {
         }
     }
 
-    /// Drops the columns that are not wanted.
+    /// Drops the columns that are not in `wanted`.
     pub fn keep(&mut self, wanted: ColumnSet) {
         self.rgb.take_if(|_| !wanted.rgb);
         self.intensity.take_if(|_| !wanted.intensity);
@@ -176,7 +180,7 @@ impl Columns {
     }
 }
 
-/// Which columns to keep besides the positions: memory is bounded by what is asked for.
+/// A set of columns besides the positions. Memory is bounded by what is requested.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct ColumnSet {
     pub rgb: bool,
@@ -199,7 +203,7 @@ impl ColumnSet {
         gps_time: true,
     };
 
-    /// What either wants.
+    /// Returns the union of both sets.
     pub fn and(self, other: ColumnSet) -> ColumnSet {
         ColumnSet {
             rgb: self.rgb || other.rgb,
@@ -213,22 +217,22 @@ impl ColumnSet {
     }
 }
 
-/// How to read.
+/// Options of reading.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct ReadOptions {
     pub wanted: ColumnSet,
-    /// Refuse a truncated or lying file instead of keeping what is readable.
+    /// Refuse a truncated or inconsistent file instead of keeping what is readable.
     pub strict: bool,
     pub text: TextOptions,
-    /// What colours count to, whatever the files say or look like.
+    /// Range of colour channels, overriding the file's.
     pub rgb_range: Option<RgbRange>,
     pub strays: Treatment,
-    /// Asks for the ranges of attributes that a cloud has no columns for ([`Header::extras`]).
+    /// Collect the ranges of attributes without a column ([`Header::extras`]).
     pub extras: bool,
 }
 
 impl ReadOptions {
-    /// With everything about text files and colours found out.
+    /// Returns options that detect text tables and colour ranges.
     pub const fn new(wanted: ColumnSet, strict: bool) -> ReadOptions {
         ReadOptions {
             wanted,
@@ -241,39 +245,40 @@ impl ReadOptions {
     }
 }
 
-/// What a file's header says, for `info` to hold against the points themselves.
+/// The contents of a file's header, for `info` to compare with the points.
 #[derive(Clone, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Header {
-    /// "LAS 1.2 format 3", "LAZ 1.4 format 7", "COPC ...", "PLY binary_little_endian", "E57", "XYZ", "OBJ".
+    /// Format and version, such as "LAS 1.2 format 3", "COPC ...", "PLY binary_little_endian",
+    /// "E57".
     pub format: String,
-    /// Points the header promises; `None` where the format has no such field.
+    /// Number of points in the header; `None` if the format has no such field.
     pub points: Option<u64>,
-    /// Bounds the header promises: min and max, world.
+    /// Bounds in the header: min and max, world.
     pub bounds: Option<[[f64; 3]; 2]>,
-    /// Software that wrote the file, coordinate system, creation date, extra attributes: in the file's own words.
+    /// Software, coordinate system, creation date, extra attributes, in the file's own words.
     pub facts: Vec<(String, String)>,
-    /// Attributes without a column of the cloud, where asked for ([`ReadOptions::extras`]).
+    /// Attributes without a column, if requested ([`ReadOptions::extras`]).
     #[serde(skip)]
     pub extras: Vec<Extra>,
-    /// Whether these are the points of a file that lie far outside of all others: they have a part of their own, and no say in anything.
+    /// Whether the part holds the strays of a file, which are ignored by all statistics.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub strays: bool,
-    /// What its coordinates mean, where it says so.
+    /// Coordinate system, if the file has one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub system: Option<System>,
-    /// Where some of its points are, while that is still to be used.
+    /// Approximate location of the points, until [`system::settle`] has used it.
     #[serde(skip)]
     pub sample: Option<Sample>,
 }
 
-/// An attribute that a cloud has no column for, by the file's own name: what its values are.
+/// An attribute without a column, by the file's name, and the range of its values.
 #[derive(Clone, Debug, Default, PartialEq, serde::Serialize)]
 pub struct Extra {
     pub name: String,
-    /// None where no point has a number.
+    /// Smallest value; `None` if no point has one.
     pub min: Option<f64>,
     pub max: Option<f64>,
-    /// Points without a number.
+    /// Points without a value.
     pub missing: u64,
 }
 
@@ -299,7 +304,8 @@ impl Extra {
     }
 }
 
-/// The intensity that a file has where a column has this, for `[lo, hi]` of [`Part::intensity_range`]. It was an integer, or an `f32`.
+/// Maps a stored intensity back to the file's value, given `[lo, hi]` of [`Part::intensity_range`].
+/// The file's value was an integer or an `f32`.
 pub fn intensity_of(stored: u16, [lo, hi]: [f64; 2]) -> f64 {
     digits::of_f32(lo + (hi - lo) * stored as f64 / 65535.0)
 }
@@ -308,33 +314,34 @@ pub fn intensity_of(stored: u16, [lo, hi]: [f64; 2]) -> f64 {
 #[derive(Clone, Debug)]
 pub struct Part {
     pub path: PathBuf,
-    /// The scan's own name within its file, where it has one.
+    /// The scan's own name within its file, if any.
     pub name: Option<String>,
     pub header: Header,
     pub lattice: Lattice,
     pub columns: Columns,
-    /// How the stored intensity maps back: `lo + (hi - lo) * v / 65535` for float formats, `[0, 65535]` for LAS.
+    /// Range of stored intensities: `lo + (hi - lo) * v / 65535` for float formats, `[0, 65535]`
+    /// for LAS.
     pub intensity_range: [f64; 2],
-    /// What the file's own colours count to; a note says where that is not what its format means.
+    /// Range of the file's colour channels; a note reports one that is unusual for the format.
     pub rgb_scale: Scale,
 }
 
-/// One scanner position: a LAS point source id, an E57 scan, or a whole file that knows neither.
+/// A scan station: a LAS point source id, an E57 scan, or a whole file without either.
 #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Station {
     pub part: usize,
-    /// LAS point source id; `None` where the part is one station.
+    /// LAS point source id; `None` if the part is one station.
     pub source: Option<u16>,
     pub name: String,
     pub points: u64,
 }
 
-/// Everything that was opened, in the order given.
+/// All opened files, in the order given.
 #[derive(Clone, Debug, Default)]
 pub struct Cloud {
     pub parts: Vec<Part>,
     pub stations: Vec<Station>,
-    /// One line each, for the user: what a header got wrong, what could not be read and how much of it, what was decided about colours.
+    /// Notes for the user, one line each: wrong headers, unreadable parts, decisions about colours.
     pub notes: Vec<String>,
 }
 
@@ -347,7 +354,8 @@ impl Cloud {
         self.parts.iter().all(|part| part.columns.is_empty())
     }
 
-    /// The box around the points themselves, never the header's (HARD_CASES 30); `None` for an empty cloud.
+    /// Returns the box around the points themselves, never the header's (guide: numerics, case 30);
+    /// `None` for an empty cloud.
     pub fn bounds(&self) -> Option<(DVec3, DVec3)> {
         self.parts
             .iter()
@@ -357,13 +365,14 @@ impl Cloud {
 }
 
 impl Part {
-    /// The scan's own name, or the file's.
+    /// Returns the scan's own name, or the file's.
     pub fn title(&self) -> String {
         let title = title(self.name.as_deref(), &self.path);
         if self.header.strays { format!("{title}, far outside") } else { title }
     }
 
-    /// Looks where some points are, of a part whose coordinates may be angles, unless its reader has.
+    /// Computes where the points are, for a part whose coordinates may be angles, unless its reader
+    /// has.
     fn look_around(&mut self) {
         if self.header.sample.is_none()
             && System::of(&self.header).is_some_and(|system| system.degrees.is_some())
@@ -377,20 +386,21 @@ impl Part {
         }
     }
 
-    /// The box around this part's points, world; exact up to one rounding of `offset + step * q`.
+    /// Returns the world box around this part's points, exact up to one rounding of `offset + step
+    /// * q`.
     pub fn bounds(&self) -> Option<(DVec3, DVec3)> {
         self.columns.extent().map(|extent| self.lattice.world_box([extent.low, extent.high]))
     }
 }
 
-/// Points that tell where a part is, at most.
+/// Most points that locate a part.
 const SAMPLE: usize = 4096;
 
 fn title(name: Option<&str>, path: &Path) -> String {
     name.map_or_else(|| input::name_of(path), str::to_owned)
 }
 
-/// Smallest and largest of a column.
+/// Returns the smallest and largest value of a column.
 pub fn range<T: Copy + Ord + Send + Sync>(column: &[T]) -> Option<(T, T)> {
     let widen = |a: (T, T), b: (T, T)| (a.0.min(b.0), a.1.max(b.1));
     column
@@ -399,7 +409,7 @@ pub fn range<T: Copy + Ord + Send + Sync>(column: &[T]) -> Option<(T, T)> {
         .reduce_with(widen)
 }
 
-/// Opens `paths` as one cloud, in their order. The first file that cannot be read at all ends it.
+/// Opens `paths` as one cloud, in their order. Errors if any file cannot be read at all.
 pub fn read(paths: &[PathBuf], options: &ReadOptions, progress: &dyn Progress) -> Result<Cloud> {
     let (mut cloud, mut plane) = (Cloud::default(), None);
     for path in paths {
@@ -448,7 +458,8 @@ pub fn read(paths: &[PathBuf], options: &ReadOptions, progress: &dyn Progress) -
     Ok(cloud)
 }
 
-/// About so many points from all over the files, for a first look at large ones; none where some file is of a format that has to be read to know where its points are.
+/// Reads about this many points from all over the files, as a preview of large ones; `None` if a
+/// file's format has to be read entirely to find its points.
 pub fn sample(
     paths: &[PathBuf],
     options: &ReadOptions,
@@ -481,7 +492,8 @@ pub fn sample(
     Ok(Some(cloud))
 }
 
-/// By what the file begins with, since names lie; by its name where text formats begin with anything.
+/// Reads a file by the format of its first bytes, since names lie; by its name if its format has no
+/// signature.
 fn read_one(
     input: &Input,
     options: &ReadOptions,
@@ -515,7 +527,8 @@ fn read_one(
     }
 }
 
-/// The note, or where it is strict the error, on a header whose bounds are not those of the points, which are `bounds`.
+/// Returns a note if the header's bounds are not `bounds`, those of the points; an error if
+/// `strict`.
 fn bounds_note(
     path: &Path,
     title: &str,
@@ -530,7 +543,8 @@ fn bounds_note(
     }
 }
 
-/// The error on coordinates that are no places any more: more than 2^53 steps of their lattice away, or so far apart that no number says how far.
+/// Returns an error if coordinates are more than 2^53 steps of their lattice away, or farther apart
+/// than f64 can express.
 fn far_error(path: &Path, lattice: Lattice, bounds: Option<(DVec3, DVec3)>) -> Result<()> {
     const MOST_STEPS: f64 = (1u64 << 53) as f64;
     let Some((lo, hi)) = bounds else { return Ok(()) };
@@ -548,7 +562,8 @@ fn far_error(path: &Path, lattice: Lattice, bounds: Option<(DVec3, DVec3)>) -> R
     ))
 }
 
-/// What is wrong about the header's bounds, by more than a step and the digits that headers are rounded to.
+/// Describes header bounds that are wrong by more than a step and the digits headers are rounded
+/// to.
 fn wrong_bounds(
     header: &Header,
     lattice: Lattice,
@@ -575,8 +590,8 @@ fn wrong_bounds(
     ))
 }
 
-/// One station a point source id that occurs, or one for the whole part.
-/// Of a part with this number: one of every point source id, or one where it has none.
+/// Returns one station per point source id that occurs, or one for the whole part. `index` is the
+/// number of the part.
 pub fn stations(part: &Part, index: usize) -> Vec<Station> {
     let name = part.title();
     let Some(source) = &part.columns.source else {

@@ -1,6 +1,6 @@
-//! Wavefront OBJ -> one part: the `v` lines.
+//! Wavefront OBJ: one part, from the `v` lines.
 //!
-//! In: text. Out: the vertices, with the colours that scanners append to them (`v x y z r g b`, 0 to 1). Faces are left aside: a point cloud has none.
+//! Vertices have the colours that scanners append (`v x y z r g b`, 0 to 1). Faces are ignored.
 
 use super::from_floats::{ColorUnit, Floats, Point};
 use super::input::{Input, Meter};
@@ -49,7 +49,7 @@ pub fn read(
 
 fn vertex(line: &[u8]) -> Option<Point> {
     let mut point = Point::default();
-    // A comma within a number is none of its delimiters.
+    // A comma is part of a number here, not a delimiter.
     let mut fields = text::blanks(line);
     for value in &mut point.position {
         *value = text::number(fields.next()?)?;

@@ -1,16 +1,19 @@
-//! Unit vectors as 24 bits: the octahedron |x| + |y| + |z| = 1 unfolded onto a square, 12 bits along each side (Cigolle et al. 2014). 0.06 degrees off at most (half a step along both sides, in the middle of a face).
+//! Unit vectors in 24 bits: the octahedron |x| + |y| + |z| = 1 unfolded onto a square, 12 bits
+//! along each side (Cigolle et al. 2014). The error is at most 0.06 degrees (half a step along both
+//! sides, in the middle of a face).
 
 use glam::DVec3;
 
-/// Numbers along a side, but for one: odd, so that 0 is one of them; the next one marks a vector that is not known.
+/// Largest code along a side: even, so that 0 has a code; the code above marks an unknown vector.
 const LAST: f64 = 4094.0;
 const SIDE_BITS: u32 = 12;
 const SIDE: u32 = (1 << SIDE_BITS) - 1;
 
-/// All ones: of a point that has no normal. Never guessed (HARD_CASES 18).
+/// The word of a point without a normal, all ones. Normals are never guessed (guide: numerics, case
+/// 18).
 pub const UNKNOWN: u32 = (1 << (2 * SIDE_BITS)) - 1;
 
-/// Of a vector of any length but 0.
+/// Packs a vector of any length but 0.
 pub fn pack(v: DVec3) -> u32 {
     let n = v / v.abs().element_sum();
     let (x, y) = if n.z >= 0.0 { (n.x, n.y) } else { (fold(n.x, n.y), fold(n.y, n.x)) };
@@ -18,7 +21,7 @@ pub fn pack(v: DVec3) -> u32 {
     x | y << SIDE_BITS
 }
 
-/// What the device reads out of a word; what is above the 24 bits does not matter.
+/// Unpacks a word as the device does; bits above the 24 are ignored.
 pub fn unpack(word: u32) -> Option<DVec3> {
     if word & UNKNOWN == UNKNOWN {
         return None;
@@ -29,7 +32,7 @@ pub fn unpack(word: u32) -> Option<DVec3> {
     Some(n.normalize())
 }
 
-/// Of a normal as files have it, 127 = 1.0; 0 is none.
+/// Packs a normal as stored in files, 127 = 1.0; 0 is unknown.
 pub fn of_bytes(normal: [i8; 3]) -> u32 {
     if normal == [0; 3] { UNKNOWN } else { pack(DVec3::from_array(normal.map(f64::from))) }
 }

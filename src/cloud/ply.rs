@@ -1,9 +1,10 @@
-//! PLY, ascii and both binaries -> one part.
+//! PLY, ASCII and both binary forms: one part.
 //!
-//! In: a file. Out: the vertex element's positions, colours, normals, intensity and class. Faces and other elements are passed over: they only
-//! matter where they come before the vertices. Binary records without lists are cut by threads at any offset; ascii in blocks of lines;
-//! binary records with lists one after the other, since only the lengths inside them say where the next begins.
-//! A count is never believed further than the file's bytes reach.
+//! The vertex element's positions, colours, normals, intensity and class are read. Other elements
+//! only matter if they come before the vertices. Binary records without lists are read by threads
+//! at any offset; ASCII in blocks of lines; binary records with lists in sequence, since only the
+//! lengths inside them tell where the next begins. Counts are not believed beyond the file's
+//! length.
 
 mod header;
 
@@ -16,14 +17,14 @@ use header::{Coding, Element, Layout, Scalar};
 use rayon::prelude::*;
 use std::io::{BufReader, Read};
 
-/// Bytes a task: fits the cache with the block it becomes.
+/// Bytes per task: they fit the cache together with the resulting block.
 const TASK_BYTES: u64 = 512 << 10;
 
-/// What decides how the numbers of an ascii body are written.
+/// Bytes that decide how the numbers of an ASCII body are written.
 const SAMPLE_BYTES: u64 = 16 << 10;
 const SAMPLE_LINES: usize = 64;
 
-/// Tasks between two appends: bounds what is held besides the columns.
+/// Tasks between two appends, which bounds memory besides the columns.
 const TASKS: u64 = 32;
 
 pub fn read(
@@ -58,7 +59,7 @@ pub fn read(
     };
     let positions =
         vertex.properties.iter().filter(|property| matches!(property.role, Role::Position(_)));
-    // Decimal digits in ascii are no `f32`, whatever the header declares: they are kept as written.
+    // ASCII decimals are not `f32`, whatever the header declares; they are kept as written.
     let narrow = layout.coding != Coding::Ascii
         && positions.map(|property| property.scalar).all(Scalar::fits_f32);
     let empty = Floats::new(there(&roles), options.wanted, narrow, bytes);
@@ -112,7 +113,7 @@ pub fn read(
 /// The constant spherical harmonic, 1 / (2 sqrt(pi)).
 const HARMONIC: f64 = 0.282_094_79;
 
-/// Of splats colours are what their coefficients make of them, and no more than light can be.
+/// Sets a field of a point. Colours of splats are computed from coefficients and clamped to 0..=1.
 fn set(point: &mut Point, role: Role, value: f64, splats: bool) {
     let is_color = splats && matches!(role, Role::Color(_));
     point.set(role, if is_color { (0.5 + HARMONIC * value).clamp(0.0, 1.0) } else { value });
@@ -120,11 +121,11 @@ fn set(point: &mut Point, role: Role, value: f64, splats: bool) {
 
 struct Found {
     floats: Floats,
-    /// Records read, those that were left out included.
+    /// Records read, including skipped ones.
     records: u64,
 }
 
-/// Where the element after these begins; `None` where the file ends before.
+/// Returns where the element after these begins; `None` if the file ends before.
 fn skip(input: &Input, layout: &Layout, elements: &[Element]) -> Result<Option<u64>> {
     let mut at = layout.body_at;
     for element in elements {
@@ -164,7 +165,7 @@ fn skip(input: &Input, layout: &Layout, elements: &[Element]) -> Result<Option<u
     Ok(Some(at))
 }
 
-/// Whether the first lines are records if commas are decimal marks, and some have one.
+/// Tests whether the first lines are records if commas are decimal marks, and some have one.
 fn has_decimal_commas(start: &[u8], vertex: &Element) -> bool {
     let lines = || text::lines(start).take(SAMPLE_LINES.min(vertex.count as usize));
     let is_record = |line: &[u8]| {
@@ -172,7 +173,7 @@ fn has_decimal_commas(start: &[u8], vertex: &Element) -> bool {
         fields.count() == text::blanks(line).count()
             && header::parse_line(line, &vertex.properties, true, |_, _| {}).is_some()
     };
-    // The last line of the sample may be cut, and one may be damaged.
+    // The last line of the sample may be truncated, and one may be damaged.
     let (all, records) = (lines().count(), lines().filter(|line| is_record(line)).count());
     lines().any(|line| line.contains(&b',')) && records * 10 >= all * 9
 }
@@ -189,7 +190,7 @@ fn ascii(
     let meter = Meter::new(progress, input, end - at);
     let splats = vertex.is_splats();
     let mut floats = empty.clone();
-    // A vertex takes two bytes a property at least; a line is that long, or it is a bad one.
+    // A vertex takes at least two bytes per property; shorter lines are bad ones.
     floats.reserve(lines.min((end - at) / (2 * vertex.properties.len() as u64)) as usize);
     let mut records = 0;
     let parse = |block: &[u8]| {
@@ -215,8 +216,8 @@ fn ascii(
     Ok(Found { floats, records })
 }
 
-/// Where the line after so many that hold something begins, of lines that end in carriage returns alone; `None` where there are fewer. Such files are
-/// old and small, and are held whole.
+/// Returns where the line after `count` non-blank ones begins, for lines that end in CR alone;
+/// `None` if there are fewer. Such files are old and small, and are held whole.
 fn skip_returned(input: &Input, at: u64, count: u64) -> Result<Option<u64>> {
     let bytes = input.take(at, u64::MAX)?;
     let lines = bytes.split_inclusive(|byte| matches!(byte, b'\r' | b'\n'));
@@ -335,16 +336,17 @@ fn listed(
     Ok(Found { floats, records })
 }
 
-/// Binary records one after the other.
+/// A sequential reader of binary records.
 struct Records<R: Read> {
     source: R,
     big: bool,
-    /// Consumed so far.
+    /// Bytes consumed.
     bytes: u64,
 }
 
 impl<R: Read> Records<R> {
-    /// The next record; `None` where the file ends inside it. A list takes at least its length's bytes, so that a count alone never keeps us.
+    /// Reads the next record; `None` if the file ends inside it. A list takes at least the bytes of
+    /// its length, so a large count alone cannot loop for long.
     fn record(&mut self, element: &Element, mut set: impl FnMut(Role, f64)) -> Option<()> {
         for property in &element.properties {
             match property.length {

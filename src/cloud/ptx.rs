@@ -1,8 +1,9 @@
-//! PTX -> one part a scan.
+//! PTX: one part per scan.
 //!
-//! In: text. Each scan begins with ten lines: columns, rows, the scanner's place and three axes, and four rows of a matrix. Then a line for every
-//! direction, column by column: x y z in the scanner's frame, intensity, and perhaps red green blue; 0 0 0 where nothing was hit.
-//! Out: each scan in its place, as its matrix says, without what hit nothing.
+//! Each scan begins with ten lines: columns, rows, the scanner's position and three axes, and four
+//! rows of a matrix. Then a line per direction follows, column by column: x y z in the scanner's
+//! frame, intensity, optionally red green blue; 0 0 0 for no hit. The matrix places each scan;
+//! directions without a hit are skipped.
 
 use super::from_floats::{ColorUnit, Floats, Point, Role, there};
 use super::input::{Input, Meter};
@@ -15,14 +16,14 @@ use std::ops::Range;
 
 /// Numbers in each line of a scan's head.
 const HEAD: [usize; 10] = [1, 1, 3, 3, 3, 3, 4, 4, 4, 4];
-/// No head is longer.
+/// Longest head [bytes].
 const HEAD_BYTES: u64 = 8 << 10;
 
-/// What a scan says of itself.
+/// The head of a scan.
 struct Head {
     columns: u64,
     rows: u64,
-    /// From the scanner's frame to the world.
+    /// Transform from the scanner's frame to the world.
     pose: DMat4,
     bytes: u64,
     lines: u64,
@@ -32,7 +33,7 @@ pub fn is_one(start: &[u8]) -> bool {
     head(start).is_some()
 }
 
-/// The head at the beginning of a text.
+/// Parses the head at the beginning of a text.
 fn head(start: &[u8]) -> Option<Head> {
     let mut numbers = Vec::new();
     let mut lines = 0;
@@ -135,17 +136,17 @@ fn scans(
 
 struct Scan {
     floats: Floats,
-    /// Lines that hold something, and where those of this scan end.
+    /// Non-blank lines, and the end of this scan.
     records: u64,
     lines: u64,
     end: u64,
     misses: u64,
     bad: u64,
-    /// The number of the first, and what is in it.
+    /// Number and contents of the first bad line.
     first_bad: Option<(u64, String)>,
 }
 
-/// The points from `at` on, after so many lines.
+/// Reads the points from `at`, after this many lines.
 fn scan(
     input: &Input,
     at: u64,
@@ -187,8 +188,8 @@ fn scan(
     Ok(scan)
 }
 
-/// Where a scan of so many lines ends, and how many there are. Where neither the file ends there nor another scan begins, lines are missing or too
-/// many: it ends where the next one does begin.
+/// Returns where a scan of `stated` lines ends, and its number of lines. If neither the file ends
+/// nor another scan begins there, it ends where the next one begins.
 fn end(input: &Input, at: u64, stated: u64) -> Result<(u64, u64)> {
     let (end, records) = text::skip_lines(input, at, stated)?;
     let next = input.take(end, HEAD_BYTES)?;
@@ -214,7 +215,7 @@ fn lines_within(input: &Input, range: Range<u64>) -> Result<u64> {
     Ok(count)
 }
 
-/// Where the next head begins: at a line of one number.
+/// Returns where the next head begins: at a line of one number.
 fn next_head(input: &Input, mut at: u64) -> Result<Option<u64>> {
     const BLOCK_BYTES: u64 = 1 << 20;
     loop {

@@ -1,12 +1,15 @@
-//! HOW FAR APART NEIGHBOURING POINTS ARE: one measure, for whole clouds and for nodes of an index.
+//! Point spacing: one measure for whole clouds and for nodes of an index.
 //!
-//! Where the eighth nearest place lies at a distance `r`, eight lie on a disc of `pi r^2`: they are `sqrt(pi r^2 / 8)` apart, the root of the area that
-//! each has. Places that were measured several times count once.
+//! If the eighth nearest position lies at distance `r`, eight lie on a disc of `pi r^2`: they are
+//! `sqrt(pi r^2 / 8)` apart, the root of the area per position. Positions measured repeatedly count
+//! once.
 //!
-//! In: a cloud. Out: the upper quartile over about two thousand of its places, world, f64: what is sparser than the rest has the larger gaps.
-//! Exact for those seeds and the same in any order of the points: the seeds are binned on a grid, then every point looks at the seeds in its own and the adjacent cells
-//! only. The first cell is guessed from how far apart the seeds themselves are, not from the bounding box, which one stray point inflates.
-//! It grows until the places sought of three quarters of the seeds lie within a cell's width, where none can be missed.
+//! The result is the upper quartile over about two thousand positions, world, f64: sparser areas
+//! have the larger gaps. It is exact for these seeds and independent of the order of points: the
+//! seeds are binned on a grid, then every point visits the seeds in its own and the adjacent cells
+//! only. The first cell size is guessed from the spacing of the seeds, not from the bounding box,
+//! which one stray point inflates. It grows until the neighbours of three quarters of the seeds lie
+//! within a cell's width, where none can be missed.
 
 use super::strays::scatter_steps;
 use super::{Cloud, Columns, Part};
@@ -17,13 +20,14 @@ use std::f64::consts::PI;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-/// Cells grow by this factor a round.
+/// Growth of cells per round.
 const GROWTH: f64 = 4.0;
 
-/// Of the widest extent: cells are numbered with i64, and points are not told apart below an `f64` of that extent.
+/// Smallest cell relative to the widest extent: cells are numbered with i64, and points are not
+/// distinguished below an `f64` of that extent.
 const SMALLEST_CELL: f64 = 1.0 / (1u64 << 40) as f64;
 
-/// Places around one that say how far apart they are.
+/// Neighbours whose distance defines the spacing.
 pub const NEIGHBOURS: usize = 8;
 
 /// Returns the spacing of places, from the squared distance to the farthest of `neighbours` around one.
@@ -31,16 +35,16 @@ pub fn apart(square: f64, neighbours: usize) -> f64 {
     (PI * square / neighbours as f64).sqrt()
 }
 
-/// The upper quartile of so many values, of which the least are there.
+/// Returns the upper quartile of `count` values, of which the smallest are given.
 pub fn quartile(values: &mut [f64], count: usize) -> Option<f64> {
     values.sort_by(f64::total_cmp);
     values.get(count * 3 / 4).or(values.last()).copied()
 }
 
-/// The number of places that are asked, about.
+/// Approximate number of seeds.
 pub const SEEDS: u64 = 2048;
 
-/// None of a cloud of one place.
+/// Returns the spacing of a cloud; `None` for a single position.
 pub fn spacing(cloud: &Cloud) -> Option<f64> {
     let parts = || cloud.parts.iter().filter(|part| !part.header.strays);
     let bounds = parts().filter_map(Part::bounds);
@@ -51,7 +55,8 @@ pub fn spacing(cloud: &Cloud) -> Option<f64> {
     if !widest.is_finite() || widest <= 0.0 {
         return None;
     }
-    // On a surface, n points are closer than m of them by the square root of m / n; and the eighth is three times as far as the first; some are sparser.
+    // On a surface, n points are closer than m of them by the square root of m / n, and the eighth
+    // is three times as far as the first.
     let closer = (seeds.len() as f64 / cloud.len() as f64).sqrt();
     let mut cell = between(&seeds)
         .map_or(widest, |distance| 8.0 * distance * closer)
@@ -65,14 +70,14 @@ pub fn spacing(cloud: &Cloud) -> Option<f64> {
         let mut settled: Vec<f64> =
             around.iter().filter(is_settled).filter_map(Around::apart).collect();
         if is_last || settled.len() > seeds.len() * 3 / 4 {
-            // Of all seeds: the unsettled ones are farther than any settled one.
+            // Relative to all seeds: the unsettled ones are farther than any settled one.
             return quartile(&mut settled, seeds.len());
         }
         cell *= GROWTH;
     }
 }
 
-/// The nearest places around a seed: squares of distances, the least first.
+/// Squared distances to the nearest positions of a seed, ascending.
 #[derive(Clone, Copy)]
 pub struct Around {
     squares: [f64; NEIGHBOURS],
@@ -98,13 +103,13 @@ impl Around {
         self.count = (self.count + 1).min(NEIGHBOURS);
     }
 
-    /// None without a place.
+    /// Returns the spacing; `None` if there is no neighbour.
     pub fn apart(&self) -> Option<f64> {
         self.count.checked_sub(1).map(|last| apart(self.squares[last], self.count))
     }
 }
 
-/// The median distance among the seeds, each to its nearest; `None` for a single one.
+/// Returns the median distance of each seed to its nearest; `None` for a single one.
 fn between(seeds: &[DVec3]) -> Option<f64> {
     let nearest = |i: usize| {
         let others = seeds.iter().enumerate().filter(|(j, _)| *j != i);
@@ -118,8 +123,8 @@ fn between(seeds: &[DVec3]) -> Option<f64> {
     distances.get(distances.len() / 2).copied().filter(|distance| distance.is_finite())
 }
 
-/// Returns about so many places, each once: those whose steps have certain hashes, whatever order
-/// the points are in.
+/// Returns about this many distinct positions, chosen by a hash of their steps, in any order of
+/// points.
 fn seeds(cloud: &Cloud) -> Vec<DVec3> {
     let every = cloud.len().div_ceil(SEEDS).max(1);
     let chosen = |place: &[i32; 3]| u64::from(scatter_steps(*place)) < (1 << 32) / every;
@@ -134,11 +139,11 @@ fn seeds(cloud: &Cloud) -> Vec<DVec3> {
     seeds
 }
 
-/// For each seed the nearest places, of those in its own and the adjacent cells.
+/// Returns the nearest positions of each seed, from its own and the adjacent cells.
 fn around(cloud: &Cloud, seeds: &[DVec3], lo: DVec3, cell: f64) -> Vec<Around> {
-    // The cells on both sides of 0 are one, which only lets more points be asked.
+    // The cells on both sides of 0 coincide, which only visits more points.
     let key = |p: DVec3| p.as_i64vec3().to_array();
-    // Each seed in all cells that see it, so that a point looks into one cell only.
+    // Each seed is listed in all cells that see it, so that a point visits one cell only.
     let mut watching: HashMap<[i64; 3], Vec<usize>> = HashMap::new();
     for (index, &seed) in seeds.iter().enumerate() {
         let [x, y, z] = key((seed - lo) / cell);
@@ -149,14 +154,16 @@ fn around(cloud: &Cloud, seeds: &[DVec3], lo: DVec3, cell: f64) -> Vec<Around> {
                 .push(index);
         }
     }
-    // Few points are near a seed: one bit a coarse hash of the cell turns the others away before the map is asked.
+    // Few points are near a seed: one bit per coarse hash of the cell rejects the others before the
+    // map is queried.
     let mut near = vec![0u64; FILTER_BITS / 64];
     for cell in watching.keys() {
         let bit = filter_bit(*cell);
         near[bit / 64] |= 1 << (bit % 64);
     }
     let found: Vec<Mutex<Around>> = seeds.iter().map(|_| Mutex::new(Around::NONE)).collect();
-    // The farthest that counts. Squared distances are positive, so their bits order as they do.
+    // The farthest relevant distance. Squared distances are positive, so their bits order as they
+    // do.
     let bounds: Vec<AtomicU64> =
         seeds.iter().map(|_| AtomicU64::new(f64::INFINITY.to_bits())).collect();
     for part in &cloud.parts {
@@ -193,7 +200,7 @@ fn filter_bit(cell: [i64; 3]) -> usize {
     (hash(cell) >> 44) as usize & (FILTER_BITS - 1)
 }
 
-/// Of which the high bits are good.
+/// Hashes a cell; the high bits are good.
 fn hash([x, y, z]: [i64; 3]) -> u64 {
     let mixed = (x as u64).wrapping_mul(0x9E37_79B9_7F4A_7C15)
         ^ (y as u64).wrapping_mul(0xC2B2_AE3D_27D4_EB4F)

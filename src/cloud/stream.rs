@@ -1,10 +1,11 @@
-//! FILE -> BATCHES, for whoever cannot hold a file's points: the index of clouds larger than memory.
+//! Files in batches, for clouds larger than memory.
 //!
-//! In: paths. Out: a [`Source`] for each part to come, from which its points may be taken any number of times, in batches.
-//! LAS, LAZ and COPC are read anew each time, by the code that fills whole columns in `las`, but into lanes one batch long: a batch, a block
-//! and a compressed chunk a thread are in memory, whatever the file says. The other formats get their lattice from all of their points
-//! (`floats`), so [`open`] reads them whole, and a source of theirs holds its part's columns for as long as it lives.
-//! Files are judged as [`super::read`] judges them, with the same notes and errors; what only the points can tell, [`Streamed`] says.
+//! [`open`] returns a [`Source`] per part, from which points can be streamed repeatedly. LAS, LAZ
+//! and COPC are read anew each time, by the code that fills whole columns in `las`, but into lanes
+//! one batch long: only a batch, a block and a compressed chunk per thread are in memory. Other
+//! formats derive their lattice from all points (`from_floats`), so [`open`] reads them whole, and
+//! their source holds the columns. Notes and errors are those of [`super::read`]; [`Streamed`] has
+//! what only the points can tell.
 
 use super::color::{Occurred, Scale};
 use super::input::{Input, Meter};
@@ -19,16 +20,16 @@ use rayon::prelude::*;
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, MutexGuard};
 
-/// Points in a batch at most.
+/// Most points of a batch.
 pub const BATCH: usize = 65_536;
 
-/// One part to come: a file, or a scan of an E57 file. Holds no file open.
+/// One part to stream: a file, or a scan of an E57 file. Holds no file open.
 pub struct Source {
     path: PathBuf,
     strict: bool,
-    /// That points are drawn on: the file's own, or that on a plane of what it gives as angles.
+    /// Lattice that points are drawn on: the file's own, or that on a local plane for angles.
     lattice: Lattice,
-    /// Of the coordinate system.
+    /// Notes on the coordinate system.
     notes: Vec<String>,
     contents: Contents,
 }
@@ -36,34 +37,35 @@ pub struct Source {
 enum Contents {
     Las {
         las: Box<Las>,
-        /// When it was opened.
+        /// Length of the file when opened [bytes].
         length: u64,
     },
     Part(Box<Part>),
 }
 
-/// Some of a source's points.
+/// A batch of a source's points.
 pub struct Batch<'a> {
     pub columns: &'a Columns,
-    /// Which of the file's points is its first, counted from 0.
+    /// Index of its first point in the file.
     pub first: u64,
 }
 
-/// What was handed out, all in all.
+/// A summary of all streamed points.
 pub struct Streamed {
     pub points: u64,
-    /// What the file's own colours count to.
+    /// Range of the file's colour channels.
     pub rgb_scale: Scale,
-    /// The colours that batches had are wrong: all points together show them to count to something else than some did. Those of the next call are right.
+    /// Whether the colours of batches are wrong, since all points together show another range. The
+    /// next call has the right ones.
     pub again: bool,
-    /// What batches had, less colours that were all 0: those are none.
+    /// Columns of the batches, without colours that were all 0.
     pub available: ColumnSet,
-    /// The box around the points, lattice steps; `None` if there are none.
+    /// The box around the points [lattice steps]; `None` if there are none.
     pub bounds: Option<[[i32; 3]; 2]>,
     pub notes: Vec<String>,
 }
 
-/// Opens `paths`, in their order. The first file that cannot be read at all ends it.
+/// Opens `paths` in their order. Errors if any file cannot be read at all.
 pub fn open(
     paths: &[PathBuf],
     options: &ReadOptions,
@@ -89,17 +91,18 @@ pub fn open(
     Ok(sources)
 }
 
-/// What files hold, before they are read.
+/// The size of files, before reading them.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct FileSummary {
     pub points: u64,
-    /// Of them, those that have to be decompressed.
+    /// Points to decompress.
     pub compressed: u64,
 }
 
-/// FileSummary how many points files hold, from their headers, or for formats that must be read to know from their lengths.
+/// Estimates how many points files hold: from their headers, or from their lengths for formats
+/// without a count.
 pub fn summary(paths: &[PathBuf]) -> Result<FileSummary> {
-    /// Of a record of position and colour; text takes more.
+    /// Bytes per point to estimate with: position and colour; text takes more.
     const BYTES_PER_POINT: u64 = 16;
     let mut about = FileSummary::default();
     for path in paths {
@@ -139,7 +142,7 @@ impl Source {
         matches!(self.contents, Contents::Las { .. })
     }
 
-    /// The scan's own name within its file, where it has one.
+    /// Returns the scan's own name within its file, if any.
     pub fn name(&self) -> Option<&str> {
         match &self.contents {
             Contents::Las { .. } => None,
@@ -147,7 +150,7 @@ impl Source {
         }
     }
 
-    /// The scan's own name, or the file's.
+    /// Returns the scan's own name, or the file's.
     pub fn title(&self) -> String {
         super::title(self.name(), &self.path)
     }
@@ -163,7 +166,7 @@ impl Source {
         self.lattice
     }
 
-    /// As the file has it, before angles become metres.
+    /// Returns the file's lattice, before angles become metres.
     pub fn own_lattice(&self) -> Lattice {
         match &self.contents {
             Contents::Las { las, .. } => las.layout.lattice,
@@ -171,7 +174,7 @@ impl Source {
         }
     }
 
-    /// As [`Part::intensity_range`].
+    /// Returns the range as [`Part::intensity_range`].
     pub fn intensity_range(&self) -> [f64; 2] {
         match &self.contents {
             Contents::Las { .. } => las::INTENSITY_RANGE,
@@ -179,7 +182,8 @@ impl Source {
         }
     }
 
-    /// As [`Part::rgb_scale`]; of LAS as some points show it, until all have been streamed.
+    /// Returns the range as [`Part::rgb_scale`]; for LAS by a sample, until all points have been
+    /// streamed.
     pub fn rgb_scale(&self) -> Scale {
         match &self.contents {
             Contents::Las { las, .. } => las.scale(),
@@ -187,7 +191,8 @@ impl Source {
         }
     }
 
-    /// As many as the header promises and the file can hold; exact where the format is none of LAS.
+    /// Returns the number of points: for LAS the header's, limited by the file's length; exact for
+    /// other formats.
     pub fn points(&self) -> u64 {
         match &self.contents {
             Contents::Las { las, .. } => las.points(),
@@ -195,8 +200,8 @@ impl Source {
         }
     }
 
-    /// The header's bounds in lattice steps, rounded outwards, if they are finite, ordered and on the lattice; they may still be wrong.
-    /// The points' own where the format is none of LAS.
+    /// Returns the header's bounds in lattice steps, rounded outwards, if finite, ordered and on
+    /// the lattice; they may still be wrong. For formats other than LAS, the points' own.
     pub fn stated_bounds(&self) -> Option<[[i32; 3]; 2]> {
         match &self.contents {
             Contents::Las { las, .. } => {
@@ -213,7 +218,7 @@ impl Source {
         }
     }
 
-    /// The columns that batches have.
+    /// Returns the columns of batches.
     pub fn available(&self) -> ColumnSet {
         match &self.contents {
             Contents::Las { las, .. } => las.available,
@@ -221,7 +226,8 @@ impl Source {
         }
     }
 
-    /// Calls `sink` with every batch, from all threads, in no particular order. An error of `sink` ends it. It may be called again.
+    /// Calls `sink` with every batch, from all threads, in no particular order. An error of `sink`
+    /// ends it. May be called repeatedly.
     pub fn stream(
         &self,
         progress: &dyn Progress,
@@ -299,11 +305,11 @@ impl Source {
     }
 }
 
-/// Hands batches on, lends the columns for them, and adds up what they held.
+/// Passes batches on, recycles their columns, and sums up statistics.
 struct Desk<'a> {
     sink: &'a (dyn Fn(&Batch) -> Result<()> + Sync),
     available: ColumnSet,
-    /// As many as there were ever batches at a time.
+    /// Spare columns, as many as batches existed at a time.
     spare: Mutex<Vec<Columns>>,
     sum: Mutex<Sum>,
 }
@@ -349,11 +355,11 @@ impl Desk<'_> {
     }
 }
 
-/// A lane one batch long, emptied into the sink whenever it is settled.
+/// A lane one batch long, emptied into the sink when settled.
 struct BatchLane<'a> {
     desk: &'a Desk<'a>,
     pile: Option<Pile>,
-    /// Which point comes next.
+    /// Index of the next point.
     first: u64,
 }
 

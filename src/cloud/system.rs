@@ -1,7 +1,7 @@
-//! What the coordinates of a file mean: their system, its units, and where on the Earth a place is.
+//! Coordinate systems: units, projections, and positions on the Earth.
 //!
-//! In: what files say of it, as WKT of either version (`wkt`) or as GeoTIFF keys (`geotiff`). Out: a [`System`]. Files that say nothing have none, and
-//! their lengths are taken for metres. Degrees are no lengths: points of such files are drawn on a local [`Plane`].
+//! A [`System`] is parsed from WKT of either version (`wkt`) or GeoTIFF keys (`geotiff`). Files
+//! without one use metres. Points in degrees are drawn on a local [`Plane`].
 
 pub mod geotiff;
 pub mod plane;
@@ -33,7 +33,7 @@ impl Default for Unit {
 }
 
 impl Unit {
-    /// The unit of so many metres, by the name that it has everywhere, or by its own.
+    /// Returns the unit of this many metres, by its common name or `name`.
     pub fn of(metres: f64, name: &str) -> Unit {
         let is = |other: f64| (metres / other - 1.0).abs() < 1e-9;
         // The two feet differ by two parts in a million, and files round them.
@@ -45,7 +45,7 @@ impl Unit {
         Unit { name: name.into(), metres }
     }
 
-    /// By its number in the EPSG register.
+    /// Returns a unit by its EPSG number.
     pub fn numbered(code: u32) -> Option<Unit> {
         match code {
             9001 => Some(Unit::default()),
@@ -71,13 +71,13 @@ impl Unit {
         self.metres == 1.0
     }
 
-    /// A length with so many decimals, metres beside where it has another unit.
+    /// Formats a length with this many decimals, and metres if the unit is another one.
     pub fn length(&self, length: f64, decimals: usize) -> String {
         let own = format!("{length:.decimals$} {}", self.symbol());
         if self.is_metre() { own } else { format!("{own} ({:.decimals$} m)", length * self.metres) }
     }
 
-    /// The same of an area.
+    /// Formats an area likewise.
     pub fn area(&self, area: f64, decimals: usize) -> String {
         let own = format!("{area:.decimals$} {}²", self.symbol());
         if self.is_metre() {
@@ -94,7 +94,7 @@ pub enum Kind {
     Projected,
     /// Longitude and latitude.
     Geographic,
-    /// From the middle of the Earth.
+    /// Cartesian from the Earth's centre.
     Geocentric,
     #[default]
     Local,
@@ -106,30 +106,31 @@ pub struct System {
     pub name: Option<String>,
     pub epsg: Option<u32>,
     pub kind: Kind,
-    /// Of lengths; of a geographic system that of the plane that its points are drawn on. None where the file names none.
+    /// Unit of lengths; for a geographic system that of the plane its points are drawn on. `None`
+    /// if not stated.
     pub unit: Option<Unit>,
-    /// Of heights, where they have another one.
+    /// Unit of heights, if different.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub height_unit: Option<Unit>,
-    /// Of a geographic system, the degrees that its unit has.
+    /// Degrees per unit of a geographic system.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub degrees: Option<f64>,
-    /// As PROJ writes it, where its projection is known.
+    /// PROJ definition, if the projection is known.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub proj: Option<String>,
-    /// Where points were brought whose coordinates are angles.
+    /// The local plane of points in angles.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub plane: Option<Plane>,
 }
 
-/// What a reader says of columns of angles, where nothing else names the system: a fact of the header.
+/// A fact of the header that marks columns of angles without a named system.
 pub const DEGREES: (&str, &str) = ("coordinates", "longitude and latitude in degrees");
 
-/// Facts that may say it.
+/// Facts that may name a system.
 const COORDINATES: [&str; 4] = ["coordinates", "coordinate system", "columns", "units"];
 
 impl System {
-    /// Longitude and latitude on the ellipsoid of GPS.
+    /// Returns longitude and latitude on WGS 84.
     pub fn degrees() -> System {
         System {
             name: Some("longitude and latitude".into()),
@@ -140,7 +141,7 @@ impl System {
         }
     }
 
-    /// What a header says, in a field of its own or as a fact.
+    /// Returns the system of a header, from its own field or its facts.
     pub fn of(header: &Header) -> Option<System> {
         let says = |what: &str, text: &str| {
             let text = text.to_lowercase();
@@ -154,7 +155,7 @@ impl System {
         header.system.clone().or_else(said)
     }
 
-    /// With what its EPSG code says, where the file says no more, or the same.
+    /// Adds what the EPSG code implies, if the file states no more or the same.
     fn completed(mut self, of_file: Option<String>) -> System {
         let known = self
             .epsg
@@ -173,7 +174,7 @@ impl System {
         self
     }
 
-    /// As people say it: its name, and its number in the EPSG register.
+    /// Returns the name and the EPSG number.
     pub fn title(&self) -> String {
         match (&self.name, self.epsg) {
             (Some(name), Some(code)) => format!("{name} (EPSG:{code})"),
@@ -183,12 +184,12 @@ impl System {
         }
     }
 
-    /// The unit that lengths are in; metres where nothing says it.
+    /// Returns the unit of lengths; metres if not stated.
     pub fn unit(&self) -> Unit {
         self.unit.clone().unwrap_or_default()
     }
 
-    /// Longitude and latitude of a place in the world of its cloud, degrees, where that can be known.
+    /// Returns longitude and latitude of a world position [degrees], if the projection is known.
     pub fn lonlat(&self, place: DVec3) -> Option<[f64; 2]> {
         if let Some(plane) = &self.plane {
             return Some(plane.lonlat(place));
@@ -210,7 +211,7 @@ impl System {
     }
 }
 
-/// The unit of a definition that PROJ can read.
+/// Returns the unit of a definition that PROJ can read.
 fn unit_of(proj: &str) -> Option<Unit> {
     let value = |key: &str| proj.split_whitespace().find_map(|word| word.strip_prefix(key));
     if let Some(metres) = value("+to_meter=").and_then(|text| text.parse().ok()) {
@@ -237,12 +238,12 @@ impl fmt::Display for System {
     }
 }
 
-/// Where some points of a file are, in its own coordinates.
+/// The approximate location of a file's points, in its own coordinates.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Sample {
-    /// Between as many on both sides, axis by axis: strays do not move it.
+    /// Median of each axis; strays do not move it.
     pub middle: DVec3,
-    /// Between these lie nearly all.
+    /// Range of nearly all points.
     pub lo: DVec3,
     pub hi: DVec3,
 }
@@ -268,10 +269,10 @@ impl Sample {
     }
 }
 
-/// What the coordinates of a cloud mean, and how many of their digits count.
+/// The coordinate system of a cloud, and its significant digits.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Reference {
-    /// None where no file names one, or several name different ones.
+    /// `None` if no file has one, or files have different ones.
     pub system: Option<System>,
     pub digits: Digits,
 }
@@ -284,7 +285,7 @@ impl Reference {
         Reference { system, digits: Digits::of(parts.map(|(_, lattice)| lattice)) }
     }
 
-    /// Of lengths: metres where nothing says it.
+    /// Returns the unit of lengths; metres if not stated.
     pub fn unit(&self) -> Unit {
         self.system.as_ref().map(System::unit).unwrap_or_default()
     }
@@ -294,25 +295,25 @@ impl Reference {
         own.unwrap_or_else(|| self.unit())
     }
 
-    /// Whether some file says what its unit is.
+    /// Tests whether some file states its unit.
     pub fn says_unit(&self) -> bool {
         self.system.as_ref().is_some_and(|system| system.unit.is_some())
     }
 
-    /// A place in metres, as far as the units go.
+    /// Converts a position to metres, as far as units are known.
     pub fn metres(&self, place: DVec3) -> DVec3 {
         let horizontal = self.unit().metres;
         place * DVec3::new(horizontal, horizontal, self.height_unit().metres)
     }
 
-    /// Longitude, latitude and height in metres.
+    /// Returns longitude, latitude and height [m].
     pub fn on_earth(&self, place: DVec3) -> Option<[f64; 3]> {
         let [lon, lat] = self.system.as_ref()?.lonlat(place)?;
         Some([round(lon, 9), round(lat, 9), round(self.metres(place).z, 4)])
     }
 }
 
-/// What is to be said of the systems of files that are opened together.
+/// Returns notes on differences between systems of files opened together.
 pub fn differences<'a>(headers: impl Iterator<Item = &'a Header>) -> Option<String> {
     let systems: Vec<Option<&System>> = headers.map(|header| header.system.as_ref()).collect();
     let mut units: Vec<Unit> =
@@ -332,14 +333,14 @@ pub fn differences<'a>(headers: impl Iterator<Item = &'a Header>) -> Option<Stri
 
 const NO_DEGREES: &str = "the coordinates are declared as degrees, but are not degrees";
 
-/// What a header was found to have said wrongly when it was [settled](settle).
+/// Returns the wrong statement that [`settle`] found in a header.
 pub fn lie(header: &Header) -> Option<&'static str> {
     let system = header.system.as_ref()?;
     (system.degrees.is_some() && system.unit.is_none()).then_some(NO_DEGREES)
 }
 
-/// Brings a part's lattice to the plane that it is drawn on, where its coordinates are angles, and its header to say so.
-/// `shared` is the plane of all files that are opened together.
+/// Moves a part's lattice to a local plane if its coordinates are angles, and records it in the
+/// header. `shared` is the plane of all files opened together.
 pub fn settle(
     header: &mut Header,
     lattice: Lattice,

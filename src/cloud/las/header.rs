@@ -1,8 +1,8 @@
-//! The LAS header and its variable-length records, parsed here and not by a library.
+//! The LAS header and its variable-length records, parsed without a library.
 //!
-//! In: the first bytes of a file. Out: a [`Layout`]: where the points are, how wide, how many are promised; and what [`Header`] reports.
-//! Libraries reserve from these fields before they check them (RELIABILITY: las-rs #149), and refuse points that are good because a record
-//! about projections is not. So every field that steers the reading is checked here, and every other one is only reported.
+//! Libraries allocate by these fields before they check them (las-rs #149), and refuse good points
+//! for a bad projection record. Every field that controls reading is therefore checked here, and
+//! every other one is only reported.
 
 use crate::cloud::digits::number;
 use crate::cloud::input::Input;
@@ -11,29 +11,29 @@ use crate::cloud::{Header, Lattice};
 use crate::error::Result;
 use glam::DVec3;
 
-/// What steers the reading of points.
+/// Fields that control the reading of points.
 pub struct Layout {
     pub minor: u8,
     pub format: u8,
     pub compressed: bool,
     pub record_bytes: usize,
     pub points_at: u64,
-    /// As many as the header promises.
+    /// Number of points in the header.
     pub points: u64,
     pub lattice: Lattice,
-    /// What the bits of a coordinate are turned by: all of them along axes whose scale is negative.
+    /// XOR masks of coordinates: all bits along axes with a negative scale.
     pub flips: [i32; 3],
-    /// What the header says and the file cannot hold.
+    /// Statements of the header that the file contradicts.
     pub lies: Vec<String>,
-    /// Where extended records or waveforms begin, if the header says so: the bytes from there on are no points.
+    /// Beginning of extended records or waveforms, if stated: bytes from there on are not points.
     pub tail_at: Option<u64>,
-    /// The contents of the laszip record.
+    /// Contents of the laszip record.
     pub laszip: Option<Vec<u8>>,
     pub copc: bool,
     pub header: Header,
 }
 
-/// Smallest record of each point format, bytes.
+/// Smallest record of each point format [bytes].
 const RECORD_BYTES: [u16; 11] = [20, 28, 26, 34, 57, 63, 30, 36, 38, 59, 67];
 
 const VLR_HEADER_BYTES: u64 = 54;
@@ -121,7 +121,7 @@ pub fn read(input: &Input, notes: &mut Vec<String>) -> Result<Layout> {
         let spare = room - declared;
         layout.lies.push(format!("has {spare} more bytes per point than point format {format} and its extra bytes need; they are ignored"));
     }
-    // Points of return number 0 are in no count; there are never more by returns than in all.
+    // Points with return number 0 are in no count, so counts by return never exceed the total.
     let narrow: u64 = (0..5).map(|k| u32_at(&head, 111 + 4 * k) as u64).sum();
     let wide = (0..if has_wide_count { 15 } else { 0 })
         .fold(0u64, |sum, k| sum.saturating_add(u64_at(&head, 255 + 8 * k)));
@@ -159,11 +159,11 @@ pub fn read(input: &Input, notes: &mut Vec<String>) -> Result<Layout> {
     Ok(layout)
 }
 
-/// Coordinates have no more digits than this: beyond, neighbouring steps are one number.
+/// Largest coordinate [steps]: beyond, neighbouring steps are the same f64.
 const MOST_STEPS: f64 = (1u64 << 53) as f64;
 
-/// The file's own scale and offset, if every i32 has a place of its own on them. Of a negative scale the same places, counted from the other end: `!q` steps
-/// up instead of `q` down.
+/// Returns the file's scale and offset, if every i32 has a distinct position. A negative scale is
+/// replaced by a positive one with the same positions: `!q` steps up instead of `q` down.
 fn lattice(input: &Input, head: &[u8], notes: &mut Vec<String>) -> Result<(Lattice, [i32; 3])> {
     let triple =
         |at: usize| DVec3::new(f64_at(head, at), f64_at(head, at + 8), f64_at(head, at + 16));
@@ -201,8 +201,8 @@ fn lattice(input: &Input, head: &[u8], notes: &mut Vec<String>) -> Result<(Latti
     Ok((lattice, is_negative.map(|is_negative| -(is_negative as i32))))
 }
 
-/// Walks the records between header and points; returns how many extra bytes they declare. A record that does not fit ends the walk: the points do
-/// not depend on it.
+/// Walks the records between header and points. Returns the number of declared extra bytes. A
+/// record that does not fit ends the walk, since points do not depend on it.
 fn vlrs(
     input: &Input,
     first: u64,
@@ -265,7 +265,7 @@ fn vlrs(
     Ok(extra_bytes)
 }
 
-/// What records say of the coordinate system.
+/// Coordinate system statements of the records.
 #[derive(Default)]
 struct Projection {
     wkt: Option<Vec<u8>>,
@@ -289,21 +289,22 @@ impl Projection {
         }
     }
 
-    /// Text goes before keys, which say less.
+    /// Returns the system. WKT is preferred to keys, which say less.
     fn system(&self) -> Option<System> {
         let text = self.wkt.as_ref().and_then(|text| wkt::system(&String::from_utf8_lossy(text)));
         text.or_else(|| self.geotiff.system())
     }
 }
 
-/// A declaration of extra bytes.
+/// A declaration of an extra-bytes attribute.
 struct Attribute {
     name: String,
     bytes: usize,
 }
 
 impl Attribute {
-    /// Of 192 bytes. Types count from 1 on: eight integers of growing width, two floats, then the same twice and three times.
+    /// Parses a declaration of 192 bytes. Types from 1: eight integers of growing width, two
+    /// floats, then the same as pairs and triples.
     fn of(declared: &[u8]) -> Attribute {
         const WIDTHS: [usize; 10] = [1, 1, 2, 2, 4, 4, 8, 8, 4, 8];
         let bytes = match declared[2] as usize {
@@ -316,10 +317,10 @@ impl Attribute {
 
 const EVLR_HEADER_BYTES: u64 = 60;
 
-/// Longer ones are not about projections.
+/// Longest record that is read: longer ones are not about projections.
 const PROJECTION_BYTES: u64 = 1 << 20;
 
-/// Walks the records behind the points, of which nothing but the coordinate system is looked at.
+/// Walks the records behind the points, only for the coordinate system.
 fn evlrs(
     input: &Input,
     first: u64,
@@ -346,7 +347,7 @@ fn evlrs(
     Ok(())
 }
 
-/// A header that says more is not believed.
+/// Most extended records; a larger count is not believed.
 const MOST_EVLRS: u32 = 4096;
 
 fn push_fact(facts: &mut Vec<(String, String)>, what: &str, bytes: &[u8]) {
@@ -356,7 +357,7 @@ fn push_fact(facts: &mut Vec<(String, String)>, what: &str, bytes: &[u8]) {
     }
 }
 
-/// A fixed-width field up to its first zero byte, as printable text.
+/// Returns a fixed-width field up to its first zero byte, as printable text.
 fn text(bytes: &[u8]) -> String {
     let end = bytes.iter().position(|&byte| byte == 0).unwrap_or(bytes.len());
     String::from_utf8_lossy(&bytes[..end])

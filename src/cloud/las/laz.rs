@@ -1,10 +1,10 @@
-//! LAZ chunks -> records.
+//! LAZ chunks to records.
 //!
-//! In: the laszip record and the compressed bytes. Out: where the chunks are, and their records, put into a lane. Three ways the chunks are
-//! found, best first: the table at the end of the file; without it, for layered chunks (point formats 6 to 10), their own sizes, which say
-//! where the next begins; else one pass from the first byte on, since the arithmetic decoder stops exactly where a chunk ends.
-//! The `laz` crate decodes records, and nothing else is left to it: its table reader reserves, and its file readers unwrap, whatever a file says.
-//! So sizes are checked here first, and the calls are fenced.
+//! Chunks are located in three ways, best first: by the table at the end of the file; without it,
+//! for layered chunks (point formats 6 to 10), by their own sizes; else in one sequential pass,
+//! since the arithmetic decoder stops exactly where a chunk ends. The `laz` crate only decodes
+//! records: its table reader allocates, and its file readers unwrap, on any input. Sizes are
+//! checked here first, and panics are caught.
 
 use super::header::{Layout, array_at, u32_at};
 use super::records::{Fields, Lane};
@@ -21,25 +21,27 @@ use laz::record::{
 use laz::{LazItem, LazItemType, LazVlr};
 use std::io::{BufReader, Cursor, Read};
 
-/// No honest file packs more points into a byte: a million coincident ones come to about 100. It bounds what a crafted file can make us hold.
+/// Most points per compressed byte: a million coincident points come to about 100. It bounds the
+/// memory a crafted file can take.
 const POINTS_PER_BYTE: u64 = 256;
 
-/// A chunk's entry in the table, two compressed 32-bit numbers, never takes more.
+/// Most bytes of a chunk's entry in the table, two compressed 32-bit numbers.
 const TABLE_ENTRY_BYTES: u64 = 16;
 
-/// Records decoded at a time.
+/// Records per decoding step.
 const DECODED: usize = 512;
 
-/// How the records of a file are compressed.
+/// The compression of a file's records.
 pub struct Coding {
     items: Vec<LazItem>,
     record_bytes: usize,
-    /// Sizes of layers that follow a layered chunk's first point and count; 0 for the sequential coding.
+    /// Number of layer sizes after a layered chunk's first point and count; 0 for sequential
+    /// coding.
     layers: usize,
     selection: DecompressionSelection,
 }
 
-/// The coding of a file, where its chunks are, and what was odd about finding them.
+/// Returns the coding of a file, the location of its chunks, and anomalies of locating them.
 pub fn open(
     input: &Input,
     layout: &Layout,
@@ -157,7 +159,7 @@ impl Coding {
         self.layers > 0
     }
 
-    /// Bytes of a layered chunk before its layers: first point, count, layer sizes.
+    /// Returns the bytes of a layered chunk before its layers: first point, count, layer sizes.
     fn head_bytes(&self) -> usize {
         self.record_bytes + 4 + 4 * self.layers
     }
@@ -182,7 +184,7 @@ impl Coding {
     }
 }
 
-/// Layers that nobody wants are not decoded.
+/// Returns the layers to decode: only those of available columns.
 fn selection(available: ColumnSet) -> DecompressionSelection {
     let mut bits = DecompressionSelection::Z;
     for (there, bit) in [
@@ -199,7 +201,7 @@ fn selection(available: ColumnSet) -> DecompressionSelection {
     DecompressionSelection(bits)
 }
 
-/// The chunks as the table at the end of the file lists them, with sizes that fit the file; else what is wrong with it.
+/// Reads the chunk table at the end of the file. Errors if its sizes do not fit the file.
 fn table(
     input: &Input,
     layout: &Layout,
@@ -254,7 +256,8 @@ fn table(
     }
     if let (Some(size), Some(last)) = (chunk_points, chunks.last_mut()) {
         let before = size.saturating_mul(count - 1);
-        // A header that promises less than the full chunks hold is not believed; the last chunk then ends where its bytes do.
+        // A header that declares less than the full chunks hold is not believed; the last chunk
+        // then ends where its bytes do.
         if layout.points > before {
             last.points = size.min(layout.points - before);
         }
@@ -262,7 +265,7 @@ fn table(
     Ok(chunks)
 }
 
-/// Lets the last chunk have as many points as it says itself, where it is one that says it, if the header promises fewer.
+/// Sets the points of the last chunk by its own count, if layered, where the header declares fewer.
 fn counted(
     input: &Input,
     coding: &Coding,
@@ -280,7 +283,7 @@ fn counted(
     Ok(())
 }
 
-/// Layered chunks found by their own sizes, from the first byte on, up to the first that is not whole.
+/// Locates layered chunks by their own sizes, from the first byte, up to the first incomplete one.
 fn walk(
     input: &Input,
     layout: &Layout,
@@ -308,7 +311,7 @@ fn walk(
     Ok(chunks)
 }
 
-/// The whole length of a layered chunk, by its head; `None` where the head is cut off.
+/// Returns the length of a layered chunk by its head; `None` if the head is truncated.
 fn layered_bytes(head: &[u8], coding: &Coding) -> Option<u64> {
     let sizes = head.get(coding.record_bytes + 4..coding.head_bytes())?;
     Some(
@@ -317,10 +320,10 @@ fn layered_bytes(head: &[u8], coding: &Coding) -> Option<u64> {
     )
 }
 
-/// Why a chunk could not be decoded to its end, if so.
+/// A reason why a chunk could not be decoded entirely, if so.
 pub type Outcome = Option<String>;
 
-/// One chunk whose bytes are in memory.
+/// Decodes one chunk in memory.
 pub fn chunk(
     bytes: &[u8],
     points: u64,
@@ -349,7 +352,7 @@ pub fn chunk(
     }
 }
 
-/// Sequential chunks without a table, until the points or the bytes are used up.
+/// Decodes sequential chunks without a table, until points or bytes are used up.
 pub fn sequence(
     input: &Input,
     places: &Sequence,

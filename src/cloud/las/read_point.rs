@@ -1,10 +1,11 @@
-//! One record of a LAS file with all that it holds, in the file's own numbers: what nobody keeps of every point. Being one, the crate `las` reads it.
+//! A single LAS record with all its fields, in the file's own numbers, read with the `las` crate.
 
 use super::super::find::Extras;
 use glam::DVec3;
 use std::path::Path;
 
-/// What the record of this number has beside its columns, and its colour as it stands there; none where the crate cannot read the file. `place` is where it lies, within half a step.
+/// Returns the colour and the extra fields of a record; `None` if the crate cannot read the file.
+/// `place` is its position, within half a step.
 pub fn record(
     path: &Path,
     number: u64,
@@ -36,14 +37,15 @@ fn is_at(point: &las::Point, place: DVec3, step: DVec3) -> bool {
     (DVec3::new(point.x, point.y, point.z) - place).abs().cmple(0.5 * step.abs()).all()
 }
 
-/// At once. Where chunks are of various lengths, as in COPC, the crate finds another one.
+/// Reads a record by seeking. With chunks of varying size, as in COPC, the crate returns another
+/// one.
 fn sought(path: &Path, number: u64) -> Option<las::Point> {
     let mut reader = las::Reader::from_path(path).ok()?;
     reader.seek(number).ok()?;
     reader.read_points(1).ok()?.points().next()?.ok()
 }
 
-/// Through all before it.
+/// Reads a record after all before it.
 fn counted(path: &Path, number: u64) -> Option<las::Point> {
     const AT_ONCE: u64 = 1 << 16;
     let mut reader = las::Reader::from_path(path).ok()?;

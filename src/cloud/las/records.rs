@@ -1,9 +1,9 @@
-//! Raw LAS records -> columns.
+//! Raw LAS records to columns.
 //!
-//! In: blocks of records as the file (or the LAZ decoder) gives them. Out: the wanted columns, filled lane by lane.
-//! Whole columns are made at full length first and cut into disjoint windows, so that threads fill them without locks, in the file's order;
-//! where the length is not known, or only a batch is held, the lane is a pile, which grows. A block is walked once a column while it is in
-//! the cache, which is faster than a point at a time (PROBE: 0.07 s against 1.1 s for 20 M).
+//! Whole columns are allocated at full length and cut into disjoint windows, so that threads fill
+//! them without locks, in the file's order. If the length is unknown, or only a batch is held, the
+//! lane is a pile, which grows. A block is walked once per column while it is in the cache, which
+//! is faster than a point at a time.
 
 use super::header::Layout;
 use crate::cloud::color::{Occurred, RgbRange, to_8_bits};
@@ -11,22 +11,22 @@ use crate::cloud::strays::Kept;
 use crate::cloud::{ColumnSet, Columns};
 use crate::error::Result;
 
-/// Records a block at most: it fits the second-level cache.
+/// Most records of a block, to fit the second-level cache.
 pub const BLOCK: usize = 8192;
 
-/// Where a record keeps what.
+/// Offsets of the fields of a record.
 #[derive(Clone, Copy)]
 pub struct Fields {
     pub record_bytes: usize,
     /// [`Layout::flips`].
     flips: [i32; 3],
-    /// Point formats 6 to 10 pack returns and class differently.
+    /// Whether the format is 6 to 10, which pack returns and class differently.
     modern: bool,
     class: usize,
     source: usize,
     gps_time: Option<usize>,
     rgb: Option<usize>,
-    /// What colours count to.
+    /// Colour range.
     pub range: RgbRange,
 }
 
@@ -60,7 +60,7 @@ impl Fields {
         }
     }
 
-    /// What is both wanted and there.
+    /// Returns the columns that are both requested and present.
     pub fn available(&self, wanted: ColumnSet) -> ColumnSet {
         ColumnSet {
             rgb: wanted.rgb && self.rgb.is_some(),
@@ -71,19 +71,20 @@ impl Fields {
     }
 }
 
-/// Where a task puts the points of its stretch of the file: it asks for room, fills it, settles, and asks again.
+/// The destination of a task's points: the task requests room, fills it, settles, and repeats.
 pub trait Lane {
-    /// Makes room for up to `points` more points, and says for how many.
+    /// Makes room for up to `points` more points. Returns for how many.
     fn room(&mut self, points: usize) -> usize;
 
-    /// Takes records that there is room for. Runs inside a decoder's fence, so it calls nobody else's code; `settle` may.
+    /// Takes records for which there is room. Runs inside `catch_panic`, so it must
+    /// not call foreign code; `settle` may.
     fn put(&mut self, records: &[u8], fields: &Fields);
 
-    /// Nothing more comes into this room, full or not.
+    /// Ends the current room, full or not.
     fn settle(&mut self) -> Result<()>;
 }
 
-/// A stretch of the columns that one task fills; [`Columns::len`] is not touched by it.
+/// A range of the columns that one task fills; it leaves [`Columns::len`] unchanged.
 pub struct Window<'a> {
     /// Index of the window's first point in the columns.
     start: usize,
@@ -100,7 +101,7 @@ pub struct Window<'a> {
     occurred: Occurred,
 }
 
-/// What a task has put into its lane.
+/// Statistics of a filled lane.
 #[derive(Clone, Copy)]
 pub struct Filled {
     pub start: usize,
@@ -126,7 +127,7 @@ impl<'a> Window<'a> {
         }
     }
 
-    /// The first `count` points, and the rest.
+    /// Splits after the first `count` points.
     fn split(self, count: usize) -> (Self, Self) {
         fn cut<T>(column: Option<&mut [T]>, at: usize) -> (Option<&mut [T]>, Option<&mut [T]>) {
             column.map(|column| column.split_at_mut(at)).unzip()
@@ -168,7 +169,7 @@ impl<'a> Window<'a> {
         (first, rest)
     }
 
-    /// Cuts into windows of these sizes, which sum to at most the length.
+    /// Cuts into windows of these sizes, whose sum is at most the length.
     pub fn split_into(self, sizes: impl Iterator<Item = usize>) -> Vec<Self> {
         let mut rest = self;
         let mut windows = Vec::with_capacity(sizes.size_hint().0);
@@ -180,7 +181,7 @@ impl<'a> Window<'a> {
         windows
     }
 
-    /// Fills with `records`, which hold no more points than are missing.
+    /// Fills with `records`, which are at most as many points as are missing.
     fn fill(&mut self, records: &[u8], fields: &Fields) {
         let at = self.done;
         let rows = records.chunks_exact(fields.record_bytes);
@@ -216,7 +217,7 @@ impl<'a> Window<'a> {
             let mut occurred = self.occurred;
             let column = column[at..].iter_mut().zip(rows.map(|row| color(row, offset)));
             match fields.range {
-                // Written out, so that each is a loop without a choice.
+                // Written out, so that each is a loop without a branch.
                 RgbRange::Words => column.for_each(|(slot, color)| {
                     occurred.look(color);
                     *slot = color.map(to_8_bits);
@@ -250,7 +251,7 @@ impl Lane for &mut Window<'_> {
     }
 }
 
-/// Looks at places and colours of few points.
+/// A lane that samples positions and colours.
 #[derive(Default)]
 pub struct Census {
     pub occurred: Occurred,
@@ -279,7 +280,7 @@ impl Lane for &mut Census {
     }
 }
 
-/// Columns that are filled from their first point on, and grow with it.
+/// Columns that grow as they are filled from their first point.
 pub struct Pile {
     pub columns: Columns,
     done: usize,
@@ -287,7 +288,7 @@ pub struct Pile {
 }
 
 impl Pile {
-    /// What these columns hold is written over.
+    /// Returns a pile that overwrites these columns.
     pub fn new(columns: Columns) -> Self {
         Self { columns, done: 0, occurred: Occurred::default() }
     }
@@ -304,7 +305,7 @@ impl Pile {
         (self.done, self.occurred) = (window.done, window.occurred);
     }
 
-    /// Takes away the room that was not used.
+    /// Removes unused room.
     pub fn cut(&mut self) -> Filled {
         resize(&mut self.columns, self.done);
         Filled { start: 0, points: self.done, occurred: self.occurred }
@@ -343,9 +344,9 @@ fn part<const N: usize>(row: &[u8], at: usize) -> [u8; N] {
     super::header::array_at(row, at)
 }
 
-/// [`zeros`], or `None` if there is no memory for them.
+/// Returns [`zeros`], or `None` if there is not enough memory.
 pub fn columns(count: usize, available: ColumnSet) -> Option<Columns> {
-    // An allocation that fails ends the program, so the whole sum is asked for first, and given back.
+    // A failed allocation ends the program, so the sum is first allocated and freed fallibly.
     let bytes = 12
         + 3 * available.rgb as usize
         + 2 * available.intensity as usize
@@ -358,7 +359,7 @@ pub fn columns(count: usize, available: ColumnSet) -> Option<Columns> {
     Some(zeros(count, available))
 }
 
-/// Columns of `count` zeros, which cost no memory until they are written over.
+/// Returns columns of `count` zeros, which take no memory until they are written.
 pub fn zeros(count: usize, available: ColumnSet) -> Columns {
     fn column<T: Clone + Default>(there: bool, count: usize) -> Option<Vec<T>> {
         there.then(|| vec![T::default(); count])
@@ -390,7 +391,8 @@ fn resize(columns: &mut Columns, count: usize) {
     columns.gps_time.iter_mut().for_each(|column| column.resize(count, 0.0));
 }
 
-/// Drops colours that are none and closes the gaps that lanes left unfilled: a missing point is absent, never a zero.
+/// Drops all-black colours and closes gaps that lanes left: a missing point is absent, never a
+/// zero.
 pub fn finish(columns: &mut Columns, lanes: &[Filled]) -> Occurred {
     let occurred =
         lanes.iter().fold(Occurred::default(), |occurred, lane| occurred.join(lane.occurred));

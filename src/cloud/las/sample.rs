@@ -1,5 +1,7 @@
-//! Some of a file's points, from all over it, for a first look: in as many pieces as reading them quickly allows, since what scanners write one after another
-//! lies side by side, and a few long pieces would look like slices of the scene.
+//! A sample of a file's points from all over it, for a preview.
+//!
+//! It consists of as many pieces as fast reading allows: scanners write neighbouring points
+//! together, and a few long pieces would look like slices of the scene.
 
 use super::header::Layout;
 use super::{Las, Places, Sequence, Stretch};
@@ -8,23 +10,27 @@ use crate::cloud::{ColumnSet, Part};
 use crate::error::Result;
 use crate::progress::Progress;
 
-/// Points of an uncompressed file that are read together: fewer would take more reads than a disk does in a second.
+/// Adjacent points read from an uncompressed file: fewer would take more reads than a disk does in
+/// a second.
 const RUN: u64 = 64;
 
-/// Of a run one point in so many is kept, so that it reaches further; a disk reads about as long for it.
+/// One in this many points of a run is kept, so that it spans more; a disk reads about as long for
+/// it.
 const STRIDE: u64 = 8;
 
-/// LAZ chunks whose beginnings are decoded, at most: a layered one has to be read whole for that, and usually has a third of a megabyte.
+/// Most LAZ chunks whose beginnings are decoded: a layered one must be read whole, usually a third
+/// of a megabyte.
 const CHUNKS: usize = 256;
 
-/// And where only a look is taken.
+/// Most chunks for statistics alone.
 const FEW_CHUNKS: usize = 4;
 const FEW_POINTS: u64 = 1024;
 
-/// Bytes of a chunk that hold more than its first point takes, however it is coded.
+/// Bytes of a chunk that exceed its first point in any coding.
 const SLACK: u64 = 1 << 16;
 
-/// About so many points; none where what stands in the middle is not found without reading what is before.
+/// Reads about this many points; `None` if the middle cannot be located without reading what is
+/// before it.
 pub fn sample(
     input: &Input,
     wanted: ColumnSet,
@@ -37,7 +43,7 @@ pub fn sample(
     las.places = Places::Known(match &las.coding {
         Some(coding) => beginnings(stretches, CHUNKS, points, coding.is_layered()),
         None => {
-            // Of records so wide only the first bytes are looked at.
+            // Of very wide records only the first bytes are read.
             let every = (all / points.max(1)).clamp(1, STRIDE);
             las.fields.record_bytes *= every as usize;
             runs(las.layout.points_at, all / every, las.fields.record_bytes as u64, points)
@@ -46,7 +52,7 @@ pub fn sample(
     Ok(Some(las.read(input, progress)?.0))
 }
 
-/// Runs of records, evenly spread over all of them.
+/// Returns runs of records, evenly spread over all.
 fn runs(at: u64, all: u64, record_bytes: u64, points: u64) -> Vec<Stretch> {
     let count = points.min(all).div_ceil(RUN);
     let first = |run: u64| (run as u128 * all as u128 / count as u128) as u64;
@@ -57,7 +63,7 @@ fn runs(at: u64, all: u64, record_bytes: u64, points: u64) -> Vec<Stretch> {
     (0..count).map(run).collect()
 }
 
-/// Where few points are that tell what the rest look like, from all over the file where that can be.
+/// Returns the places of few points that represent the rest, from all over the file if possible.
 pub fn few(las: &Las) -> Places {
     match (&las.places, &las.coding) {
         (Places::Sequence(sequence), _) => {
@@ -73,14 +79,14 @@ pub fn few(las: &Las) -> Places {
     }
 }
 
-/// The first points of at most so many chunks: a chunk is decoded from its beginning on.
+/// Returns the first points of at most `most` chunks: a chunk is decoded from its beginning.
 fn beginnings(chunks: &[Stretch], most: usize, points: u64, layered: bool) -> Vec<Stretch> {
     let chosen = || chunks.iter().step_by(chunks.len().div_ceil(most).max(1));
     let all = chosen().map(|chunk| chunk.points).sum::<u64>().max(1);
     let beginning = |chunk: &Stretch| {
         let share =
             |of: u64| (of as u128 * points as u128).div_ceil(all as u128).min(of as u128) as u64;
-        // Where the beginning takes more bytes than its share twice over, its last points are missing.
+        // If the beginning takes more than twice its share of bytes, its last points are missing.
         let bytes =
             if layered { chunk.bytes } else { chunk.bytes.min(2 * share(chunk.bytes) + SLACK) };
         Stretch { bytes, points: share(chunk.points), ..*chunk }

@@ -1,6 +1,5 @@
-//! The PLY header: what elements a file has, of which properties, and where its body begins.
-//!
-//! In: the first bytes of a file. Out: a [`Layout`]. Counts are only remembered: what they are worth is judged where the body is read.
+//! The PLY header: elements, their properties, and the beginning of the body. Counts are checked
+//! where the body is read.
 
 use crate::cloud::from_floats::Role;
 use crate::cloud::input::Input;
@@ -11,7 +10,7 @@ pub struct Layout {
     pub coding: Coding,
     pub elements: Vec<Element>,
     pub body_at: u64,
-    /// Lines end in a carriage return alone.
+    /// Whether lines end in CR alone.
     pub returns: bool,
     /// Comments and object information, in the file's own words.
     pub comments: Vec<String>,
@@ -41,7 +40,7 @@ pub struct Element {
 }
 
 impl Element {
-    /// Coefficients of splats are colours only where there are no others.
+    /// Keeps coefficients of splats as colours only if there are no others.
     fn choose_colors(&mut self) {
         if self
             .properties
@@ -55,12 +54,12 @@ impl Element {
         }
     }
 
-    /// Its colours are made of the coefficients of Gaussian splats.
+    /// Tests whether colours are coefficients of Gaussian splats.
     pub fn is_splats(&self) -> bool {
         self.properties.iter().any(|property| property.harmonic && property.role != Role::Other)
     }
 
-    /// Bytes of one binary record; `None` if it has lists, whose lengths are in the body.
+    /// Returns the bytes of a binary record; `None` if it has lists, whose lengths are in the body.
     pub fn record_bytes(&self) -> Option<u64> {
         self.properties
             .iter()
@@ -71,10 +70,10 @@ impl Element {
 
 pub struct Property {
     pub role: Role,
-    /// It is a coefficient of a Gaussian splat, of which the colour is made.
+    /// Whether it is a coefficient of a Gaussian splat, from which the colour is computed.
     pub harmonic: bool,
     pub scalar: Scalar,
-    /// The type of the length that precedes a list's values; `None` for a single value.
+    /// The type of a list's length; `None` for a single value.
     pub length: Option<Scalar>,
 }
 
@@ -114,12 +113,12 @@ impl Scalar {
         }
     }
 
-    /// Every value of this type is an `f32`.
+    /// Tests whether every value of this type is an `f32`.
     pub fn fits_f32(self) -> bool {
         !matches!(self, Scalar::I32 | Scalar::U32 | Scalar::F64)
     }
 
-    /// The value at the beginning of `bytes`, which hold at least [`Scalar::bytes`].
+    /// Decodes the value at the beginning of `bytes`, which hold at least [`Scalar::bytes`].
     #[inline]
     pub fn value(self, bytes: &[u8], big: bool) -> f64 {
         macro_rules! read {
@@ -142,7 +141,7 @@ impl Scalar {
     }
 }
 
-/// A header longer than this is none.
+/// Longest header [bytes].
 const HEADER_BYTES: u64 = 1 << 20;
 
 pub fn read(input: &Input) -> Result<Layout> {
@@ -227,7 +226,7 @@ pub fn read(input: &Input) -> Result<Layout> {
     )))
 }
 
-/// By the first line: a carriage return that no newline follows.
+/// Tests by the first line whether lines end in CR alone.
 fn ends_in_returns(start: &[u8]) -> bool {
     let end = start.iter().position(|byte| matches!(byte, b'\r' | b'\n'));
     end.is_some_and(|at| start[at] == b'\r' && start.get(at + 1) != Some(&b'\n'))
@@ -250,12 +249,13 @@ fn role(name: &str) -> Role {
     }
 }
 
-/// A few bytes of a file, fit for a message.
+/// Quotes a few bytes of a file for a message.
 fn shown(word: &[u8]) -> String {
     String::from_utf8_lossy(&word[..word.len().min(64)]).escape_debug().to_string()
 }
 
-/// Sets what one line of an ascii body says; `None` if it is not such a record. Where commas are decimal marks, only blanks are between numbers.
+/// Sets the fields of a line of an ASCII body; `None` if it is not such a record. With decimal
+/// commas, only blanks separate numbers.
 pub fn parse_line(
     line: &[u8],
     properties: &[Property],

@@ -1,11 +1,12 @@
-//! GeoTIFF keys -> a system.
+//! GeoTIFF keys to a system.
 //!
-//! In: the three records of a LAS file that hold them: keys, numbers, texts. Out: name, EPSG code, kind and units, and of the commonest projections
-//! that have no code what they are. Keys of which a record does not hold what they point to are left out.
+//! The three records of a LAS file hold keys, numbers and texts. They give name, EPSG code, kind
+//! and units, and the parameters of the commonest projections without a code. Keys that point
+//! outside their record are ignored.
 
 use super::{Kind, System, Unit};
 
-/// The contents of the records.
+/// The contents of the three records.
 #[derive(Clone, Debug, Default)]
 pub struct Records {
     pub keys: Vec<u8>,
@@ -25,7 +26,7 @@ const LINEAR_UNIT: u16 = 3076;
 const LINEAR_UNIT_METRES: u16 = 3077;
 const VERTICAL_UNIT: u16 = 4099;
 
-/// A value that is given by other keys.
+/// A value that is defined by other keys.
 const OF_THE_USER: u16 = 32767;
 
 impl Records {
@@ -80,7 +81,7 @@ impl Records {
         }
     }
 
-    /// Degrees that the unit of angles has.
+    /// Returns the degrees per unit of angles.
     fn degrees(&self) -> f64 {
         match self.short(ANGULAR_UNIT) {
             Some(9101) => 1f64.to_degrees(),
@@ -89,7 +90,8 @@ impl Records {
         }
     }
 
-    /// Transverse Mercator, Lambert's conic with two parallels, and Albers', as PROJ writes them.
+    /// Returns Transverse Mercator, Lambert's conic with two parallels, or Albers', as a PROJ
+    /// definition.
     fn projection(&self, unit: &Unit) -> Option<String> {
         let number = |keys: &[u16]| keys.iter().find_map(|&key| self.number(key));
         // Natural origin, false origin, centre.
@@ -111,10 +113,10 @@ impl Records {
         ))
     }
 
-    /// A key's four numbers: itself, which record its value is in, how long it is there, and where, or the value.
+    /// Returns a key's four numbers: key, record of its value, length, and offset or value.
     fn entry(&self, key: u16) -> Option<[u16; 4]> {
         let word = |bytes: &[u8]| u16::from_le_bytes([bytes[0], bytes[1]]);
-        // The first are not a key, but how many follow.
+        // The first entry is the header with their count.
         self.keys
             .chunks_exact(8)
             .skip(1)

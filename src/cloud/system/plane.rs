@@ -1,14 +1,16 @@
-//! Degrees -> metres: a plane that touches the ellipsoid in the middle of a cloud.
+//! A plane tangent to the ellipsoid in the middle of a cloud, to convert degrees to metres.
 //!
-//! Both axes are straight: a metre east is so many degrees of longitude there, and a metre north so many of latitude. So what is changed is the lattice
-//! of the points and no point, and it can be undone. Ten kilometres from the middle an east is off by up to two parts in a thousand at middle latitudes.
+//! Both axes are linear in the angles: a metre east is a constant longitude difference, a metre
+//! north a constant latitude difference. Only the lattice changes, no point, and the conversion can
+//! be undone. Ten kilometres from the middle an easting is off by up to two parts in a thousand at
+//! middle latitudes.
 
 use super::super::Lattice;
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
 use std::fmt;
 
-/// Where it touches, degrees, and how long a degree is there.
+/// The tangent point [degrees], and the length of a degree there.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Plane {
     pub longitude: f64,
@@ -16,21 +18,21 @@ pub struct Plane {
     pub metres_per_degree: [f64; 2],
 }
 
-/// The ellipsoid WGS 84: its equatorial radius, metres, and its flattening.
+/// The ellipsoid WGS 84: equatorial radius [m] and flattening.
 const RADIUS: f64 = 6_378_137.0;
 const FLATTENING: f64 = 1.0 / 298.257_223_563;
 
-/// A plane's middle is kept to a millionth of a degree, which is easier to read.
+/// The tangent point is rounded to a millionth of a degree, for readability.
 const PLACES: f64 = 1e6;
 
-/// Whether these can be corners of longitudes and latitudes.
+/// Tests whether these can be corners of longitudes and latitudes.
 pub fn are_degrees(lo: DVec3, hi: DVec3) -> bool {
     let within = |v: DVec3| v.x.abs() <= 360.0 && v.y.abs() <= 90.0;
     within(lo) && within(hi)
 }
 
 impl Plane {
-    /// None at the poles, where there is no east.
+    /// Returns the plane around a point; `None` at the poles.
     pub fn about(middle: DVec3) -> Option<Plane> {
         let [longitude, latitude] = [middle.x, middle.y].map(|v| (v * PLACES).round() / PLACES);
         let (sine, cosine) = latitude.to_radians().sin_cos();
@@ -42,7 +44,7 @@ impl Plane {
         (latitude.abs() < 89.999).then_some(Plane { longitude, latitude, metres_per_degree })
     }
 
-    /// A lattice of angles, of so many degrees a unit, and of heights of so many metres.
+    /// Converts a lattice of angles (`degrees` per unit) and heights (`metres` per unit).
     pub fn flatten(&self, lattice: Lattice, degrees: f64, metres: f64) -> Lattice {
         let [east, north] = self.metres_per_degree;
         let scale = DVec3::new(east * degrees, north * degrees, metres);

@@ -1,12 +1,13 @@
-//! Well-known text, of either version -> a system.
+//! Well-known text of either version to a system.
 //!
-//! In: text such as `PROJCS["...",GEOGCS[...],UNIT["foot",0.3048]]`. Out: name, EPSG code, kind and units. Whatever is not understood is passed over:
-//! writers differ in everything but the brackets. What the projection is `proj4wkt` finds.
+//! Input such as `PROJCS["...",GEOGCS[...],UNIT["foot",0.3048]]` gives name, EPSG code, kind and
+//! units. Unknown keywords are ignored: writers differ in everything but the brackets. `proj4wkt`
+//! parses the projection.
 
 use super::super::catch_panic::catch_panic;
 use super::{Kind, System, Unit};
 
-/// A keyword with what stands in its brackets.
+/// A keyword and the contents of its brackets.
 #[derive(Debug, Default)]
 struct Node {
     keyword: String,
@@ -14,10 +15,10 @@ struct Node {
     nodes: Vec<Node>,
 }
 
-/// Honest text nests some ten deep.
+/// Deepest nesting; honest text nests about ten deep.
 const DEEPEST: usize = 64;
 
-/// The system that a text names; none where it is no such text.
+/// Parses the system of a text; `None` if it is not WKT.
 pub fn system(text: &str) -> Option<System> {
     let text = text.trim_matches(|c: char| c == '\0' || c.is_whitespace());
     let root = node(&mut text.chars().peekable(), 0)?;
@@ -27,7 +28,7 @@ pub fn system(text: &str) -> Option<System> {
     let degrees = (kind == Kind::Geographic).then(|| horizontal.angle());
     let mut height = vertical.and_then(Node::length);
     if kind == Kind::Geographic {
-        // The length of a geographic system is that of its heights.
+        // The length unit of a geographic system is that of its heights.
         height = height.or(unit.take());
         unit = Some(Unit::default());
     }
@@ -50,7 +51,7 @@ pub fn system(text: &str) -> Option<System> {
 
 type Characters<'t> = std::iter::Peekable<std::str::Chars<'t>>;
 
-/// One keyword and its brackets, up to where the text ends.
+/// Parses one keyword and its brackets, up to the end of the text.
 fn node(text: &mut Characters, depth: usize) -> Option<Node> {
     let keyword = word(text);
     if keyword.is_empty() || depth > DEEPEST || !matches!(text.peek(), Some('[' | '(')) {
@@ -92,7 +93,7 @@ fn word(text: &mut Characters) -> String {
     word
 }
 
-/// What stands between quotes, of which two are one.
+/// Parses a quoted string, in which doubled quotes stand for one.
 fn quoted(text: &mut Characters) -> String {
     text.next();
     let mut quoted = String::new();
@@ -114,7 +115,7 @@ impl Node {
         self.nodes.iter().find(|node| node.is(keywords))
     }
 
-    /// The horizontal system and the vertical one.
+    /// Returns the horizontal system and the vertical one.
     fn halves(&self) -> Option<(&Node, Option<&Node>)> {
         if self.is(&["BOUNDCRS"]) {
             return self.find(&["SOURCECRS"])?.nodes.first()?.halves();
@@ -162,13 +163,13 @@ impl Node {
         self.nodes.iter().find(code)?.texts.get(1)?.parse().ok()
     }
 
-    /// Units of these kinds, its own or those of its axes.
+    /// Returns units of these kinds, its own or those of its axes.
     fn units<'n>(&'n self, keywords: &'n [&'n str]) -> impl Iterator<Item = &'n Node> {
         let axes = self.nodes.iter().filter(|node| node.is(&["AXIS"])).flat_map(|axis| &axis.nodes);
         self.nodes.iter().chain(axes).filter(move |node| node.is(keywords))
     }
 
-    /// Of lengths; `UNIT` of a geographic system is one of angles.
+    /// Returns the unit of lengths; `UNIT` of a geographic system is one of angles.
     fn length(&self) -> Option<Unit> {
         let keywords: &[&str] = if self.kind() == Some(Kind::Geographic) {
             &["LENGTHUNIT"]
@@ -189,7 +190,7 @@ impl Node {
         })
     }
 
-    /// Degrees that the unit of angles has.
+    /// Returns the degrees per unit of angles.
     fn angle(&self) -> f64 {
         let factor = |unit: &Node| {
             unit.texts
