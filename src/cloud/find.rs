@@ -1,4 +1,5 @@
-//! PLACE -> RECORD: all that a file says of the point at a place. Files are streamed again for it, since nobody keeps every attribute of every point in memory.
+//! Lookup of all attributes of a point by its position. Files are read again, since only displayed
+//! attributes are kept in memory.
 
 use super::digits::number;
 use super::las::read_point;
@@ -11,23 +12,24 @@ use serde::Serialize;
 use std::path::PathBuf;
 use std::sync::Mutex;
 
-/// A point that is looked for.
+/// A point to look up.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Sought {
-    /// As [`Lattice::world`] gives it, to the last bit.
+    /// Position as returned by [`Lattice::world`], exact to the last bit.
     pub position: DVec3,
-    /// Class and return number, to tell apart what lies in one place.
+    /// Class and return number, to distinguish coincident points.
     pub kind: Option<[u8; 2]>,
-    /// Which of the parts, and which of its LAS point source ids.
+    /// Part number and LAS point source id.
     pub station: Option<(usize, Option<u16>)>,
 }
 
-/// What a file has of one point, in its own numbers: colours of 16 bits a channel in LAS, of 8 in other files. What it lacks is none.
+/// All attributes of a point in the file's own numbers: colours of 16 bits a channel in LAS, of 8
+/// in other files; `None` if missing.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Record {
-    /// The scan's name, or the file's.
+    /// Name of the scan or the file.
     pub file: String,
-    /// Which of its points, counted from 0.
+    /// Index in the file, from 0.
     pub point: u64,
     pub rgb: Option<[u16; 3]>,
     pub intensity: Option<f64>,
@@ -38,36 +40,37 @@ pub struct Record {
     pub source: Option<u16>,
     /// Unit normal.
     pub normal: Option<[f64; 3]>,
-    /// Seconds, as in the file.
+    /// GPS time as in the file [s].
     pub gps_time: Option<f64>,
-    /// What only LAS has.
+    /// Fields only LAS has.
     pub extras: Extras,
-    /// Other points that lie in the same place.
+    /// Number of other points at the same position.
     pub others: u64,
 }
 
-/// What a LAS record holds that no picture shows.
+/// Fields of a LAS record that are not displayed.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Extras {
     pub near_infrared: Option<u16>,
     pub scan_angle_deg: Option<f32>,
     pub user_data: Option<u8>,
-    /// Such as synthetic, or withheld.
+    /// Flags such as synthetic or withheld.
     pub marks: Vec<&'static str>,
-    /// As they stand in the file.
+    /// Extra bytes as stored.
     pub extra_bytes: Vec<u8>,
 }
 
-/// A candidate, and how little it is like what is sought; the first of the most alike counts.
+/// A candidate with its dissimilarity; the first of the most similar ones wins.
 struct Candidate {
     unlike: (bool, bool, u64),
     record: Record,
     part: usize,
-    /// In the file's own coordinates.
+    /// Position in the file's own coordinates.
     place: DVec3,
 }
 
-/// The record of a point, or none where no point of these files lies in its place. Files are read as before, but for columns that were not wanted then.
+/// Returns the record of a point; `None` if no point has its position. Files are read as before,
+/// with all columns.
 pub fn find(
     paths: &[PathBuf],
     read: ReadOptions,
@@ -102,7 +105,7 @@ pub fn find(
         }
     }
     Ok(best.map(|Candidate { mut record, part, place, .. }| {
-        // Batches do not know yet how wide the colours of a whole file are.
+        // Batches do not know the colour range of the whole file yet.
         if sources[part].is_las() {
             let (rgb, extras) = read_point::record(
                 sources[part].path(),
@@ -117,7 +120,7 @@ pub fn find(
     }))
 }
 
-/// The steps whose place this is, bit by bit.
+/// Returns the steps of exactly this position, if any.
 fn steps_at(lattice: &Lattice, place: DVec3) -> Option<[i32; 3]> {
     let steps = ((place - lattice.offset) / lattice.step).round();
     let fits = steps.cmpge(DVec3::splat(i32::MIN as f64)).all()
@@ -157,7 +160,7 @@ fn candidate(sought: &Sought, part: usize, source: &Source, batch: &Batch, i: us
     Candidate { unlike, record, part, place: DVec3::ZERO }
 }
 
-/// In words, but for the position.
+/// Describes everything but the position.
 impl std::fmt::Display for Record {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         write!(f, "point {} of {}", self.point, self.file)?;

@@ -1,4 +1,5 @@
-//! The points that a camera should frame: all but strays, since one return from a bird would push the rest into a corner.
+//! Robust framing: the points that a camera should show, without strays. A single return from a
+//! bird would push the rest into a corner.
 
 use super::strays::{Core, mix};
 use super::{Cloud, Lattice, Part};
@@ -7,16 +8,19 @@ use rayon::prelude::*;
 use std::collections::HashMap;
 use std::ops::RangeInclusive;
 
-/// About as many points are looked at. Which ones their coordinates decide, not their place in the file, so that the camera does not depend on the order.
+/// Approximate number of sampled points. They are chosen by coordinates, not by their place in the
+/// file, so that the camera does not depend on the order.
 const SAMPLES: u64 = 100_000;
-/// Share of the points that may lie beyond each side of a box that is certainly no stray's doing.
+/// Share of points beyond each side of a box that no stray determines.
 const BEYOND: f64 = 0.002;
-/// What lies beyond the box and is no stray: cells side by side with points in each, and how far they lead, as parts of the box's longest side.
+/// Connectivity of points beyond the box, relative to its longest side: the size of adjacent
+/// occupied cells, and the distance they may lead.
 const STEP: f64 = 1.0 / 50.0;
 const WAY: f64 = 0.25;
 
 impl Cloud {
-    /// A sample of the points, and whatever hangs together with most of them; no strays. World.
+    /// Returns a sample of the points, and all points connected with most of them, without strays;
+    /// world.
     pub fn core_points(&self) -> Vec<DVec3> {
         let every = self.len() / SAMPLES + 1;
         let samples: Vec<_> = self
@@ -28,7 +32,7 @@ impl Cloud {
         let certain = Certain::of(samples.clone());
         let mut core: Vec<DVec3> =
             samples.into_iter().map(|(p, _)| p).filter(|&p| certain.beyond(p) == 0.0).collect();
-        // Of a spire's tip a sample would have nothing.
+        // A sample would miss the tip of a spire.
         let outside = self.places(|part| {
             let inside = certain.steps(&part.lattice);
             move |q| (0..3).any(|axis| !inside[axis].contains(&q[axis]))
@@ -37,7 +41,7 @@ impl Cloud {
         core
     }
 
-    /// Where those points of each part are whose steps are wanted.
+    /// Returns the positions of each part whose steps are accepted.
     fn places<W: Fn([i32; 3]) -> bool + Sync>(&self, wants: impl Fn(&Part) -> W) -> Vec<DVec3> {
         let mut places = Vec::new();
         for part in &self.parts {
@@ -51,7 +55,7 @@ impl Cloud {
     }
 }
 
-/// Samples, each as often as the points that it stands for, without strays.
+/// Returns samples without strays, each repeated by its weight.
 pub fn without_strays(samples: Vec<(DVec3, u32)>) -> Vec<DVec3> {
     let samples = near(samples);
     let certain = Certain::of(samples.clone());
@@ -61,7 +65,7 @@ pub fn without_strays(samples: Vec<(DVec3, u32)>) -> Vec<DVec3> {
     core
 }
 
-/// Leaves out what lies far outside: of few samples one alone is more than the share that percentiles leave out.
+/// Removes far samples: one of few is more than the share that percentiles cut off.
 fn near(mut samples: Vec<(DVec3, u32)>) -> Vec<(DVec3, u32)> {
     let Some(core) = Core::of(samples.len(), |i| samples[i].0) else { return samples };
     let points = |keeps: &dyn Fn(DVec3) -> bool| {
@@ -73,11 +77,11 @@ fn near(mut samples: Vec<(DVec3, u32)>) -> Vec<(DVec3, u32)> {
     samples
 }
 
-/// The box between the 0.2nd and the 99.8th percentile of every axis, which no stray has made.
+/// The box between the 0.2nd and the 99.8th percentile of every axis, unaffected by strays.
 struct Certain {
     low: DVec3,
     high: DVec3,
-    /// The longest side.
+    /// The longest side [m].
     size: f64,
 }
 
@@ -93,19 +97,20 @@ impl Certain {
         Certain { low, high, size: (high - low).max_element() }
     }
 
-    /// How far outside a point lies along the axis where that is most, metres.
+    /// Returns the largest distance outside the box along an axis [m].
     fn beyond(&self, p: DVec3) -> f64 {
         (p - p.clamp(self.low, self.high)).abs().max_element()
     }
 
-    /// Steps of a lattice that are certainly inside, whatever is rounded.
+    /// Returns the steps of a lattice that are inside, whatever the rounding.
     fn steps(&self, lattice: &Lattice) -> [RangeInclusive<i32>; 3] {
         let [a, b] = [self.low, self.high].map(|corner| (corner - lattice.offset) / lattice.step);
         let (least, most) = (a.min(b).ceil() + 1.0, a.max(b).floor() - 1.0);
         [0, 1, 2].map(|axis| least[axis] as i32..=most[axis] as i32)
     }
 
-    /// Points outside that hang together with what is inside: a spire or an outstretched arm may hold fewer points than strays do, but no gap parts it from the rest.
+    /// Returns outside points that are connected with the inside: a spire or an outstretched arm
+    /// may hold fewer points than strays do, but no gap separates it.
     fn tied(&self, outside: Vec<DVec3>) -> Vec<DVec3> {
         let step = STEP * self.size;
         let mut cells: HashMap<[i64; 3], Vec<DVec3>> = HashMap::new();
@@ -131,7 +136,7 @@ impl Certain {
     }
 }
 
-/// The first coordinate that has more than `beyond` points up to it.
+/// Returns the first coordinate with more than `beyond` points up to it.
 fn within<'s>(
     samples: impl Iterator<Item = &'s (DVec3, u32)>,
     axis: usize,
@@ -144,7 +149,7 @@ fn within<'s>(
     sums.find(|(sum, _)| *sum > beyond).map(|(_, at)| at)
 }
 
-/// A number that looks random and depends on a point's lattice coordinates alone.
+/// Hashes a point's lattice coordinates.
 fn scatter(q: [i32; 3]) -> u64 {
     mix((q[0] as u32 as u64)
         ^ (q[1] as u32 as u64).rotate_left(21)

@@ -1,8 +1,9 @@
-//! Strays: points so far from all others that they are no part of what was scanned: a bird, a phantom at the origin, a failed match of photogrammetry.
+//! Strays: points far outside of what was scanned, such as a bird, a phantom at the origin, or a
+//! failed photogrammetric match.
 //!
-//! In: places. Out: the box around all points but strays.
-//! Distances outwards from the middle half of the points are told apart by factors of two of its longest side. Beyond the first factor within which no point lies, points are strays, if they are few:
-//! no more than the root of the number of points. Only places count, not their order.
+//! Distances from the middle half of the points are binned by powers of two of its longest side.
+//! Points beyond the first empty bin are strays if they are few: at most the square root of the
+//! number of points. Only positions matter, not their order.
 
 use super::digits::number;
 use super::{Cloud, Columns, Lattice, Part};
@@ -11,18 +12,18 @@ use rayon::prelude::*;
 use std::ops::Range;
 use std::sync::OnceLock;
 
-/// Points below which none is called a stray.
+/// Fewest points among which strays are sought.
 const FEWEST: usize = 32;
-/// About as many points are asked for the middle half.
+/// Approximate number of samples for the middle half.
 const SAMPLES: usize = 4096;
-/// Factors of two between the least and the greatest distance that f64 can tell apart from a side.
+/// Bins: powers of two between the least and the greatest distance in f64.
 const FACTORS: usize = 2048;
-/// Points that one task looks at.
+/// Points per task.
 const AT_ONCE: usize = 1 << 15;
-/// Points that are asked together whether one of them is a sample.
+/// Points tested together for samples.
 const BLOCK: usize = 64;
 
-/// What is to become of strays.
+/// The treatment of strays.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
 pub enum Treatment {
     /// They are drawn where they lie.
@@ -40,7 +41,7 @@ pub struct Core {
 }
 
 impl Core {
-    /// Returns the box if some of so many places are strays, and `None` if none is.
+    /// Returns the box if some of `count` positions are strays; `None` if not.
     pub fn of(count: usize, place: impl Fn(usize) -> DVec3 + Sync) -> Option<Core> {
         if count < FEWEST {
             return None;
@@ -60,7 +61,7 @@ impl Core {
         Core::among(count, seen, place)
     }
 
-    /// Returns the box that a first look at all places leads to.
+    /// Returns the box, given extent and samples of all positions.
     fn among(
         count: usize,
         Seen { all, samples }: Seen,
@@ -71,11 +72,11 @@ impl Core {
         if !(size > 0.0 && size.is_finite()) {
             return None;
         }
-        // The whole part of the binary logarithm.
+        // The integer part of the binary logarithm.
         let factor = |p: DVec3| {
             (((1.0 + middle.beyond(p) / size).to_bits() >> 52) as usize - 1023).min(FACTORS - 1)
         };
-        // Where some of the samples lie within each factor there is no gap, and nothing to count.
+        // If samples fill every bin, there is no gap and nothing to count.
         let farthest = factor(all.low).max(factor(all.high));
         let mut met = vec![false; farthest + 1];
         samples.iter().for_each(|&p| met[factor(p)] = true);
@@ -102,20 +103,20 @@ impl Core {
         p.cmpge(self.low).all() && p.cmple(self.high).all()
     }
 
-    /// Returns how far outside a point lies along the axis where that is most.
+    /// Returns the largest distance outside along an axis.
     fn beyond(&self, p: DVec3) -> f64 {
         (self.low - p).max(p - self.high).max_element().max(0.0)
     }
 }
 
-/// What the places of a part's points say of all of them: lattice steps.
+/// Extent and samples of a part's points [lattice steps].
 #[derive(Clone, Debug)]
 pub struct Extent {
     pub low: [i32; 3],
     pub high: [i32; 3],
-    /// Places of points that [`scatter_steps`] has chosen: several thousand, or all.
+    /// Positions chosen by [`scatter_steps`]: several thousand, or all.
     pub samples: Vec<[i32; 3]>,
-    /// The box around all but strays, if there are some.
+    /// The box around all points but strays, if there are strays.
     pub core: Option<Core>,
 }
 
@@ -128,7 +129,7 @@ impl Extent {
             let low = places.map(|column| column.iter().fold(i32::MAX, |low, &v| low.min(v)));
             let high = places.map(|column| column.iter().fold(i32::MIN, |high, &v| high.max(v)));
             let mut samples = Vec::new();
-            // Most blocks have none, which processors find out for several points at a time.
+            // Most blocks have no sample, which SIMD finds for several points at a time.
             let [x, y, z] = places.map(|column| column.chunks(BLOCK));
             for ((x, y), z) in x.zip(y).zip(z) {
                 let places = || x.iter().zip(y).zip(z).map(|((&x, &y), &z)| [x, y, z]);
@@ -158,11 +159,11 @@ impl Extent {
     }
 }
 
-/// An extent that is found when it is first asked for, and kept.
+/// An extent computed on first use.
 #[derive(Clone, Debug, Default)]
 pub struct Kept(OnceLock<Option<Extent>>);
 
-/// The places alone say what it is.
+/// Equal by positions, so the cache does not matter.
 impl PartialEq for Kept {
     fn eq(&self, _: &Kept) -> bool {
         true
@@ -181,13 +182,13 @@ impl Columns {
         self.extent()?.core
     }
 
-    /// Returns where a point lies, lattice steps.
+    /// Returns the position of a point [lattice steps].
     pub fn place(&self, i: usize) -> DVec3 {
         steps([self.x[i], self.y[i], self.z[i]])
     }
 }
 
-/// What a first look at all points finds: a box around them, and samples.
+/// Extent and samples after one pass over all points.
 struct Seen {
     all: Core,
     samples: Vec<DVec3>,
@@ -232,13 +233,13 @@ fn steps(place: [i32; 3]) -> DVec3 {
     DVec3::from_array(place.map(f64::from))
 }
 
-/// Returns the ranges of points that tasks look at.
+/// Returns the ranges of points per task.
 fn tasks(count: usize) -> impl IndexedParallelIterator<Item = Range<usize>> {
     let range = move |task: usize| task * AT_ONCE..count.min((task + 1) * AT_ONCE);
     (0..count.div_ceil(AT_ONCE)).into_par_iter().map(range)
 }
 
-/// Returns the greatest of the numbers that choose a point as a sample.
+/// Returns the largest hash of a sample.
 fn chosen(count: usize) -> u64 {
     u64::MAX / (count / SAMPLES + 1) as u64
 }
@@ -247,7 +248,7 @@ fn chosen(count: usize) -> u64 {
 #[derive(Clone, Debug, Default, PartialEq, serde::Serialize)]
 pub struct Strays {
     pub points: u64,
-    /// Where the first few lie, world.
+    /// Positions of the first few, world.
     pub places: Vec<[f64; 3]>,
 }
 
@@ -278,7 +279,7 @@ impl Strays {
         self
     }
 
-    /// Returns a line for the user, where there are any.
+    /// Returns a note for the user, if there are strays.
     pub fn said(&self) -> Option<String> {
         let first = self.places.first()?.map(number).join(" ");
         Some(match self.points {
@@ -300,7 +301,7 @@ impl Part {
         Strays::of(&self.lattice, columns)
     }
 
-    /// Leaves strays out, and returns whether the part has other points.
+    /// Removes strays. Returns whether other points remain.
     pub fn hide_strays(&mut self) -> bool {
         if let Some(core) = self.columns.core() {
             let kept: Vec<u32> = (0..self.columns.len() as u32)
@@ -311,7 +312,7 @@ impl Part {
         !self.header.strays
     }
 
-    /// Returns the least and the greatest height of points that are no strays, world.
+    /// Returns the height range without strays, world.
     pub fn heights(&self) -> Option<[f64; 2]> {
         let (columns, z) = (&self.columns, &self.columns.z);
         let (lo, hi) = match columns.extent()? {
@@ -331,28 +332,27 @@ impl Cloud {
         self.parts.iter().map(Part::strays).fold(Strays::default(), Strays::and)
     }
 
-    /// Returns the least and the greatest height of points that are no strays, world.
+    /// Returns the height range without strays, world.
     pub fn heights(&self) -> Option<[f64; 2]> {
         let parts = self.parts.iter().filter(|part| !part.header.strays);
         parts.filter_map(Part::heights).reduce(|a, b| [a[0].min(b[0]), a[1].max(b[1])])
     }
 }
 
-/// Returns a number that looks random and depends on a place alone, in lattice steps.
-/// Two products are as many as processors do for every point at no cost beside reading it.
+/// Hashes a position in lattice steps. Two products take no extra time beside reading the points.
 pub fn scatter_steps([x, y, z]: [i32; 3]) -> u32 {
     let h = (x as u32 ^ (y as u32).rotate_left(11) ^ (z as u32).rotate_left(22))
         .wrapping_mul(0x9E37_79B1);
     (h ^ h >> 15).wrapping_mul(0x85EB_CA77)
 }
 
-/// Returns a number that looks random and depends on a place alone.
+/// Hashes a position.
 fn scatter(p: DVec3) -> u64 {
     let [x, y, z] = p.to_array().map(|v| (v + 0.0).to_bits());
     (x ^ y.rotate_left(21) ^ z.rotate_left(42)).wrapping_mul(0x9E37_79B9_7F4A_7C15)
 }
 
-/// Scatters the bits of a number (the finaliser of SplitMix64, Steele et al. 2014).
+/// Mixes the bits of a number (the finaliser of SplitMix64, Steele et al. 2014).
 pub fn mix(mut h: u64) -> u64 {
     h = (h ^ h >> 30).wrapping_mul(0xBF58_476D_1CE4_E5B9);
     h = (h ^ h >> 27).wrapping_mul(0x94D0_49BB_1331_11EB);
@@ -409,7 +409,7 @@ mod tests {
 
     #[test]
     fn a_scan_that_thins_out_has_none() {
-        // Points as a scanner in the middle of a plain has them: as many within every factor of two of distance.
+        // Points around a scanner on a plain: as many within every factor of two of distance.
         let place = |i: usize| {
             let (along, angle) = ((i * 7919 % 10_007) as f64 / 10_007.0, i as f64);
             DVec3::new(angle.cos(), angle.sin(), 0.0) * 2f64.powf(10.0 * along)

@@ -1,7 +1,8 @@
-//! What a table of text is: how its lines fall into fields, how its numbers are written, and what each column is taken for.
+//! The format of a text table: delimiters, number format, and the role of each column.
 //!
-//! In: the beginning of a text ([`sniff`]), and what was asked for ([`TextOptions`]). Out: a [`Table`], decided once, that every line is then read by
-//! ([`mod@line`]), and that says itself in one sentence, which a note repeats. Nothing about a line is guessed anew.
+//! The format is decided once from the beginning of a text ([`sniff`]) and the user's options
+//! ([`TextOptions`]). The resulting [`Table`] reads every line ([`mod@line`]) and describes itself
+//! in a note.
 
 mod heading;
 pub mod line;
@@ -15,19 +16,19 @@ use super::{Extra, text};
 use std::fmt;
 use std::str::FromStr;
 
-/// What lies between fields.
+/// The separator of fields.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Delimiter {
     Comma,
     Semicolon,
-    /// One tab, so that fields may be empty.
+    /// A single tab, so that fields may be empty.
     Tab,
-    /// Any number of spaces and tabs.
+    /// Runs of spaces and tabs.
     Space,
 }
 
 impl Delimiter {
-    /// `None` for runs of blanks.
+    /// Returns the byte; `None` for runs of blanks.
     fn byte(self) -> Option<u8> {
         match self {
             Delimiter::Comma => Some(b','),
@@ -61,10 +62,10 @@ impl FromStr for Delimiter {
     }
 }
 
-/// More columns than this are not named on a command line.
+/// Most columns named on a command line.
 const MOST_COLUMNS: usize = 64;
 
-/// The roles of all columns, in their order, as `--columns` gives them.
+/// The roles of all columns in order, as in `--columns`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Columns {
     roles: [Role; MOST_COLUMNS],
@@ -106,20 +107,20 @@ impl FromStr for Columns {
     }
 }
 
-/// What is said of text files instead of being found out.
+/// The user's options for text files.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct TextOptions {
     pub delimiter: Option<Delimiter>,
     pub columns: Option<Columns>,
-    /// The name of the column that intensities are read from.
+    /// Name of the column to read as intensity.
     pub scalar: Option<&'static str>,
 }
 
 impl TextOptions {
-    /// Everything is found out.
+    /// Options that detect everything.
     pub const NONE: TextOptions = TextOptions { delimiter: None, columns: None, scalar: None };
 
-    /// The note on a file that is no table, where something is said of tables.
+    /// Returns a note if options for tables are given for another format.
     pub(super) fn idle(&self, input: &Input) -> Option<String> {
         (*self != TextOptions::NONE).then(|| {
             format!(
@@ -130,13 +131,13 @@ impl TextOptions {
     }
 }
 
-/// How a line becomes fields, and a field a number.
+/// The way to split lines and parse numbers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Reading {
     pub delimiter: Delimiter,
-    /// A comma begins the fraction, not a point.
+    /// Whether the decimal mark is a comma.
     pub decimal_comma: bool,
-    /// Commas are between fields and within every number: two pieces make one number.
+    /// Whether commas separate fields and are decimal marks: two pieces make one number.
     pub paired: bool,
 }
 
@@ -149,28 +150,28 @@ impl fmt::Display for Reading {
 
 #[derive(Clone, Debug, PartialEq)]
 pub struct Column {
-    /// As the file has it.
+    /// Name in the file.
     pub name: Option<String>,
     pub role: Role,
-    /// Holds words, not numbers.
+    /// Whether it holds words.
     pub is_text: bool,
 }
 
 impl Column {
-    /// Whether it holds numbers that are no part of a point.
+    /// Tests whether it holds numbers that are not part of a point.
     pub fn is_extra(&self) -> bool {
         self.role == Role::Other && !self.is_text
     }
 }
 
-/// What says what columns are.
+/// The origin of column roles.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Source {
-    /// The names in this line.
+    /// Names in this line.
     Names(u64),
-    /// Names, but none of x, y and z: these are the first columns of numbers that have no other meaning.
+    /// Names without x, y and z, which are the first numeric columns without another role.
     Partly(u64),
-    /// Their order and values.
+    /// Order and values.
     Values,
     Asked,
 }
@@ -179,21 +180,21 @@ pub enum Source {
 pub struct Table {
     pub reading: Reading,
     pub columns: Vec<Column>,
-    /// The last column is a text of several words, between blanks.
+    /// Whether the last column is text of several words, separated by blanks.
     pub words_at_end: bool,
-    /// Return numbers without numbers of returns: each counts as the last.
+    /// Whether there are return numbers without numbers of returns: each counts as the last.
     pub lacks_returns: bool,
     pub source: Source,
-    /// Points that a line of one number before the first promises.
+    /// Number of points in a line of its own before the first row.
     pub count: Option<u64>,
-    /// Where the first row begins, bytes from the beginning of the text, and how many lines lie before.
+    /// Beginning of the first row [bytes], and the number of lines before it.
     pub body_at: usize,
     pub lines_before: u64,
-    /// A remark that seems to name other columns.
+    /// A comment that seems to name other columns.
     pub unfit: Option<String>,
-    /// Lines with numbers before the first row that are no row: which they are, and what is in them.
+    /// Numeric lines before the first row that are not rows: line number and contents.
     pub odd: Vec<(u64, String)>,
-    /// Lines of words before the first row that are no names and no comments.
+    /// Number of other lines before the first row that are neither names nor comments.
     pub passed: u64,
 }
 
@@ -202,7 +203,7 @@ impl Table {
         self.columns.iter().map(|column| column.role).collect()
     }
 
-    /// Colours of columns whose names end in f, for fractions, are fractions.
+    /// Returns the unit of colours: fractions if column names end in f.
     pub fn color_unit(&self) -> ColorUnit {
         let are_fractions =
             self.columns.iter().filter(|column| matches!(column.role, Role::Color(_))).all(
@@ -218,12 +219,12 @@ impl Table {
         }
     }
 
-    /// What columns are taken for, in their order.
+    /// Returns the roles of columns in order.
     pub fn words(&self) -> String {
         self.columns.iter().map(|column| word(column.role)).collect::<Vec<_>>().join(" ")
     }
 
-    /// A name for messages.
+    /// Returns a column's name for messages.
     pub fn title(&self, column: usize) -> String {
         match &self.columns[column].name {
             Some(name) => format!("\"{name}\""),
@@ -231,14 +232,15 @@ impl Table {
         }
     }
 
-    /// A column as an attribute of its own, before any value.
+    /// Returns a column as an extra attribute without values.
     pub fn extra(&self, column: usize) -> Extra {
         let name =
             self.columns[column].name.clone().unwrap_or_else(|| format!("column {}", column + 1));
         Extra { name, ..Extra::default() }
     }
 
-    /// What nothing in the file says, or what is not kept of it: roles that columns have by their order and values alone, and columns of words. That the first three numbers are coordinates is no guess.
+    /// Describes guesses and losses: roles by order and values alone, and text columns. That the
+    /// first three numbers are coordinates is not a guess.
     pub fn guess_or_loss(&self) -> Option<String> {
         let has_more = self
             .columns
@@ -256,7 +258,7 @@ impl Table {
         }
     }
 
-    /// Names of columns that are no part of a point: of numbers, and of words.
+    /// Returns the names of columns outside of points: numeric ones, and text.
     fn left_aside(&self) -> [Vec<String>; 2] {
         let name = |(place, column): (usize, &Column)| {
             let name = column
@@ -278,7 +280,7 @@ impl Table {
     }
 }
 
-/// How it is read, what was taken for what, and what is not.
+/// Describes the format: delimiters, roles, ignored columns.
 impl fmt::Display for Table {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{}; ", self.reading)?;
@@ -329,7 +331,7 @@ impl fmt::Display for Table {
     }
 }
 
-/// As `--columns` and messages say it.
+/// Returns the word of a role as in `--columns`.
 pub fn word(role: Role) -> &'static str {
     match role {
         Role::Position(axis) => ["x", "y", "z"][axis],

@@ -1,21 +1,21 @@
-//! Text files, in blocks of whole lines, on all cores.
+//! Text files in blocks of whole lines, on all cores.
 //!
-//! In: a range of a file and a parser for a block of lines. Out: what the parser made of each block, in the file's order.
-//! A few MiB are read at a time and cut at line ends, one piece a thread: a text of any length passes through bounded memory.
-//! Lines end in LF, CRLF or CR. Numbers have a decimal point, or where a format's reader says so a decimal comma; `1.5D+03` is one, too.
+//! A few MiB are read at a time and cut at line ends, one piece per thread, so texts of any length
+//! take bounded memory. Results are in the file's order. Lines end in LF, CRLF or CR. Numbers have
+//! a decimal point, or a decimal comma if the caller says so; `1.5D+03` is a number, too.
 
 use super::input::{Input, Meter};
 use crate::error::Result;
 use rayon::prelude::*;
 use std::ops::Range;
 
-/// Read at a time. A line longer than this is no line of numbers; its pieces are bad lines.
+/// Bytes per read. A longer line is not a line of numbers; its pieces are bad lines.
 const BLOCK_BYTES: usize = 8 << 20;
 
-/// The largest piece for one parse: small enough for the cache, large enough to be worth a task.
+/// Largest piece per task: small enough for the cache, large enough to be worth a task.
 const PIECE_BYTES: usize = 256 << 10;
 
-/// Parses the lines in `range`, block by block, and hands each block's result to `take`.
+/// Parses the lines in `range`, block by block, and passes each block's result to `take`.
 pub fn parse<T: Send>(
     input: &Input,
     range: Range<u64>,
@@ -47,7 +47,7 @@ pub fn parse<T: Send>(
     }
 }
 
-/// Cuts after the first line end beyond every [`PIECE_BYTES`].
+/// Splits after the first line end beyond every [`PIECE_BYTES`].
 fn pieces(block: &[u8]) -> Vec<&[u8]> {
     let mut rest = block;
     let mut pieces = Vec::new();
@@ -61,7 +61,8 @@ fn pieces(block: &[u8]) -> Vec<&[u8]> {
     pieces
 }
 
-/// Where the line after the first end of one begins. A CR that is the last byte may have its LF in the next block, so that it ends nothing.
+/// Returns the beginning of the second line. A CR as the last byte may have its LF in the next
+/// block, so it ends no line.
 fn first_end(block: &[u8]) -> Option<usize> {
     let end = memchr::memchr2(b'\n', b'\r', block)?;
     match &block[end..] {
@@ -71,13 +72,13 @@ fn first_end(block: &[u8]) -> Option<usize> {
     }
 }
 
-/// Where the line after the last end of one begins.
+/// Returns the end of the last complete line.
 pub fn last_end(block: &[u8]) -> Option<usize> {
     let block = block.strip_suffix(b"\r").unwrap_or(block);
     memchr::memrchr2(b'\n', b'\r', block).map(|end| end + 1)
 }
 
-/// All lines, without their ends; blank ones too, so that they can be counted.
+/// Returns all lines without their ends, including blank ones, so that they can be counted.
 pub fn all_lines(block: &[u8]) -> impl Iterator<Item = &[u8]> {
     let mut rest = Some(block).filter(|block| !block.is_empty());
     std::iter::from_fn(move || {
@@ -92,18 +93,18 @@ pub fn all_lines(block: &[u8]) -> impl Iterator<Item = &[u8]> {
     })
 }
 
-/// Lines that hold something, without their ends.
+/// Returns non-blank lines without their ends.
 pub fn lines(block: &[u8]) -> impl Iterator<Item = &[u8]> {
     all_lines(block).map(<[u8]>::trim_ascii).filter(|line| !line.is_empty())
 }
 
-/// Fields between any of space, tab, comma, semicolon.
+/// Splits at spaces, tabs, commas and semicolons.
 pub fn fields(line: &[u8]) -> impl Iterator<Item = &[u8]> {
     line.split(|byte| matches!(byte, b' ' | b'\t' | b',' | b';' | b'\r'))
         .filter(|field| !field.is_empty())
 }
 
-/// Fields between spaces and tabs.
+/// Splits at spaces and tabs.
 pub fn blanks(line: &[u8]) -> impl Iterator<Item = &[u8]> {
     line.split(|byte| matches!(byte, b' ' | b'\t')).filter(|field| !field.is_empty())
 }
@@ -112,7 +113,7 @@ pub fn number(field: &[u8]) -> Option<f64> {
     plain(field).or_else(|| fortran(field))
 }
 
-/// A number with a decimal comma, or with a point: not with either.
+/// Parses a number with a decimal comma or a decimal point.
 pub fn number_with(field: &[u8], decimal_comma: bool) -> Option<f64> {
     if !decimal_comma {
         return number(field);
@@ -120,7 +121,7 @@ pub fn number_with(field: &[u8], decimal_comma: bool) -> Option<f64> {
     let Some(comma) = field.iter().position(|&byte| byte == b',') else {
         return Some(field).filter(|field| !field.contains(&b'.')).and_then(number);
     };
-    // A digit behind it, so that a comma between words is none.
+    // A digit must follow, since a comma may separate words.
     field.get(comma + 1).filter(|byte| byte.is_ascii_digit())?;
     let points = |byte| match byte {
         b',' => b'.',
@@ -130,7 +131,7 @@ pub fn number_with(field: &[u8], decimal_comma: bool) -> Option<f64> {
     replaced(field, points, number)
 }
 
-/// `1.5D+03`.
+/// Parses `1.5D+03`.
 fn fortran(field: &[u8]) -> Option<f64> {
     let is_exponent = |byte: &u8| matches!(byte, b'd' | b'D');
     let is_number = field.iter().all(|byte| {
@@ -144,7 +145,7 @@ fn plain(field: &[u8]) -> Option<f64> {
     fast_float2::parse(field).ok()
 }
 
-/// The number that a field is with other bytes for some. A field of more bytes is no number.
+/// Parses a field with replaced bytes; `None` if it is too long for a number.
 fn replaced(
     field: &[u8],
     other: impl Fn(u8) -> u8,
@@ -156,7 +157,7 @@ fn replaced(
     parse(bytes)
 }
 
-/// A line for a message, in quotes, as far as one wants to see it.
+/// Quotes a line for a message, truncated.
 pub fn shown(line: &[u8]) -> String {
     const MOST: usize = 80;
     let text = String::from_utf8_lossy(&line[..line.len().min(MOST)]);
@@ -167,7 +168,8 @@ pub fn lines_in_words(count: u64) -> String {
     if count == 1 { "1 line".into() } else { format!("{count} lines") }
 }
 
-/// Skips `count` lines that hold something, from `at` on; returns where the next line begins and how many there were.
+/// Skips `count` non-blank lines from `at`. Returns where the next line begins and the number of
+/// skipped ones.
 pub fn skip_lines(input: &Input, at: u64, count: u64) -> Result<(u64, u64)> {
     let mut block_at = at;
     let mut seen = 0;

@@ -1,7 +1,8 @@
-//! Tables of text (XYZ, CSV, TXT, ASC, PTS) -> one part.
+//! Text tables (XYZ, CSV, TXT, ASC, PTS): one part.
 //!
-//! In: text of any encoding that begins with a byte order mark, or UTF-8. Out: the points, and in notes how the table was read, what was taken for
-//! what, which lines are no rows, and which columns lack numbers. PTX, which is no table, is known by its content and handed on.
+//! Text is UTF-8, or in any encoding with a byte order mark. Notes report how the table was read,
+//! which lines are not rows, and which columns lack values. PTX, which is not a table, is detected
+//! by content.
 
 use super::from_floats::{Floats, Point, Role, there};
 use super::input::{Input, Meter};
@@ -57,7 +58,7 @@ pub fn read(
     Ok(rows.floats.into_parts(input, header, table.color_unit(), None, notes))
 }
 
-/// Says whether the columns that x and y are taken from are named after longitude and latitude.
+/// Tests whether x and y are named after longitude and latitude.
 fn names_angles(table: &Table) -> bool {
     let named = |axis: usize, short: &str| {
         let own = table
@@ -70,27 +71,27 @@ fn names_angles(table: &Table) -> bool {
     named(0, "lon") && named(1, "lat")
 }
 
-/// What became of lines.
+/// Rows, bad lines and counts of a block.
 struct Rows {
     floats: Floats,
     lines: u64,
-    /// What the counts of blocks after the first say.
+    /// Sum of the counts of blocks after the first.
     counted: u64,
     bad: Bad,
     no_data: Missing,
-    /// Of every column.
+    /// Missing values per column.
     missing: Vec<Missing>,
-    /// Columns that the last line has no value for.
+    /// Columns without a value in the last line.
     gaps: Vec<usize>,
-    /// Of every column, where they are asked for.
+    /// Extra attributes per column, if requested.
     extras: Vec<Extra>,
 }
 
-/// Lines that are no rows.
+/// Lines that are not rows.
 #[derive(Default)]
 struct Bad {
     lines: u64,
-    /// Its number, what is wrong about it, and itself.
+    /// The first one: line number, reason, contents.
     first: Option<(u64, String)>,
 }
 
@@ -167,7 +168,7 @@ impl Rows {
         }
     }
 
-    /// Adds the lines that follow.
+    /// Adds the lines of the following block.
     fn append(&mut self, block: Rows) {
         let before = self.lines;
         let later = |missing: Missing| Missing { first: missing.first + before, ..missing };
@@ -186,7 +187,7 @@ impl Rows {
     }
 }
 
-/// Says what is no row and what rows lack; where it is strict, lines that are lost end it.
+/// Reports bad lines and missing values; an error if `strict` and lines are lost.
 fn tell(
     input: &Input,
     table: &Table,

@@ -1,4 +1,4 @@
-//! What a picture is made of: files that are read whole, or an index, of which only what the picture shows is read. One flow for both.
+//! Sources of points: files read whole, or an index read on demand, through one interface.
 
 use crate::cloud::attribute::{Attribute, DisplayAttribute, ExtraAttributes};
 use crate::cloud::color::RgbRange;
@@ -29,22 +29,22 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-/// How files are opened.
+/// Options of opening files.
 #[derive(Clone, Debug)]
 pub struct OpenOptions {
     pub read: ReadOptions,
-    /// Why files are indexed before they are drawn, however few points they hold.
+    /// Reason to index files first, regardless of their number of points.
     pub index: Option<&'static str>,
-    /// Where their indexes are kept; the usual place where nothing is said.
+    /// Where indexes are cached; the default location if `None`.
     pub place: Option<cache::CacheLocation>,
-    /// Shadows of the index that were saved, and the light that they are to be of.
+    /// Saved shadows of the index, and the light they must match.
     pub shadows: Option<(PathBuf, Light)>,
-    /// What is to go wrong while nodes of the index are read, for tests.
+    /// Simulated read fault, for tests.
     pub fault: Option<Fault>,
 }
 
 impl OpenOptions {
-    /// Whether files have to be indexed before they are drawn, and why.
+    /// Returns a reason if files must be indexed before drawing.
     pub fn needs_index(&self, files: &[PathBuf]) -> Result<Option<String>> {
         if let Some(why) = self.index {
             return Ok(Some(why.into()));
@@ -59,7 +59,7 @@ impl OpenOptions {
         }))
     }
 
-    /// With the shadows that were saved, and the faults that were asked for.
+    /// Adds saved shadows and simulated faults to an index.
     fn equipped(&self, mut index: Index) -> Result<Source> {
         if let Some((path, light)) = &self.shadows {
             let marks = index.open_shadows(path)?;
@@ -83,7 +83,7 @@ impl OpenOptions {
     }
 }
 
-/// An index has the colours that it was made with.
+/// Errors if a colour range is requested for an index, whose colours are fixed.
 pub fn refuse_rgb_range(index: &Path, asked: Option<RgbRange>) -> Result<()> {
     match asked {
         Some(_) => Err(Error::Request(format!(
@@ -94,10 +94,10 @@ pub fn refuse_rgb_range(index: &Path, asked: Option<RgbRange>) -> Result<()> {
     }
 }
 
-/// Some points of files.
+/// A sample of the points of files.
 pub struct Preview {
     pub source: Source,
-    /// That the files have, as their headers say.
+    /// Number of points of the files, by their headers.
     pub points: u64,
 }
 
@@ -107,7 +107,8 @@ pub enum Source {
 }
 
 impl Source {
-    /// An index is opened alone: what belongs together is indexed together. Files too large to be drawn whole are indexed first, or their index is found.
+    /// Opens files or one index. Files too large to draw whole are indexed first, or their cached
+    /// index is used.
     pub fn open(
         paths: &[PathBuf],
         opening: &OpenOptions,
@@ -148,7 +149,7 @@ impl Source {
         opening.equipped(index)
     }
 
-    /// Some of the points, for as long as files are being indexed or slowly read; none where they are there soon.
+    /// Returns a sample while files are indexed or slowly read; `None` if reading is fast.
     pub fn preview(
         paths: &[PathBuf],
         opening: &OpenOptions,
@@ -176,7 +177,7 @@ impl Source {
         Ok(sample.map(|cloud| Preview { source: Source::Files(cloud), points }))
     }
 
-    /// What is odd about the files, and what an index lacks of what is wanted of its points.
+    /// Returns notes on the files, and on requested attributes that the index lacks.
     pub fn notes(&self, wanted: ExtraAttributes) -> Vec<String> {
         match self {
             Source::Files(cloud) => {
@@ -214,13 +215,13 @@ impl Source {
         }
     }
 
-    /// Where its points come from, in the order of their parts.
+    /// Returns the files of its points, in the order of their parts.
     pub fn files(&self) -> Vec<PathBuf> {
         let mut files: Vec<PathBuf> = match self {
             Source::Files(cloud) => cloud.parts.iter().map(|part| part.path.clone()).collect(),
             Source::Index(index) => indexed_files(index).into_iter().cloned().collect(),
         };
-        // Scans of one file follow each other.
+        // Scans of one file are adjacent.
         files.dedup();
         files
     }
@@ -232,7 +233,7 @@ impl Source {
         }
     }
 
-    /// What its coordinates mean.
+    /// Returns the coordinate system.
     pub fn reference(&self) -> Reference {
         match self {
             Source::Files(cloud) => {
@@ -242,7 +243,7 @@ impl Source {
         }
     }
 
-    /// Points of every class and return number, where they are known.
+    /// Returns the histograms of classes and return numbers, if known.
     pub fn counts(&self) -> Option<Histograms> {
         match self {
             Source::Files(cloud) => {
@@ -252,7 +253,7 @@ impl Source {
         }
     }
 
-    /// Nodes of an index.
+    /// Returns the number of nodes of an index.
     pub fn nodes(&self) -> Option<usize> {
         match self {
             Source::Files(_) => None,
@@ -260,7 +261,7 @@ impl Source {
         }
     }
 
-    /// The points that a camera should frame.
+    /// Returns the points that a camera should frame.
     pub fn core_points(&self) -> Vec<DVec3> {
         match self {
             Source::Files(cloud) => cloud.core_points(),
@@ -268,7 +269,7 @@ impl Source {
         }
     }
 
-    /// What the points show, and why.
+    /// Returns the attribute to display, and the reason.
     pub fn shown(&self, asked: Option<Attribute>) -> Result<(DisplayAttribute, String)> {
         let Some(attribute) = asked else {
             let (shown, why) = self.automatic();
@@ -287,7 +288,7 @@ impl Source {
         Ok((shown, format!("requested with --color {}", attribute.name())))
     }
 
-    /// Finds what points are to show where nobody has found it yet: corrected colours of a cloud in memory, which then stand in place of its own.
+    /// Computes corrected colours of a cloud in memory if displayed; they replace its own.
     pub fn find(&mut self, asked: Option<Attribute>, progress: &dyn Progress) -> Result<()> {
         match self {
             Source::Files(cloud) if asked == Some(Attribute::Corrected) => {
@@ -297,7 +298,7 @@ impl Source {
         }
     }
 
-    /// Where to get what points lack.
+    /// Returns advice on how to get a missing attribute.
     pub fn how_to_find(&self, attribute: Attribute) -> String {
         let (files, option) = match (self, attribute) {
             (Source::Files(cloud), Attribute::Normal) => {
@@ -326,12 +327,12 @@ impl Source {
         format!("`pointillist index {}{more} -o {output} {option}` finds them", files.join(" "))
     }
 
-    /// Whether all points say how much of a light reaches them.
+    /// Tests whether all points have saved visibility of a light.
     pub fn has_light(&self) -> bool {
         matches!(self, Source::Index(index) if index.shadows.is_some())
     }
 
-    /// Whether some points say which way their surface faces.
+    /// Tests whether some points have normals.
     pub fn has_normals(&self) -> bool {
         self.has(Attribute::Normal)
     }
@@ -346,7 +347,7 @@ impl Source {
         }
     }
 
-    /// As [`DisplayAttribute::automatic`].
+    /// Chooses the attribute as [`DisplayAttribute::automatic`].
     fn automatic(&self) -> (DisplayAttribute, &'static str) {
         let index = match self {
             Source::Files(cloud) => return DisplayAttribute::automatic(cloud),
@@ -364,7 +365,7 @@ impl Source {
         (shown(index, Attribute::Elevation), "no colours, and no intensity that varies")
     }
 
-    /// Files go there whole; of an index nothing yet.
+    /// Uploads files entirely; of an index nothing yet.
     pub fn upload(
         self,
         gpu: &mut Gpu,
@@ -382,7 +383,7 @@ impl Source {
         })
     }
 
-    /// The same for whoever draws meanwhile, and may have found strokes of it before: all of it that needs no device.
+    /// Prepares all that needs no device, on another thread. `found` caches strokes.
     pub fn prepare(
         self,
         shown: DisplayAttribute,
@@ -400,13 +401,13 @@ impl Source {
     }
 }
 
-/// A source that needs nothing but the device.
+/// A source ready for upload.
 pub enum PreparedCloud {
     Files(Box<CloudUpload>),
     Index(Arc<Index>, Box<DisplayAttribute>),
 }
 
-/// Of bringing files, at a time: half of a frame at 33 ms.
+/// Longest upload step: half of a frame of 33 ms.
 const STEP: Duration = Duration::from_millis(16);
 
 impl PreparedCloud {
@@ -417,7 +418,7 @@ impl PreparedCloud {
         }
     }
 
-    /// Some of it goes to the device; whether more is to go there.
+    /// Uploads some of it. Returns whether more remains.
     pub fn step(&mut self, gpu: &mut Gpu, progress: &dyn Progress) -> Result<bool> {
         let PreparedCloud::Files(upload) = self else { return Ok(false) };
         let began = Instant::now();
@@ -429,7 +430,7 @@ impl PreparedCloud {
         Ok(false)
     }
 
-    /// Once all of it has gone.
+    /// Completes the upload.
     pub fn finish(self, gpu: &mut Gpu, pool_bytes: u64) -> Result<GpuCloud> {
         Ok(match self {
             PreparedCloud::Files(upload) => GpuCloud::Whole(Box::new(upload.finish(gpu))),
@@ -457,7 +458,7 @@ fn kept(place: &cache::CacheLocation) -> String {
     }
 }
 
-/// What the points of an index show.
+/// Returns a display attribute for the points of an index.
 pub fn shown(index: &Index, attribute: Attribute) -> DisplayAttribute {
     let contents = &index.directory.contents;
     let stretch = match attribute {
@@ -468,12 +469,13 @@ pub fn shown(index: &Index, attribute: Attribute) -> DisplayAttribute {
         Attribute::Elevation => elevation(index),
         _ => DisplayAttribute::indexed(attribute, [0.0; 2], stretch),
     };
-    // Who knows no exposures need not read which station points are of.
+    // Without exposures, the station codes are not needed.
     shown.coded = attribute == Attribute::Rgb && contents.balance.is_some();
     shown
 }
 
-/// Heights: those of all points, or where some are strays those of the roots' other samples.
+/// Returns elevation over the heights of all points; if there are strays, over those of the roots'
+/// other samples.
 fn elevation(index: &Index) -> DisplayAttribute {
     let contents = &index.directory.contents;
     let (samples, core) = root_samples(index);
@@ -490,11 +492,12 @@ fn elevation(index: &Index) -> DisplayAttribute {
     DisplayAttribute::of_heights(heights.collect())
 }
 
-/// Samples of the roots with the points that each stands for, and the box around those that are no strays, where some are.
+/// Returns samples of the roots with the number of points each stands for, and the box without
+/// strays, if there are strays.
 fn root_samples(index: &Index) -> (Vec<(DVec3, u32)>, Option<Core>) {
     let mut samples = Vec::new();
     for root in 0..index.directory.roots as usize {
-        // A root that cannot be read is said when it is drawn; until then its box will do.
+        // An unreadable root is reported when drawn; until then its box is used.
         samples.extend(index.samples(root).unwrap_or_else(|_| {
             let (lo, hi) = index.bounds(&index.nodes()[root]);
             vec![(lo, 1), (hi, 1)]
@@ -504,7 +507,7 @@ fn root_samples(index: &Index) -> (Vec<(DVec3, u32)>, Option<Core>) {
     (samples, core)
 }
 
-/// Points of an index that lie far outside, by the samples of its roots.
+/// Returns the strays of an index among the samples of its roots.
 pub fn strays(index: &Index) -> Strays {
     let (samples, core) = root_samples(index);
     let Some(core) = core else { return Strays::default() };
@@ -515,25 +518,25 @@ pub fn strays(index: &Index) -> Strays {
     )
 }
 
-/// As [`Cloud::core_points`], of the roots' samples.
+/// Returns the points to frame as [`Cloud::core_points`], from the roots' samples.
 fn core_samples(index: &Index) -> Vec<DVec3> {
     without_strays(root_samples(index).0)
 }
 
-/// A source on the device.
+/// A cloud in device memory.
 pub enum GpuCloud {
     Whole(Box<Resident>),
     Parts(Box<Residency>),
 }
 
-/// What a picture took of an index, for `--explain`.
+/// The selection and reads of a picture of an index, for `--explain`.
 #[derive(Clone, Debug, serde::Serialize)]
 pub struct SelectionReport {
     pub nodes: usize,
     pub points: u64,
     pub nodes_outside: usize,
     pub nodes_clipped: usize,
-    /// Infinite, and in JSON null, where the camera is within a node that is not refined.
+    /// Infinite, and null in JSON, if the camera is within a node that is not refined.
     pub largest_error_px: f64,
     pub budget: u64,
     pub lod_px: f64,
@@ -541,12 +544,12 @@ pub struct SelectionReport {
     pub index_bytes: u64,
     pub pool_bytes: u64,
     pub pool_used_bytes: u64,
-    /// What could not be read, and what the pool was too small for.
+    /// Unreadable nodes, and a pool that is too small.
     pub notes: Vec<String>,
 }
 
 impl GpuCloud {
-    /// Waits for all that the view shows; nothing to wait for where the whole cloud is there.
+    /// Waits until all that the view shows is resident; returns at once for a whole cloud.
     pub fn wait_until_resident(
         &mut self,
         gpu: &mut Gpu,
@@ -588,7 +591,7 @@ impl GpuCloud {
         }
     }
 
-    /// What is not drawn, or not all of it.
+    /// Sets opacities and clip boxes.
     pub fn set_filters(&mut self, opacities: Opacities, mut clips: Clips) {
         let resident = match self {
             GpuCloud::Whole(resident) => resident,

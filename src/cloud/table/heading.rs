@@ -1,4 +1,4 @@
-//! LINES BEFORE THE FIRST ROW -> NAMES of the columns, where they are names of these columns.
+//! Column names from the lines before the first row, if they fit the rows.
 
 use super::line::{Splitter, is_comment};
 use super::sniff::Sampled;
@@ -12,19 +12,20 @@ pub struct Names {
     pub roles: Vec<Role>,
 }
 
-/// What the lines before the first row say of columns.
+/// Statements of the lines before the first row about columns.
 #[derive(Default)]
 pub struct Heading {
-    /// Of the last line that has some.
+    /// Names of the last line that has some.
     pub names: Option<Names>,
-    /// Why names are none of these rows, or not enough.
+    /// A reason why names do not fit the rows.
     pub misfit: Option<String>,
-    /// The same of a remark, which need not be a heading.
+    /// The same for a comment, which need not be a heading.
     pub unfit: Option<String>,
 }
 
 impl Heading {
-    /// `ends_empty` says that the last of the columns, so many, is one of nothing, behind a delimiter at the end.
+    /// Finds names for `width` columns. `ends_empty`: the last column is empty, behind a delimiter
+    /// at the end.
     pub fn find(before: &[Sampled], reading: Reading, width: usize, ends_empty: bool) -> Heading {
         let mut heading = Heading::default();
         let mut splitter = Splitter::new(Reading { paired: false, ..reading });
@@ -32,14 +33,14 @@ impl Heading {
             let remark = is_comment(line.bytes, reading.delimiter);
             let bare = if remark { without_marks(line.bytes) } else { line.bytes };
             let own = words(splitter.split(bare), reading.delimiter);
-            // Names may have other marks between them than rows have.
+            // Names may be separated differently from rows.
             let other = words(text::fields(bare).map(<[u8]>::to_vec).collect(), Delimiter::Space);
             let other = if remark || own.len() == 1 { other } else { Vec::new() };
             if own.iter().any(|name| text::number(name.as_bytes()).is_some()) {
                 continue;
             }
             let ways = [(&own, reading.delimiter), (&other, Delimiter::Space)];
-            // A sentence may have as many words as one likes.
+            // A sentence may have any number of words.
             let is_heading = |names: &[String], fitted: &[String]| {
                 let known = roles(fitted).iter().filter(|role| **role != Role::Other).count();
                 !remark || names.len() <= width || known * 2 > fitted.len()
@@ -64,7 +65,7 @@ impl Heading {
                 None => {}
             }
         }
-        // Whatever was wrong about others.
+        // Good names override misfits of other lines.
         if heading.names.as_ref().is_some_and(|names| has_all(&names.roles)) {
             heading.misfit = None;
         }
@@ -100,17 +101,17 @@ pub fn has_all(roles: &[Role]) -> bool {
     (0..3).map(Role::Position).all(|role| roles.contains(&role))
 }
 
-/// A remark without what makes it one.
+/// Strips the marks of a comment.
 fn without_marks(line: &[u8]) -> &[u8] {
     let line = line.trim_ascii_start();
     &line[line.iter().take_while(|byte| matches!(byte, b'#' | b'/' | b'%' | b';')).count()..]
 }
 
-/// Fields as names; between blanks a unit belongs to the name before it.
+/// Converts fields to names; between blanks a unit belongs to the name before it.
 fn words(fields: Vec<Vec<u8>>, delimiter: Delimiter) -> Vec<String> {
     let mut names: Vec<String> = Vec::new();
     for field in fields {
-        // What is no UTF-8 is taken for Latin-1, byte by byte.
+        // Invalid UTF-8 is read as Latin-1.
         let name = String::from_utf8(field)
             .unwrap_or_else(|error| error.as_bytes().iter().map(|&byte| byte as char).collect());
         match names.last_mut() {
@@ -123,7 +124,8 @@ fn words(fields: Vec<Vec<u8>>, delimiter: Delimiter) -> Vec<String> {
     names
 }
 
-/// As many names as there are columns. A delimiter at the end of names or of rows does not matter, and between blanks a name may be of several words.
+/// Fits names to the number of columns. A trailing delimiter of names or rows is ignored, and
+/// between blanks a name may have several words.
 fn fitted(
     names: &[String],
     delimiter: Delimiter,
@@ -143,7 +145,7 @@ fn fitted(
     (names.len() == width).then_some(names)
 }
 
-/// Joins words to names that are known, such as `Gps Time`, and then what is left of words that are not.
+/// Joins words to known names, such as `Gps Time`, and then the remaining unknown words.
 fn joined(mut names: Vec<String>, width: usize) -> Vec<String> {
     const MOST_WORDS: usize = 4;
     let mut at = 0;
@@ -174,7 +176,7 @@ fn joined(mut names: Vec<String>, width: usize) -> Vec<String> {
     }
     let surplus = names.len().saturating_sub(width);
     match runs.as_slice() {
-        // Whichever of them belong together, the others stay where they are.
+        // If only one run of words can be joined, the others stay in place.
         [(start, length)] if *length > surplus => join(&mut names, *start, surplus + 1),
         runs if runs.iter().map(|(_, length)| length - 1).sum::<usize>() == surplus => {
             runs.iter().rev().for_each(|&(start, length)| join(&mut names, start, length));
@@ -184,7 +186,7 @@ fn joined(mut names: Vec<String>, width: usize) -> Vec<String> {
     names
 }
 
-/// Makes one name of so many.
+/// Joins `length` names from `at` on into one.
 fn join(names: &mut Vec<String>, at: usize, length: usize) {
     let name = names[at..at + length].join(" ");
     names.splice(at..at + length, [name]);

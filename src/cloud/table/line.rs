@@ -1,29 +1,29 @@
-//! LINE -> POINT, as the table says.
+//! One line of a table to a point.
 //!
-//! In: a line. Out: a `Point`, or why it is none. A field that holds no number its column could have is missing in its place: nothing moves up.
+//! A field without a number that fits its column is missing; later fields keep their columns.
 
 use super::{Delimiter, Reading, Role, Table};
 use crate::cloud::from_floats::Point;
 use crate::cloud::{Extra, text};
 
-/// What a line is.
+/// The contents of a line.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Line {
     Point,
     Comment,
-    /// The number of points in the block that follows, as PTS has it before each.
+    /// The number of points of the following block, as in PTS.
     Count(u64),
-    /// A position that stands for none, such as -1.70141E+38.
+    /// A position that marks missing data, such as -1.70141E+38.
     NoData,
-    /// No row of this table, and why.
+    /// Not a row of this table, with the reason.
     Bad(String),
 }
 
-/// Where the fields of a column were no numbers.
+/// Missing values of a column.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Missing {
     pub lines: u64,
-    /// Counted from 1.
+    /// Line of the first, from 1.
     pub first: u64,
 }
 
@@ -32,7 +32,7 @@ impl Missing {
         self.join(Missing { lines: 1, first: line });
     }
 
-    /// Adds those of lines that come later.
+    /// Adds those of later lines.
     pub fn join(&mut self, later: Missing) {
         if self.lines == 0 {
             self.first = later.first;
@@ -42,8 +42,9 @@ impl Missing {
 }
 
 impl Table {
-    /// Reads a line into `point`, which is as it begins, appends to `gaps` the columns that it has no value for, and adds to `extras` the values of
-    /// columns that are no part of a point: one of every column, or none where nobody asks.
+    /// Reads a line into `point`, which has default values. Appends columns without a value to
+    /// `gaps`. Adds values of columns outside of points to `extras`, which has one entry per
+    /// column, or none if not requested.
     pub fn line(
         &self,
         line: &[u8],
@@ -117,12 +118,13 @@ impl Table {
     }
 }
 
-/// The largest powers that programs write where there is no number: of 32 bits 1E38, 2^127 and the largest there is, and the largest of 64 bits.
+/// Tests for the largest numbers that programs write for missing values: for 32 bits 1E38, 2^127
+/// and the maximum, and the maximum of 64 bits.
 fn stands_for_none(v: f64) -> bool {
     (1e37..=3.5e38).contains(&v.abs()) || v.abs() == f64::MAX
 }
 
-/// Lines that are no rows: `#`, `//`, `%`; and `;` where it is no delimiter.
+/// Tests for comments: `#`, `//`, `%`; and `;` if it is not the delimiter.
 pub fn is_comment(line: &[u8], delimiter: Delimiter) -> bool {
     match line.trim_ascii_start() {
         [b'#' | b'%', ..] | [b'/', b'/', ..] => true,
@@ -131,7 +133,7 @@ pub fn is_comment(line: &[u8], delimiter: Delimiter) -> bool {
     }
 }
 
-/// What a line of digits alone says.
+/// Parses a line with a single count.
 pub fn count(line: &[u8]) -> Option<u64> {
     let digits = line.trim_ascii();
     if digits.is_empty() || !digits.iter().all(u8::is_ascii_digit) {
@@ -140,11 +142,11 @@ pub fn count(line: &[u8]) -> Option<u64> {
     std::str::from_utf8(digits).ok()?.parse().ok()
 }
 
-/// Takes lines apart; what quotes enclose stays together.
+/// A splitter of lines into fields, with quotes.
 pub struct Splitter {
     reading: Reading,
     quotes: csv_core::Reader,
-    /// A line without blanks before quotes, its fields one behind the other, and where each ends.
+    /// The fields of a line, concatenated, and the end of each.
     bare: Vec<u8>,
     bytes: Vec<u8>,
     ends: Vec<usize>,
@@ -158,7 +160,7 @@ impl Splitter {
         Splitter { reading, quotes, bare: Vec::new(), bytes: Vec::new(), ends: Vec::new() }
     }
 
-    /// The fields of a line, quotes taken off.
+    /// Returns the fields of a line without quotes.
     pub fn split(&mut self, line: &[u8]) -> Vec<Vec<u8>> {
         let fields: Vec<Vec<u8>> = match self.reading.delimiter.byte() {
             _ if line.contains(&b'"') => self.quoted(line).map(<[u8]>::to_vec).collect(),
@@ -170,7 +172,8 @@ impl Splitter {
         if self.reading.paired { pairs(&fields) } else { fields }
     }
 
-    /// Fields by the rules of CSV, within one line. Blanks before a quote are none of its field.
+    /// Splits by the rules of CSV, within one line. Blanks before a quote are not part of its
+    /// field.
     fn quoted(&mut self, line: &[u8]) -> impl Iterator<Item = &[u8]> {
         let byte = self.reading.delimiter.byte();
         let delimiter = byte.unwrap_or(b' ');
@@ -191,7 +194,8 @@ impl Splitter {
             self.bare.push(byte);
         }
         let bare = if byte.is_none() { self.bare.trim_ascii() } else { &self.bare };
-        // One field more than there are delimiters at most; one byte more than the line has, so that nothing is ever full.
+        // At most one field more than delimiters, and one byte more than the line, so that the
+        // output never overflows.
         self.bytes.resize(bare.len() + 1, 0);
         self.ends.resize(bare.len() + 2, 0);
         self.quotes.reset();
@@ -209,7 +213,7 @@ impl Splitter {
     }
 }
 
-/// Two and two fields as one number; none where some do not make one.
+/// Joins pairs of fields into numbers; empty if some pair is not one.
 fn pairs(fields: &[Vec<u8>]) -> Vec<Vec<u8>> {
     let joined = |pair: &[Vec<u8>]| match pair {
         [whole, part]
@@ -222,7 +226,7 @@ fn pairs(fields: &[Vec<u8>]) -> Vec<Vec<u8>> {
     fields.chunks(2).map(joined).collect::<Option<_>>().unwrap_or_default()
 }
 
-/// Digits, perhaps behind a sign.
+/// Tests for digits with an optional sign.
 pub fn is_whole(field: &[u8]) -> bool {
     let digits = field.strip_prefix(b"-").or(field.strip_prefix(b"+")).unwrap_or(field);
     !digits.is_empty() && digits.iter().all(u8::is_ascii_digit)

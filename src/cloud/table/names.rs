@@ -1,8 +1,9 @@
-//! NAME -> ROLE: what the programs of the field call their columns, whatever the case, the unit behind and the marks between words.
+//! Column names of common programs to roles, ignoring case, units and separators.
 
 use super::{Role, word};
 
-/// Every role, and its names without marks between words; where several columns are named for one role, the name that stands first here counts.
+/// Roles and their names without separators. If several columns match a role, the name listed first
+/// wins.
 const NAMES: &[(Role, &[&str])] = &[
     (
         Role::Position(0),
@@ -153,16 +154,16 @@ const NAMES: &[(Role, &[&str])] = &[
     ),
 ];
 
-/// Names of colours that are fractions of 1.
+/// Names of colours as fractions of 1.
 pub const FRACTIONS: &[&str] = &["rf", "gf", "bf", "redf", "greenf", "bluef"];
 
-/// Units that stand behind a name without brackets, as in `x_m`.
+/// Units without brackets behind a name, as in `x_m`.
 const UNITS: &[&str] = &[
     "m", "mm", "cm", "km", "ft", "us", "deg", "degrees", "db", "s", "sec", "ns", "metres",
     "meters", "feet",
 ];
 
-/// A name in lower case, without unit, without marks between words, and without CloudCompare's `scalar_`.
+/// Normalises a name: lower case, no unit, no separators, no `scalar_` of CloudCompare.
 pub fn key(name: &str) -> String {
     let name = name
         .trim_matches(|c: char| {
@@ -184,7 +185,7 @@ pub fn key(name: &str) -> String {
     words.concat()
 }
 
-/// What a column of this name is, if it has a name that is known.
+/// Returns the role of a column name, if known.
 pub fn role(name: &str) -> Option<Role> {
     ranked(name).map(|(role, _)| role)
 }
@@ -196,7 +197,8 @@ fn ranked(name: &str) -> Option<(Role, usize)> {
         .find_map(|(role, names)| Some((*role, names.iter().position(|known| *known == key)?)))
 }
 
-/// The roles of columns with these names; each role once, and triples only if they are whole: a column `b` alone is no blue.
+/// Returns the roles of columns with these names, each role once, and triples only if complete: `b`
+/// alone is not blue.
 pub fn roles<'a>(names: impl Iterator<Item = &'a str>) -> Vec<Role> {
     let ranked: Vec<Option<(Role, usize)>> = names.map(ranked).collect();
     let is_best = |place: usize, (role, rank): (Role, usize)| {
@@ -224,7 +226,7 @@ pub fn roles<'a>(names: impl Iterator<Item = &'a str>) -> Vec<Role> {
     ranked.iter().enumerate().map(role).collect()
 }
 
-/// All roles, as they may be asked for.
+/// Lists all roles for messages.
 pub fn listed() -> String {
     NAMES.iter().map(|(role, _)| word(*role)).collect::<Vec<_>>().join(", ")
 }

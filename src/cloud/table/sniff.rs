@@ -1,8 +1,8 @@
-//! BEGINNING OF A TEXT -> TABLE, decided once.
+//! Detection of a table's format from the beginning of a text, once.
 //!
-//! In: the first bytes of a text. Out: how it is read, or why that cannot be known. Every way to take lines apart is tried (`RANKED`); those count
-//! that find rows of one width with three coordinates in (nearly) all lines. Where names are found, only readings that they fit. Two readings that
-//! find other coordinates in one line are two meanings, and none of them is taken.
+//! Every way to split lines is tried (`RANKED`). A candidate must find rows of equal width with
+//! three coordinates in (nearly) all lines. If names are found, it must fit them. Two candidates
+//! that read different coordinates from one line are ambiguous, and the file is refused.
 
 use super::heading::{Heading, Names, has_all};
 use super::line::{self, Splitter, count, is_comment, is_whole};
@@ -11,11 +11,11 @@ use super::{Column, Delimiter, Reading, Role, Source, Table, TextOptions, names}
 use crate::cloud::text;
 use std::collections::BTreeSet;
 
-/// Looked at, at most.
+/// Most bytes of the sample.
 pub const SAMPLE_BYTES: u64 = 64 << 10;
 const SAMPLE_LINES: usize = 1000;
 
-/// Of readings that mean the same, the first is taken.
+/// Ways to read lines; the first of those with equal results is used.
 const RANKED: &[Reading] = &[
     reading(Delimiter::Tab, false),
     reading(Delimiter::Tab, true),
@@ -32,27 +32,27 @@ const fn reading(delimiter: Delimiter, decimal_comma: bool) -> Reading {
     Reading { delimiter, decimal_comma, paired: false }
 }
 
-/// A line of the sample that holds something.
+/// A non-blank line of the sample.
 pub struct Sampled<'a> {
-    /// Counted from 1.
+    /// Line number, from 1.
     pub number: u64,
     pub at: usize,
     pub bytes: &'a [u8],
 }
 
-/// A reading, and what it makes of the sample.
+/// A way to read lines, and its result on the sample.
 struct Candidate<'a> {
     reading: Reading,
     columns: Vec<Column>,
     words_at_end: bool,
     source: Source,
-    /// Lines from the first row on that could be rows.
+    /// Potential rows, from the first row on.
     rows: Vec<Row<'a>>,
-    /// Of these, how many are.
+    /// Number of actual rows among them.
     matched: usize,
-    /// Names of columns that are no names of these rows.
+    /// Names of columns that do not fit the rows.
     misfit: Option<String>,
-    /// A remark that seems to name other columns.
+    /// A comment that seems to name other columns.
     unfit: Option<String>,
 }
 
@@ -65,7 +65,7 @@ impl Candidate<'_> {
 pub struct Row<'a> {
     line: &'a Sampled<'a>,
     pub fields: Vec<Vec<u8>>,
-    /// Where it is a row.
+    /// The position, if it is a row.
     position: Option<[f64; 3]>,
 }
 
@@ -82,7 +82,7 @@ pub fn sniff(start: &[u8], is_whole: bool, asked: &TextOptions) -> Result<Table,
         .filter(is_asked)
         .filter_map(|&reading| candidate(&lines, reading, asked))
         .collect();
-    // Names leave no doubt that it is a table, however many of its lines are none.
+    // Names prove that it is a table, however many lines are not rows.
     candidates.retain(|candidate| {
         candidate.is_named() && candidate.matched > 0
             || candidate.matched * 2 >= candidate.rows.len()
@@ -116,7 +116,7 @@ pub fn sniff(start: &[u8], is_whole: bool, asked: &TextOptions) -> Result<Table,
     Ok(table)
 }
 
-/// Gives the column of this name the role of intensity, which no other one has then.
+/// Gives the column of this name the role of intensity, and no other.
 fn read_as_intensity(table: &mut Table, name: &str) -> Result<(), String> {
     let titles: Vec<String> =
         (0..table.columns.len()).map(|place| table.extra(place).name).collect();
@@ -167,7 +167,7 @@ fn no_table(lines: &[Sampled], asked: &TextOptions) -> String {
     )
 }
 
-/// How much a line looks like a row, for a message.
+/// Counts numbers in a line, to choose one for a message.
 fn numbers_within(line: &[u8]) -> usize {
     text::fields(line).filter(|field| text::number(field).is_some()).count().min(3)
 }
@@ -182,7 +182,7 @@ fn sampled(start: &[u8], is_whole: bool) -> Vec<Sampled<'_>> {
     lines.filter(|line| !line.bytes.trim_ascii().is_empty()).take(SAMPLE_LINES).collect()
 }
 
-/// What a reading makes of the sample; none where it finds no rows.
+/// Evaluates a way to read the sample; `None` if it finds no rows.
 fn candidate<'a>(
     lines: &'a [Sampled<'a>],
     reading: Reading,
@@ -250,7 +250,7 @@ fn candidate<'a>(
     Some(Candidate { reading, columns, words_at_end, source, rows, matched, misfit: None, unfit })
 }
 
-/// What the columns are taken for, and what says so: what was asked for, their names, or their values.
+/// Returns the roles of columns and their origin: as requested, by name, or by value.
 fn columns(
     rows: &[Row],
     kinds: &[Kind],
@@ -279,7 +279,7 @@ fn columns(
         role: match role {
             _ if source == Source::Asked => role,
             _ if kinds[place] == Kind::Text => Role::Other,
-            // Of no use alone.
+            // Useless alone.
             Role::Returns if !roles.contains(&Role::Return) => Role::Other,
             _ => role,
         },
@@ -288,7 +288,8 @@ fn columns(
     Some((roles.iter().enumerate().map(column).collect(), source))
 }
 
-/// Whether the fields of a row say that it is read in the wrong way: numbers with the other decimal mark where numbers are, and lists of numbers.
+/// Tests whether the fields of a row show that it is read wrongly: numbers with the other decimal
+/// mark, and lists of numbers.
 fn contradicts(
     fields: &[Vec<u8>],
     columns: &[Column],
@@ -298,7 +299,7 @@ fn contradicts(
 ) -> bool {
     let is_known = matches!(source, Source::Names(_) | Source::Asked);
     fields.iter().enumerate().any(|(place, field)| {
-        // Of a column that is known by its name, its values have not yet decided whether it is a text.
+        // Values have not yet decided whether a named column is text.
         let is_used = columns.get(place).is_some_and(|column| {
             column.role != Role::Other
                 || column.name.as_deref().is_some_and(|name| names::role(name).is_some())
@@ -308,7 +309,7 @@ fn contradicts(
     })
 }
 
-/// Whether rows end in a text of several words, between blanks.
+/// Tests whether rows end in text of several words, separated by blanks.
 fn ends_in_words(
     numeric: &[&[Vec<u8>]],
     width: usize,
@@ -324,12 +325,13 @@ fn ends_in_words(
         && ends.all(|field| !is_number(field))
 }
 
-/// So many fields, or one more that is empty, behind a delimiter at the end.
+/// Tests for `width` fields, or one more that is empty behind a delimiter at the end.
 fn fits(fields: &[Vec<u8>], width: usize) -> bool {
     fields.len() == width || fields.len() == width + 1 && fields.last().is_some_and(Vec::is_empty)
 }
 
-/// How many fields rows have: as many as most have. Where words between blanks end them, as many as the shortest.
+/// Returns the most frequent number of fields per row; the least if rows end in words separated by
+/// blanks.
 fn width(
     rows: &[&[Vec<u8>]],
     reading: Reading,
@@ -349,32 +351,34 @@ fn width(
             None => counts.push((fields.len(), 1)),
         }
     }
-    // Of two that are as frequent, the one that comes first.
+    // The first of equally frequent ones.
     counts.into_iter().rev().max_by_key(|&(_, count)| count).map(|(width, _)| width)
 }
 
-/// A number with the other decimal mark.
+/// Tests for a number with the other decimal mark.
 fn is_other_number(field: &[u8], decimal_comma: bool) -> bool {
     text::number_with(field, decimal_comma).is_none()
         && text::number_with(field, !decimal_comma).is_some()
 }
 
-/// A field that other delimiters take apart into numbers: what took it from its line was none.
+/// Tests for a field that other delimiters split into numbers, so that it was split wrongly.
 fn is_list_of_numbers(field: &[u8]) -> bool {
     let mut parts = text::fields(field).peekable();
     parts.next().is_some_and(|part| text::number(part).is_some())
         && parts.peek().is_some()
         && parts.all(|part| text::number(part).is_some())
-        // A number with a decimal comma is one.
+        // A number with a decimal comma is one number.
         && text::number_with(field, true).is_none()
 }
 
-/// Takes out whichever is contradicted: whole numbers between commas, or numbers with decimal commas between commas.
+/// Removes the contradicted one of two candidates: integers separated by commas, or decimal-comma
+/// numbers separated by commas.
 fn weigh_pairs(candidates: &mut Vec<Candidate>) {
-    /// Fractions that do not begin with 0, all different: 1 in 38,000 that all are.
+    /// Number of distinct fractions that prove decimals: 1 in 38,000 that this many integers
+    /// without leading zeros are all different.
     const MANY: usize = 100;
     let Some(paired) = candidates.iter().find(|candidate| candidate.reading.paired) else { return };
-    // One line may be damaged, where there are many.
+    // One line may be damaged if there are many.
     let few = paired.rows.len() < 20;
     if paired.matched + usize::from(!few) < paired.rows.len() {
         return candidates.retain(|candidate| !candidate.reading.paired);
@@ -406,7 +410,7 @@ fn is_whole_numbers(candidate: &Candidate) -> bool {
         && rows.flat_map(|row| &row.fields).all(|field| is_whole(field))
 }
 
-/// The first line of which two readings make other points.
+/// Describes the first line that two candidates read as different points.
 fn two_meanings(candidates: &[Candidate]) -> Option<String> {
     let (first, others) = candidates.split_first()?;
     others.iter().find_map(|other| {

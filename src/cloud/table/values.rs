@@ -1,14 +1,14 @@
-//! VALUES -> ROLES: what columns are that no name says anything about.
+//! Roles of unnamed columns, by their values.
 
 use super::Role;
 use super::sniff::Row;
 use crate::cloud::text;
 
-/// What the fields of a column are.
+/// The kind of a column's fields.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Kind {
     Numbers,
-    /// Words now and then.
+    /// Numbers and words.
     Mixed,
     Text,
     Empty,
@@ -45,8 +45,9 @@ pub struct Values<'r, 'a> {
 }
 
 impl Values<'_, '_> {
-    /// x, y and z are the first columns of numbers that have no other meaning by name. What follows them is told by how many there are and what their
-    /// values are: one is intensity, three are colours or normals, four are both, six are colours and normals.
+    /// Assigns roles. x, y and z are the first numeric columns without another role. The number and
+    /// values of those after them decide: one is intensity, three are colours or normals, four are
+    /// both, six are colours and normals.
     pub fn roles(&self, mut roles: Vec<Role>) -> Option<Vec<Role>> {
         let is_named = roles.iter().any(|&role| role != Role::Other);
         roles
@@ -61,7 +62,7 @@ impl Values<'_, '_> {
             .into_iter()
             .enumerate()
             .for_each(|(axis, &place)| roles[place] = Role::Position(axis));
-        // What has a name that is not known is not guessed at.
+        // Columns with unknown names are not guessed.
         if is_named {
             return Some(roles);
         }
@@ -107,7 +108,7 @@ impl Values<'_, '_> {
         self.values(places).all(|v| v.fract() == 0.0 && (0.0..=255.0).contains(&v))
     }
 
-    /// Normals are within -1 and 1, and some below 0.
+    /// Tells normals from colours: normals are within -1 and 1, and some below 0.
     fn triple(&self, places: &[usize]) -> fn(usize) -> Role {
         let are_normals =
             self.values(places).all(|v| v.abs() <= 1.0) && self.values(places).any(|v| v < 0.0);
