@@ -1,7 +1,9 @@
-//! Study `ao`: how many directions and samples ambient occlusion needs: its light against that of many, and against the light of the surface itself.
+//! Study `ao`: the directions and samples that ambient occlusion needs, by its light against that
+//! of many, and against the light of the true surface.
 //!
-//! Against `self`, the renderer's own picture with 64 directions of 16 samples, only what fewer lose is seen. Against the truth, the operator's f64 twin with 32 directions of 8 on the ray-cast depths,
-//! what points, visibility and filling leave in the depths is seen too.
+//! Against `self`, the renderer's own picture with 64 directions of 16 samples, only the loss by
+//! fewer shows. Against the truth, the operator's f64 twin with 32 directions of 8 on the ray-cast
+//! depths, errors of points, visibility and filling show, too.
 
 use super::Plan;
 use super::cases::Case;
@@ -22,7 +24,8 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
 
 struct Ao;
 
-/// The renderer's own with many directions; and of the true depths, but where the twin is in doubt.
+/// The renderer's own light with many directions, and that of the true depths, except where the
+/// twin is undecided.
 struct Light {
     own: Vec<f32>,
     truth: Vec<Option<f64>>,

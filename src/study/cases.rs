@@ -25,7 +25,7 @@ use std::sync::Arc;
 #[derive(Clone, Copy)]
 enum Source {
     Synthetic(synth::SceneKind),
-    /// In the folder of data; and which of its axes points up.
+    /// A mesh in the data folder, and its vertical axis.
     Mesh(&'static str, Up),
 }
 
@@ -56,35 +56,37 @@ pub const NAMES: [&str; SCENES.len()] = {
     names
 };
 
-/// Between the layers of `step`, metres: a fortieth of its width.
+/// Distance between the layers of `step` [m]: a fortieth of its width.
 const GAP: f64 = 0.1;
 
-/// Points of the pilot that measures how many of a scene's points a view sees, and of those that it is framed by.
+/// Points of the pilot, which measures the share of a scene's points in a view and frames the
+/// views.
 const PILOT: u64 = 200_000;
 const FRAMED_BY: u64 = 5_000;
 
-/// How far around the scene the near view is from the whole one, degrees.
+/// Angle between the near view and the whole one [degrees].
 const ASIDE: f64 = 115.0;
 
-/// The near view's distance, a share of the whole one's: the picture is full, and a fifteenth of the surface is in it.
+/// Distance of the near view relative to the whole one: the picture is full, and a fifteenth of the
+/// surface is in it.
 const NEAR: f64 = 0.75;
 
 #[derive(Clone, Debug)]
 pub struct Options {
-    /// Pixels.
+    /// Size of the pictures [px].
     pub size: [u32; 2],
     pub seed: u64,
-    /// Densities that take more points of a scene, seen or not, are left out.
+    /// Densities that need more points of a scene, seen or not, are skipped.
     pub most_points: u64,
-    /// Where meshes lie.
+    /// Folder of meshes.
     pub data: PathBuf,
-    /// Names of scenes; all of them where there are none.
+    /// Names of scenes; all if empty.
     pub scenes: Vec<String>,
-    /// How many of its views, from the first on.
+    /// Number of views per scene.
     pub views: usize,
-    /// Points of the first surface a covered pixel.
+    /// Points of the first surface per covered pixel.
     pub densities: Vec<f64>,
-    /// Sigmas, in pixels at a point's own depth.
+    /// Standard deviations of noise [px at a point's own depth].
     pub noises_px: Vec<f64>,
 }
 
@@ -105,42 +107,42 @@ impl Default for Options {
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Sampling {
-    /// So many points of the first surface a covered pixel, about.
+    /// About this many points of the first surface per covered pixel.
     Density(f64),
-    /// A mesh's own vertices.
+    /// The vertices of a mesh.
     Vertices,
 }
 
-/// One cloud in one view, and the truth of it.
+/// A cloud in a view, and its truth.
 pub struct Case {
     pub scene: &'static str,
     pub view_name: &'static str,
     pub sampling: Sampling,
-    /// Points of the first surface a covered pixel, counted before noise.
+    /// Points of the first surface per covered pixel, counted before noise.
     pub density: f64,
-    /// Sigma, in pixels at a point's own depth.
+    /// Standard deviation of noise [px at a point's own depth].
     pub noise_px: f64,
     pub view: View,
-    /// What falls into the picture.
+    /// The points that fall into the picture.
     pub cloud: Cloud,
     pub truth: Arc<Truth>,
 }
 
 impl Case {
-    /// See [`compare`].
+    /// Returns the errors; see [`compare`].
     pub fn errors(&self, raw: &[f32], depth: &[f32], visible: Option<&[bool]>) -> Errors {
         compare(&self.truth, self.noise_px, raw, depth, visible)
     }
 }
 
-/// Names and files of meshes, in the folder of data.
+/// Returns names and files of meshes in the data folder.
 pub fn meshes() -> impl Iterator<Item = (&'static str, &'static str)> {
     SCENES.into_iter().filter_map(|(name, source)| {
         if let Source::Mesh(file, _) = source { Some((name, file)) } else { None }
     })
 }
 
-/// Visits every case, one after the other; each is made when its turn comes. Returns a line for everything that was left out.
+/// Visits every case in turn; each is made when needed. Returns a line for everything skipped.
 pub fn each(
     options: &Options,
     progress: &dyn Progress,
@@ -228,12 +230,12 @@ impl Surface for Shown {
 }
 
 impl Shown {
-    /// None where the mesh is not there.
+    /// Opens a scene; `None` if its mesh is missing.
     fn open(source: Source, options: &Options) -> Result<Option<Shown>> {
         match source {
             Source::Synthetic(scene) => {
                 let mut world = synth::build(scene, options.seed, GAP);
-                // In plain coordinates: what surveys add to them is for studies of position.
+                // In small coordinates: large ones are for studies of position.
                 world.offset = DVec3::ZERO;
                 world.step = finest_step(&world);
                 Ok(Some(Shown::World(Box::new(world))))
@@ -273,7 +275,7 @@ impl Shown {
         }
     }
 
-    /// Whole with perspective, near and from another side, and without perspective.
+    /// Returns the views: whole with perspective, near and from another side, and orthographic.
     fn views(
         &self,
         size: [u32; 2],
@@ -298,7 +300,8 @@ impl Shown {
     }
 }
 
-/// Where its scanners stood: along it, back, and at its houses without perspective. What is above was not scanned.
+/// Returns the views of the street from where its scanners stood: along it, back, and orthographic
+/// at its houses. Nothing above was scanned.
 fn in_street(world: &World) -> [(&'static str, Camera); 3] {
     let (viewpoint, stations) = (world.camera(), world.stations());
     let along = Camera {
@@ -314,7 +317,7 @@ fn in_street(world: &World) -> [(&'static str, Camera); 3] {
         .map(|station| station.position)
         .max_by(|a, b| a.y.total_cmp(&b.y))
         .expect("a street has stations");
-    // Beside the station: from its own place nothing that it saw is hidden.
+    // Beside the station: from the station itself nothing it saw is hidden.
     let back = Camera { eye: end + DVec3::new(0.6, 0.0, 0.3), target: viewpoint.eye, ..along };
     let above = stations[1].position + DVec3::Z * 4.0;
     let target = above + DVec3::new(1.0, 1.0, -0.1);
@@ -328,7 +331,7 @@ fn in_street(world: &World) -> [(&'static str, Camera); 3] {
     [("along", along), ("back", back), ("parallel", houses)]
 }
 
-/// The pixel that a point falls into, and its planar depth.
+/// Projects a point to its pixel and planar depth.
 fn projected(view: &View, point: DVec3) -> Option<(usize, f64)> {
     let from_eye = point - view.camera.eye;
     let depth = from_eye.dot(view.basis.forward);
@@ -345,7 +348,7 @@ fn projected(view: &View, point: DVec3) -> Option<(usize, f64)> {
     inside.then(|| (y as usize * view.size[0] as usize + x as usize, depth))
 }
 
-/// How many points belong to the first surface of a pixel in the silhouette.
+/// Counts the points of the first surface within the silhouette.
 fn first_surface(truth: &Truth, points: &[DVec3]) -> usize {
     let seen = |point: &&DVec3| {
         projected(&truth.view, **point).is_some_and(|(pixel, depth)| {
@@ -355,7 +358,7 @@ fn first_surface(truth: &Truth, points: &[DVec3]) -> usize {
     points.par_iter().filter(seen).count()
 }
 
-/// The points that fall into the picture, moved along the ray to the eye.
+/// Returns the points in the picture, moved along the ray to the eye by noise.
 fn noisy(truth: &Truth, points: &[DVec3], noise_px: f64, seed: u64) -> Vec<DVec3> {
     let view = &truth.view;
     let shown = points
@@ -382,7 +385,8 @@ fn noisy(truth: &Truth, points: &[DVec3], noise_px: f64, seed: u64) -> Vec<DVec3
         .collect()
 }
 
-/// On a lattice of less than 2^30 steps across, as fine as readers keep floating-point files on.
+/// Returns a cloud on a lattice of less than 2^30 steps across, as fine as that of floating-point
+/// files.
 pub(super) fn cloud(name: &str, points: &[DVec3]) -> Cloud {
     let (min, max) = points
         .iter()

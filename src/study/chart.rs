@@ -1,7 +1,9 @@
-//! Panels of marks in, one SVG out: error over time, log-log, all panels on the same axes.
+//! SVG charts: panels of error over time, log-log, on common axes.
 //!
-//! Every configuration is a mark with its name beside it. Those on the front, which nothing beats in both, are filled and joined by a step line; the others are hollow. What `auto` chose
-//! wears a ring. Errors of exactly 0 have no logarithm: they lie on a line of their own below the axis. Colours are of Okabe and Ito's set, and no meaning hangs on colour alone.
+//! Every configuration is a labelled mark. Those on the front, which no other beats in both, are
+//! filled and joined by a step line; the others are hollow. A ring marks the choice of `auto`.
+//! Errors of exactly 0 have no logarithm: they lie on a line of their own below the axis. Colours
+//! are from the set of Okabe and Ito, and no meaning depends on colour alone.
 
 use plotters::coord::Shift;
 use plotters::prelude::*;
@@ -35,27 +37,27 @@ const GRID: RGBColor = RGBColor(0xE4, 0xE7, 0xEA);
 const FRONT: RGBColor = RGBColor(0x00, 0x72, 0xB2);
 const AUTO: RGBColor = RGBColor(0xD5, 0x5E, 0x00);
 
-/// Pixels: a panel's plot, what lies between panels, and the margins for axes and titles.
+/// Sizes [px]: a panel's plot, the space between panels, and the margins for axes and titles.
 const PLOT: [i32; 2] = [286, 178];
 const GAP: [i32; 2] = [22, 44];
 const LEFT: i32 = 92;
 const TOP: i32 = 92;
 const RIGHT: i32 = 24;
 const BOTTOM: i32 = 56;
-/// Of the line of zeros, above the bottom of the plot.
+/// Height of the line of zeros above the bottom of the plot [px].
 const ZERO_LIFT: i32 = 14;
 const LINE_HEIGHT: i32 = 14;
 
 type Area<'a> = DrawingArea<SVGBackend<'a>, Shift>;
 
-/// One logarithmic axis onto so many pixels.
+/// A logarithmic axis onto a range of pixels.
 struct Axis {
     lo: f64,
     hi: f64,
 }
 
 impl Axis {
-    /// Around all positive values, with a little air; a decade where there is nothing.
+    /// Returns an axis around all positive values with some margin; one decade if there are none.
     fn around(values: impl Iterator<Item = f64>, air: f64) -> Axis {
         let (lo, hi) = values
             .filter(|v| *v > 0.0 && v.is_finite())
@@ -68,7 +70,8 @@ impl Axis {
         ((value.log10() - self.lo) / (self.hi - self.lo) * pixels as f64).round() as i32
     }
 
-    /// Round numbers: 1, 2 and 5 in each decade if there are few decades, else only powers of ten, or every second or third of them.
+    /// Returns round numbers: 1, 2 and 5 in each decade for few decades, else every power of ten,
+    /// or every second or third.
     fn ticks(&self) -> Vec<f64> {
         let decades = self.hi - self.lo;
         let stride = (decades / 6.0).ceil().max(1.0) as i32;
@@ -82,7 +85,7 @@ impl Axis {
     }
 }
 
-/// 0.5, 20, or a power of ten with a raised exponent.
+/// Formats 0.5, 20, or a power of ten with a raised exponent.
 fn number(value: f64) -> String {
     if (0.005..2000.0).contains(&value) {
         return format!("{}", (value * 1e6).round() / 1e6);
@@ -166,7 +169,7 @@ impl Chart {
         Ok(())
     }
 
-    /// What marks mean.
+    /// Draws the legend.
     fn key(
         &self,
         root: &Area,
@@ -258,7 +261,8 @@ impl Panel {
         let mut front: Vec<(i32, i32)> =
             self.marks.iter().filter(|mark| mark.front).map(place).collect();
         front.sort_unstable();
-        // Between two settings nothing better than the slower one's error is known to be had for less than its time: a step, not a slope.
+        // Between two settings, nothing better than the slower one's error is known for less than
+        // its time: a step, not a slope.
         let steps = front.windows(2).flat_map(|pair| [pair[0], (pair[1].0, pair[0].1), pair[1]]);
         root.draw(&PathElement::new(steps.collect::<Vec<_>>(), FRONT.mix(0.45).stroke_width(2)))?;
         for mark in &self.marks {
@@ -269,7 +273,8 @@ impl Panel {
         for mark in &self.marks {
             symbol(root, place(mark), mark.front, mark.auto)?;
         }
-        // Names stand right of their marks and bars, pushed apart where marks are close, and left where there is no room.
+        // Labels stand right of marks and bars, pushed apart where marks are close, and left if
+        // there is no room.
         let mut names: Vec<(&Mark, (i32, i32))> =
             self.marks.iter().map(|mark| (mark, place(mark))).collect();
         names.sort_by_key(|(_, at)| at.1);
@@ -291,7 +296,7 @@ impl Panel {
             } else {
                 &SOFT
             };
-            // White around the letters keeps them apart from bars of other marks.
+            // White around the letters separates them from bars of other marks.
             for (dx, dy) in [(-2, 0), (2, 0), (0, -2), (0, 2)] {
                 root.draw_text(
                     &mark.label,
@@ -315,7 +320,7 @@ fn height(axes: &[Axis; 2], value: f64, top: i32) -> i32 {
     if value > 0.0 { top + room - axes[1].at(value, room) } else { top + PLOT[1] - ZERO_LIFT }
 }
 
-/// Sorted heights, moved down as little as keeps lines apart, then up where they would leave the plot.
+/// Moves sorted heights down as little as keeps lines apart, then up if they leave the plot.
 fn spread(heights: &[i32], top: i32, bottom: i32) -> Vec<i32> {
     let mut placed: Vec<i32> = Vec::new();
     for &height in heights {

@@ -20,25 +20,25 @@ use crate::render::settings::{FrameConfig, RenderSettings};
 use crate::resident::Resident;
 use crate::view::View;
 
-/// Points of the first surface a covered pixel; and what a case with so many is called.
+/// Points of the first surface per covered pixel, and the name of the case.
 const DENSITIES: [(f64, &str); 3] =
     [(0.1, "0.1 points/px"), (0.5, "0.5 points/px"), (2.0, "2 points/px")];
 const VERTICES: &str = "its vertices";
 const SCENES: [&str; 4] = ["sphere", "torus", "street", "dragon"];
 const ALL: &str = "all scenes";
 
-/// Configurations are many, so that rounds, views and pixels are not: a study takes minutes, not hours, on a software device.
+/// Most rounds: with many configurations, a study takes minutes, not hours, on a software device.
 const MOST_ROUNDS: usize = 3;
 const MOST_SIDE: u32 = 384;
 const VIEWS: usize = 1;
 
-/// The knob of what the renderer does when nothing is asked for.
+/// The knob of the renderer's defaults.
 pub const AUTO: &str = "auto";
 
 pub struct Configuration {
     pub knob: &'static str,
     pub value: String,
-    /// As `--effect` takes them.
+    /// Settings as after `--effect`.
     pub settings: Vec<String>,
 }
 
@@ -58,58 +58,58 @@ impl Configuration {
 
 pub struct Metric {
     pub name: &'static str,
-    /// Its unit for axes.
+    /// Unit for axes.
     pub axis: &'static str,
     pub about: &'static str,
-    /// Parts are squares, and the error is the root of their mean.
+    /// Whether parts are squares, and the error is the root of their mean.
     pub root: bool,
 }
 
-/// Sum of errors, and how many pixels could have had one.
+/// Sum of errors, and the number of pixels.
 pub type Part = [f64; 2];
 
 #[derive(Clone, Debug, Default)]
 pub struct Drawing {
     pub depth: Vec<f32>,
     pub index: Vec<u32>,
-    /// Light that is left; empty where no effect takes any.
+    /// Remaining light; empty if no effect darkens.
     pub lit: Vec<f32>,
     pub counts: Counts,
 }
 
-/// What a study asks.
+/// The question of a study.
 pub trait Question {
     const NAME: &'static str;
     const TITLE: &'static str;
     const METRICS: &'static [Metric];
-    /// What times would not tell on another device.
+    /// Counters, for what times of this device do not show on another.
     const COUNTERS: &'static [&'static str];
-    /// What is drawn first, and handed to `know`.
+    /// Settings drawn first and passed to `know`.
     const REFERENCE: &'static [&'static str];
-    /// The last pass before those that cost.
+    /// The last pass before the measured ones.
     const AFTER: &'static [&'static str];
     const HOW: &'static str;
-    /// What all configurations of a case are measured against.
+    /// The reference of all configurations of a case.
     type Known;
 
-    /// The same in every case, but for settings that depend on it.
+    /// Returns the configurations, equal in every case except for settings that depend on it.
     fn configurations(case: &Case) -> Vec<Configuration>;
     fn know(case: &Case, reference: Drawing) -> Self::Known;
-    /// A part for every metric, a number for every counter.
+    /// Returns a part for every metric and a number for every counter.
     fn measure(case: &Case, known: &Self::Known, drawing: &Drawing) -> (Vec<Part>, Vec<f64>);
     fn more_figures(_rows: &[Row]) -> Vec<Figure> {
         Vec::new()
     }
 }
 
-/// One configuration in all cases of a scene and density.
+/// A configuration in all cases of a scene and density.
 #[derive(Clone, Default)]
 struct Sum {
     knob: &'static str,
     value: String,
     parts: Vec<Part>,
     counters: Vec<f64>,
-    /// A round each.
+    /// Times, one per round.
     times: Vec<f64>,
 }
 
@@ -128,7 +128,7 @@ pub fn run<Q: Question>(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> 
     let options = Options {
         size: plan.size.map(|side| side.min(MOST_SIDE)),
         seed: plan.seed,
-        // Hidden sides cost as many points as seen ones.
+        // Hidden sides take as many points as visible ones.
         most_points: 4 * plan.points,
         scenes,
         views: VIEWS,
@@ -252,7 +252,7 @@ fn draw(
     Ok(drawing)
 }
 
-/// Milliseconds of the passes after the last that is called like one of `after`.
+/// Returns the time of the passes after the last one with a name in `after` [ms].
 fn time(
     gpu: &mut Gpu,
     view: &View,
@@ -317,7 +317,7 @@ fn of<Q: Question>(pool: &Pool, sum: &Sum) -> Vec<Row> {
     Q::METRICS.iter().zip(&sum.parts).map(row).collect()
 }
 
-/// But for `auto`, which is on every curve.
+/// Returns the knobs except `auto`, which is on every curve.
 fn knobs(rows: &[Row]) -> Vec<&'static str> {
     rows.iter().map(|row| row.knob).filter(|knob| *knob != AUTO).fold(
         Vec::new(),

@@ -1,7 +1,9 @@
-//! Study `fill`: how far filled depths are from the surface, against what it costs, and against baselines.
+//! Study `fill`: the error of filled depths against their cost, and against baselines.
 //!
-//! Knobs are levels and tolerance, one at a time, of pintus iterations and the neighbours from which background is filled; and the method: fixed-size splats of points as they are, and pull-push with and without
-//! visibility. Baselines get the sizes that suit them (STUDIES.md): splats are drawn with several radii.
+//! Knobs are levels and tolerance, one at a time, iterations of the median method and the
+//! neighbours from which background is filled; and the method: fixed-size splats of the points, and
+//! pull-push with and without visibility. Baselines get sizes that suit them: splats are drawn with
+//! several radii.
 
 use super::cases::Case;
 use super::configurations::{self, AUTO, Configuration, Drawing, Metric, Part, Question};

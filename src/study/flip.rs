@@ -14,19 +14,21 @@
 use glam::{DMat3, DVec3};
 use rayon::prelude::*;
 
-/// A 0.7 m wide 4K display seen from 0.7 m, as the authors assume: studies have no viewer, so they all use this one.
+/// Pixels per degree of a 0.7 m wide 4K display seen from 0.7 m, as the authors assume; all studies
+/// use it.
 pub const PIXELS_PER_DEGREE: f64 = 67.0206;
 
-/// Of the contrast sensitivity of the three opponent channels: heights and widths of up to two Gaussians.
+/// Contrast sensitivity of the three opponent channels: heights and widths of up to two Gaussians.
 const SENSITIVITY: [[(f64, f64); 2]; 3] =
     [[(1.0, 0.0047), (0.0, 1e-5)], [(1.0, 0.0053), (0.0, 1e-5)], [(34.1, 0.04), (13.5, 0.025)]];
 
-/// Width of what the eye takes for an edge or a point, degrees.
+/// Width of an edge or point feature [degrees].
 const FEATURE_DEGREES: f64 = 0.082;
 
 const COLOR_POWER: f64 = 0.7;
 const FEATURE_POWER: f64 = 0.5;
-/// Above this part of the greatest colour difference, differences are pressed into what is left above the other.
+/// Differences above the first share of the greatest colour difference are compressed into the
+/// range above the second.
 const KNEE: (f64, f64) = (0.4, 0.95);
 
 /// Rec. 709 primaries, D65.
@@ -36,16 +38,16 @@ const TO_XYZ: [[f64; 3]; 3] = [
     [1_425_312.0 / 73_733_382.0, 8_788_810.0 / 73_733_382.0, 70_074_185.0 / 73_733_382.0],
 ];
 
-/// Of one picture, all that its FLIP against any other needs.
+/// The part of FLIP that depends on one picture only.
 pub struct Seen {
-    /// Blurred, CIELAB, Hunt-adjusted.
+    /// Colours, filtered, CIELAB, Hunt-adjusted.
     color: Vec<[f32; 3]>,
     /// Strength of edges and of points.
     feature: Vec<[f32; 2]>,
 }
 
 impl Seen {
-    /// `linear` holds R G B A row by row; what is beyond 0 to 1 a display would not show.
+    /// Prepares a picture. `linear` holds R G B A row by row, clamped to 0..=1 as a display does.
     pub fn new(linear: &[[f32; 4]], size: [u32; 2], pixels_per_degree: f64) -> Seen {
         let opponent: Vec<[f32; 3]> = linear
             .par_iter()
@@ -64,7 +66,7 @@ impl Seen {
     }
 }
 
-/// FLIP of every pixel.
+/// Returns FLIP of every pixel.
 pub fn difference(a: &Seen, b: &Seen) -> Vec<f32> {
     let greatest = greatest();
     let knee = KNEE.0 * greatest;
@@ -88,19 +90,19 @@ fn multiplied(m: [[f64; 3]; 3], v: [f64; 3]) -> [f64; 3] {
     m.map(|row| row[0] * v[0] + row[1] * v[1] + row[2] * v[2])
 }
 
-/// XYZ of white.
+/// Returns XYZ of white.
 fn white() -> [f64; 3] {
     multiplied(TO_XYZ, [1.0; 3])
 }
 
-/// Linear RGB to YCxCz, which is CIELAB without its cube roots.
+/// Converts linear RGB to YCxCz, which is CIELAB without its cube roots.
 fn opponent(rgb: [f64; 3]) -> [f32; 3] {
     let (xyz, white) = (multiplied(TO_XYZ, rgb), white());
     let [x, y, z] = [0, 1, 2].map(|k| xyz[k] / white[k]);
     [116.0 * y - 16.0, 500.0 * (x - y), 200.0 * (y - z)].map(|v| v as f32)
 }
 
-/// Back to what a display shows, then to what is compared.
+/// Converts back to displayable RGB, then to Hunt-adjusted CIELAB.
 fn adjusted(ycxcz: [f32; 3], to_rgb: &DMat3) -> [f32; 3] {
     let y = (ycxcz[0] as f64 + 16.0) / 116.0;
     let white = white();
@@ -112,7 +114,7 @@ fn adjusted(ycxcz: [f32; 3], to_rgb: &DMat3) -> [f32; 3] {
     hunt((*to_rgb * DVec3::from_array(xyz)).clamp(DVec3::ZERO, DVec3::ONE).to_array())
 }
 
-/// Linear RGB to CIELAB whose chroma fades in the dark.
+/// Converts linear RGB to CIELAB with chroma that fades in the dark.
 fn hunt(rgb: [f64; 3]) -> [f32; 3] {
     const D: f64 = 6.0 / 29.0;
     let (xyz, white) = (multiplied(TO_XYZ, rgb), white());
@@ -129,12 +131,12 @@ fn hyab(a: [f32; 3], b: [f32; 3]) -> f64 {
     d[0].abs() + d[1].hypot(d[2])
 }
 
-/// Green against blue: no two colours of a display are farther apart.
+/// Returns the difference of green and blue, the greatest of a display.
 fn greatest() -> f64 {
     hyab(hunt([0.0, 1.0, 0.0]), hunt([0.0, 0.0, 1.0])).powf(COLOR_POWER)
 }
 
-/// One opponent channel as the eye blurs it.
+/// Filters one opponent channel by contrast sensitivity.
 fn blurred(
     opponent: &[[f32; 3]],
     width: usize,
@@ -159,7 +161,7 @@ fn blurred(
     sum.into_iter().map(|v| (v / total) as f32).collect()
 }
 
-/// Strength of edges and of points: first and second derivative of a Gaussian along x and y.
+/// Returns strengths of edges and points: first and second derivative of a Gaussian along x and y.
 fn features(grey: &[f32], width: usize, pixels_per_degree: f64) -> Vec<[f32; 2]> {
     let sigma = 0.5 * FEATURE_DEGREES * pixels_per_degree;
     let radius = (3.0 * sigma).ceil() as i32;
@@ -167,7 +169,7 @@ fn features(grey: &[f32], width: usize, pixels_per_degree: f64) -> Vec<[f32; 2]>
         let raw: Vec<f64> = (-radius..=radius)
             .map(|x| weigh(x as f64) * (-(x * x) as f64 / (2.0 * sigma * sigma)).exp())
             .collect();
-        // Positive and negative weights sum to 1 and -1, each on its own.
+        // Positive and negative weights are normalised to 1 and -1 separately.
         let [up, down] =
             [1.0, -1.0].map(|sign| raw.iter().map(|v| (v * sign).max(0.0)).sum::<f64>());
         raw.into_iter()
@@ -184,7 +186,7 @@ fn features(grey: &[f32], width: usize, pixels_per_degree: f64) -> Vec<[f32; 2]>
     edges.into_iter().zip(points).map(|(edge, point)| [edge, point]).collect()
 }
 
-/// Convolved with one kernel along x and one along y.
+/// Convolves with one kernel along x and one along y.
 fn filtered(plane: &[f32], width: usize, along_x: &[f64], along_y: &[f64]) -> Vec<f32> {
     let height = plane.len() / width;
     let (kx, ky): (Vec<f32>, Vec<f32>) =
@@ -232,7 +234,7 @@ mod tests {
         map.iter().map(|&v| v as f64).sum::<f64>() / map.len() as f64
     }
 
-    /// Checks with noise on them, from a fixed sequence.
+    /// Returns checks with noise from a fixed sequence.
     fn noisy(k: u32) -> Vec<[f32; 4]> {
         let state = std::cell::Cell::new(k.wrapping_mul(2_654_435_761).wrapping_add(1));
         picture(|x, y| {
@@ -246,7 +248,8 @@ mod tests {
         })
     }
 
-    /// What the authors' program (C++, through the crate nv-flip 0.1.2) says of the same pictures, at 67.0206 and at 30 pixels per degree.
+    /// Compares with the authors' program (C++, through the crate nv-flip 0.1.2) on the same
+    /// pictures, at 67.0206 and 30 pixels per degree.
     #[test]
     fn means_are_those_of_the_authors_program() {
         let flat = |color: [u8; 3]| picture(|_, _| color);

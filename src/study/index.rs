@@ -31,10 +31,11 @@ pub const SUMMARY: &str =
 const SCENES: [(&str, SceneKind); 3] =
     [("sphere", SceneKind::Sphere), ("street", SceneKind::Street), ("terrain", SceneKind::Terrain)];
 
-/// What is read, in planes of ten bits.
+/// Number of position planes read, ten bits each.
 const SETTINGS: [(&str, u32); 3] = [("10", 1), ("20", 2), ("all", 3)];
 
-/// Metric, its unit for axes, and what it is; errors in pixels are of a view, the others of the cloud.
+/// Metric, its unit for axes, and its description; errors in pixels belong to a view, the others to
+/// the cloud.
 const METRICS: [(&str, &str, &str); 5] = [
     ("m_max", "largest error, metres", "Metres: the point farthest from where the file has it"),
     ("m_rms", "RMS error, metres", "Metres: root mean square over all points"),
@@ -47,7 +48,7 @@ const METRICS: [(&str, &str, &str); 5] = [
     ("px_rms", "RMS error, pixels", "Pixels: root mean square over the points that the view shows"),
 ];
 
-/// Where metrics are of the cloud.
+/// View name of metrics of the cloud.
 const NO_VIEW: &str = "any";
 
 pub fn run(_: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Section> {
@@ -151,14 +152,14 @@ fn table(title: &str, head: &[&str]) -> Table {
     }
 }
 
-/// A point of a leaf: where it is, as the file counts, and what its planes hold.
+/// A point of a leaf: its position as the file counts, and what its planes hold.
 struct Kept {
     steps: [i64; 3],
     leaf: usize,
     cells: [u32; 3],
 }
 
-/// The points of all leaves, in the order of their coordinates.
+/// Returns the points of all leaves, ordered by coordinates.
 fn leaves(index: &Index) -> Result<Vec<Kept>> {
     let mut points = Vec::new();
     for (leaf, node) in index.nodes().iter().enumerate().filter(|(_, node)| node.is_leaf()) {
@@ -181,7 +182,7 @@ fn leaves(index: &Index) -> Result<Vec<Kept>> {
     Ok(points)
 }
 
-/// How far every point of the file is drawn from where it is, from so many planes, metres.
+/// Returns the distance between every point and its drawn position [m], with this many planes.
 fn moved<'a>(
     scan: &'a Scan,
     points: &'a [Kept],
@@ -196,7 +197,7 @@ fn moved<'a>(
             if planes >= has {
                 return (point.steps[axis] - source[axis] as i64) as f64;
             }
-            // As it is drawn: in the middle of its cell (`passes::project`).
+            // Points are drawn in the middle of their cell (`passes::project`).
             let side = 1i64 << (node.bits as u32 - BITS_PER_PLANE * planes);
             let corner = node.origin[axis]
                 + (point.cells[axis] >> (BITS_PER_PLANE * (has - planes))) as i64 * side;
@@ -206,7 +207,7 @@ fn moved<'a>(
     })
 }
 
-/// The same in pixels; none where the view does not show the point.
+/// Returns the same in pixels; `None` if the view does not show the point.
 fn pixels(view: &View, lattice: &Lattice, source: &[i32; 3], moved: DVec3) -> Option<f64> {
     let at = |v: DVec3| {
         let scale = view.focal_px() / v.dot(view.basis.forward);
@@ -225,7 +226,7 @@ fn bytes_per_point(index: &Index, planes: u32) -> f64 {
     bytes as f64 / index.directory.contents.points as f64
 }
 
-/// Milliseconds to copy and check so many position planes of every leaf.
+/// Returns the time to copy and check this many position planes of every leaf [ms].
 fn read(index: &Index, planes: u32) -> Result<f64> {
     let began = Instant::now();
     let mut bytes = Vec::new();
@@ -264,15 +265,15 @@ fn plane_rows(scene: &str, index: &Index) -> Vec<Vec<String>> {
         .collect()
 }
 
-/// Of the inner nodes of one level.
+/// Statistics of the inner nodes of a level.
 #[derive(Default)]
 struct Level {
     nodes: usize,
     samples: usize,
     points: u64,
-    /// Least and largest, metres.
+    /// Least and largest cell [m].
     cells: [f64; 2],
-    /// Of samples from the means of what they stand for, metres and cells.
+    /// Distances between samples and the means of their points [m and cells].
     away: Vec<[f64; 2]>,
 }
 
@@ -286,7 +287,7 @@ fn level_rows(scene: &str, index: &Index, points: &[Kept]) -> Result<Vec<Vec<Str
     let mut order: Vec<(u128, usize)> =
         points.iter().enumerate().map(|(i, point)| (code(point), i)).collect();
     order.sort_unstable();
-    // Where each node's points begin in that order: children stand behind their parents.
+    // The beginning of each node's points in that order: children come after their parents.
     let mut starts = vec![usize::MAX; nodes.len()];
     for (at, &(_, i)) in order.iter().enumerate() {
         let start = &mut starts[points[i].leaf];

@@ -1,6 +1,8 @@
-//! Study `layers`: how far transparent surfaces are from all surfaces on each ray, exactly sorted, over what peeling them takes.
+//! Study `layers`: the difference between peeled transparent surfaces and all surfaces on each ray,
+//! exactly sorted, against the cost of peeling.
 //!
-//! Nested tori of one colour each, half transparent, without shading. Knobs are how many layers are peeled, the layer distance, and how the surfaces are filled, one at a time.
+//! The scene is nested tori of one colour each, half transparent, without shading. Knobs are the
+//! number of layers, the layer distance, and the filling, one at a time.
 
 use super::configurations::AUTO;
 use super::oracle::transparency::{self as oracle, Over};
@@ -23,11 +25,11 @@ use rayon::prelude::*;
 pub const SUMMARY: &str =
     "number of layers, layer distance, filling: transparent surfaces against all surfaces sorted";
 
-/// sRGB of classes 1, 2 and 3: the tori from the inside out.
+/// Colours of classes 1, 2 and 3, sRGB: the tori from the inside out.
 const COLORS: [[u8; 3]; 3] = [[250, 40, 30], [40, 220, 60], [30, 60, 240]];
 const OPACITY: f64 = 0.5;
 
-/// A value, and what is asked for; a layer distance is a multiple of the automatic one.
+/// A value and its settings; a layer distance is a multiple of the automatic one.
 type Value = (&'static str, &'static str, f64);
 
 const KNOBS: [(&str, &[Value]); 4] = [
@@ -49,7 +51,7 @@ const KNOBS: [(&str, &[Value]); 4] = [
     ("fill", &[("dobrev", "fill=method=mask", 0.0), ("off", "fill=off", 0.0)]),
 ];
 
-/// Root of the mean square of what linear colours are off; the share of pixels with another number of layers.
+/// RMS error of linear colours; share of pixels with a different number of layers.
 const METRICS: [(&str, &str); 2] =
     [("color_rms", "linear colour, RMS"), ("miscounted", "share of pixels")];
 

@@ -1,8 +1,11 @@
-//! Study `lod`: the projected error at which nodes are no longer refined, against the picture of the full cloud.
+//! Study `lod`: the projected error at which refinement ends, against the picture of the full
+//! cloud.
 //!
-//! The knob is `Detail::lod_px`, without a budget, and `auto`: its default with the default budget. The reference is of the kind "self" (STUDIES.md): the same renderer's picture of all
-//! leaves, lod 0. So errors are those of merged samples and of nothing else: noise of the scan and gaps between its points are in both pictures, and where the full cloud covers a
-//! pixel with the nearest of a hundred points, the cut covers it with their mean, which is not worse, but differs. Everything is over the foreground: pixels that either covers.
+//! The knob is `Detail::lod_px` without a budget, and `auto`: its default with the default budget.
+//! The reference is the same renderer's picture of all leaves, lod 0. Errors are therefore those of
+//! merged samples alone: scan noise and gaps are in both pictures. Where the full cloud covers a
+//! pixel with the nearest of a hundred points, the cut covers it with their mean, which is not
+//! worse, but differs. All metrics are over the foreground: pixels that either covers.
 
 use super::flip::{self, Seen};
 use super::popping::{self, Popping};
@@ -32,11 +35,11 @@ const SCENES: [(&str, SceneKind); 2] =
 
 const SETTINGS: [&str; 7] = ["0.25", "0.5", "1", "2", "4", "8", "auto"];
 
-/// Frames of the dolly, and how much smaller its pictures are: it has many.
+/// Frames of the dolly, and the divisor of its picture size.
 const DOLLY_FRAMES: usize = 60;
 const DOLLY_SHRINK: u32 = 4;
 
-/// Metric, its unit for axes, and what it is. Of the settled picture, then of the dolly.
+/// Metric, its unit for axes, and its description: of the settled picture, then of the dolly.
 const METRICS: [(&str, &str, &str); 8] = [
     ("rms", "RMS error of colour", "Colour: root mean square error of sRGB values, 0 to 1"),
     ("flip", "mean FLIP", "FLIP: how different the pictures look"),
@@ -185,7 +188,7 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
         }
     }
     mark_fronts(&mut rows);
-    // More dB are better, so the front is that of the error that they are the logarithm of.
+    // More dB are better, so the front is that of the underlying error.
     for i in (0..rows.len()).filter(|&i| rows[i].metric == PSNR).collect::<Vec<_>>() {
         let key = |row: &Row| (row.scene, row.view, row.value.clone());
         rows[i].front =
@@ -257,7 +260,8 @@ fn row(
     }
 }
 
-/// From sixteen times as far as the scene's own camera, so that cuts are deep, from four times, and from there.
+/// Returns cameras at sixteen and four times the distance of the scene's own, so that cuts are
+/// deep, and at that distance.
 fn cameras(world: &World) -> [(&'static str, Camera); 3] {
     let viewpoint = world.camera();
     [("far", 16.0), ("near", 4.0), ("close-up", 1.0)].map(|(name, times)| {
@@ -280,7 +284,7 @@ fn detail(value: &str, size: [u32; 2]) -> Detail {
     value.parse().map_or(Detail::of(size), |lod_px| Detail { lod_px, ..full(size) })
 }
 
-/// All leaves.
+/// Returns limits that select all leaves.
 pub fn full(size: [u32; 2]) -> Detail {
     Detail { budget: u64::MAX, lod_px: 0.0, ..Detail::of(size) }
 }
@@ -295,7 +299,7 @@ struct Taken {
     bytes: u64,
 }
 
-/// The settled picture of a fresh start, and what it took.
+/// Draws the settled picture of a fresh start, and measures it.
 fn cold(
     gpu: &mut Gpu,
     scan: &Scan,
@@ -318,15 +322,15 @@ fn cold(
 }
 
 pub struct Drawing {
-    /// Linear.
+    /// Picture, linear.
     pub picture: Vec<[f32; 4]>,
     pub depth: Vec<f32>,
     pub index: Vec<u32>,
-    /// Of clearing and projecting.
+    /// Time of clearing and projecting [ms].
     pub ms: f64,
 }
 
-/// What is resident, without effects.
+/// Draws what is resident, without effects.
 pub fn draw(gpu: &mut Gpu, view: &View, resident: &Resident) -> Result<Drawing> {
     let mut settings = RenderSettings::points();
     settings.effects.edl.switch = Switch::Off;
@@ -347,7 +351,7 @@ pub fn draw(gpu: &mut Gpu, view: &View, resident: &Resident) -> Result<Drawing> 
     Ok(drawing)
 }
 
-/// Device time of clearing and projecting alone: nothing else depends on the knob.
+/// Returns the device time of clearing and projecting alone: nothing else depends on the knob.
 fn project_ms(gpu: &mut Gpu, view: &View, resident: &Resident) -> Result<f64> {
     let mut g = Graph::new(gpu);
     let drawn = project::draw(&mut g, view, resident, Precision::Auto)?;
@@ -361,12 +365,12 @@ fn project_ms(gpu: &mut Gpu, view: &View, resident: &Resident) -> Result<f64> {
     Ok(ms)
 }
 
-/// Pixels with a point.
+/// Returns the pixels with a point.
 pub fn covered(depth: &[f32]) -> Vec<bool> {
     depth.iter().map(|z| z.is_finite()).collect()
 }
 
-/// The picture of all leaves, and what of it every comparison needs.
+/// The picture of all leaves, prepared for comparisons.
 struct Reference {
     drawing: Drawing,
     seen: Seen,
@@ -376,14 +380,14 @@ struct Reference {
 struct Errors {
     rms: f64,
     flip: f64,
-    /// Median and 95 %.
+    /// Median and 95 % of depth errors.
     depth: [f64; 2],
     holes: f64,
     false_fills: f64,
 }
 
 impl Errors {
-    /// Infinite for equal pictures.
+    /// Returns the PSNR; infinite for equal pictures.
     fn psnr_db(&self) -> f64 {
         -20.0 * self.rms.log10()
     }

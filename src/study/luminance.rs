@@ -1,7 +1,10 @@
-//! Study `luminance`: what is left of the steps between stations, what is lost of details, and what that costs; beside the offline reference.
+//! Study `luminance`: remaining steps between stations, lost details, and the cost; compared with
+//! the offline reference.
 //!
-//! A street scanned from five stations, their exposures from a half to twice, no two alike side by side. Points are the same with all exposures equal, so that the truth is known in every pixel: what the
-//! picture would be if all stations had had one light. Knobs are epsilon, neighbourhood and space, one at a time, and the points a pixel, by the size of the picture.
+//! A street is scanned from five stations with exposures from a half to twice, adjacent ones
+//! different. The same points with equal exposures give the truth in every pixel. Knobs are
+//! epsilon, neighbourhood and space, one at a time, and the points per pixel, by the size of the
+//! picture.
 
 pub mod problems;
 
@@ -26,14 +29,14 @@ use glam::DVec3;
 
 pub const SUMMARY: &str = "epsilon, neighbourhood, space, points a pixel: steps between stations, details, against the offline reference";
 
-/// Of the stations along the street.
+/// Exposures of the stations along the street.
 const GAINS: [f64; 5] = [1.0, 0.5, 2.0, 0.7, 1.4];
 
-/// The picture's sides, in parts of what is asked for.
+/// Divisors of the picture's sides.
 const SIZES: [u32; 3] = [1, 2, 4];
 const LEAST_SIDE: u32 = 16;
 
-/// What `luminance` is asked for, and behind it what else. Epsilon is in spacings of the points here.
+/// Settings of `luminance`, with further settings behind. Epsilon is in spacings of the points.
 const CONFIGURATIONS: [(&str, &str, &str); 16] = [
     ("none", "uncorrected", "off"),
     ("none", REFERENCE, "off"),
@@ -68,16 +71,16 @@ const METRICS: [(&str, &str, &str); 3] = [
     ("rms", "codes of 255", "Difference to the truth, root mean square of V"),
 ];
 
-/// Neighbours on one surface are no farther apart, in spacings of the points.
+/// Largest distance of neighbours on one surface, in spacings of the points.
 const LAYER: f64 = 4.0;
 
 struct Sight {
     view: View,
-    /// V of every pixel with all exposures equal, 0 to 255; and what station its front point is of.
+    /// V of every pixel with equal exposures, 0 to 255, and the station of its front point.
     truth: Vec<f64>,
     station: Vec<[u32; 4]>,
     depth: Vec<f32>,
-    /// Metres.
+    /// Layer distance [m].
     layer_m: f64,
 }
 
@@ -240,7 +243,7 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
     })
 }
 
-/// Nothing else runs.
+/// Returns settings with no other effect.
 fn render_settings(luminance: &str) -> Result<RenderSettings> {
     let mut settings = RenderSettings::default();
     let off = EFFECTS.iter().map(|effect| format!("{effect}=off"));
@@ -253,7 +256,7 @@ fn render_settings(luminance: &str) -> Result<RenderSettings> {
 struct Drawn {
     color: Vec<[f32; 4]>,
     depth: Vec<f32>,
-    /// Of the passes of luminance.
+    /// Time of the luminance passes [ms].
     ms: f64,
 }
 
@@ -277,7 +280,7 @@ fn draw(
     Ok(drawn)
 }
 
-/// V of stored values, 0 to 255.
+/// Returns V of stored values, 0 to 255.
 fn values(color: &[[f32; 4]]) -> Vec<f64> {
     color.iter().map(|[r, g, b, _]| 255.0 * linear_to_srgb(r.max(*g).max(*b) as f64)).collect()
 }
@@ -287,13 +290,13 @@ impl Sight {
         self.view.size[0] as usize
     }
 
-    /// Whether two pixels are of one surface whose luminance the truth tells: not black.
+    /// Tests whether two pixels are on one surface with known, non-black luminance.
     fn same(&self, i: usize, k: usize) -> bool {
         let known = |i: usize| self.depth[i].is_finite() && self.truth[i] >= 8.0;
         known(i) && known(k) && ((self.depth[i] - self.depth[k]) as f64).abs() <= self.layer_m
     }
 
-    /// Of every metric.
+    /// Returns the error of every metric.
     fn errors(&self, values: &[f64]) -> [f64; 3] {
         let (columns, rows) = (self.columns(), self.truth.len() / self.columns());
         let exposure = |i: usize| (values[i].max(1.0) / self.truth[i]).log2();
@@ -334,7 +337,7 @@ impl Sight {
         let covered = |i: &usize| self.depth[*i].is_finite();
         let squares =
             metrics::errors((0..values.len()).filter(covered).map(|i| values[i] - self.truth[i]));
-        // What noise adds to details is none of theirs.
+        // Noise added to details does not count.
         [steps / borders.max(1.0), (1.0 - kept / all.max(1.0)).max(0.0), squares.rms]
     }
 }

@@ -1,8 +1,9 @@
-//! A mesh in (PLY, OBJ, or arrays), what a ray meets first out, f64; and points that are uniform by area.
+//! Meshes (PLY, OBJ, or arrays): ray casting in f64, and sampling uniform by area.
 //!
-//! Readers of `cloud` leave faces aside, because a point cloud has none: only truth needs them, so they are read here, plainly and whole.
-//! Rays are tested in axes of their own, sheared so that a ray is the third axis (Woop, Benthin and Wald 2013): the signs that decide whether it passes
-//! a shared edge are computed from the same products for both triangles, so no ray slips between them. Triangles have two sides.
+//! Readers of `cloud` ignore faces; only truth needs them, so they are read here, plainly and
+//! whole. Rays are tested in sheared axes in which the ray is the third axis (Woop, Benthin and
+//! Wald 2013): the signs that decide whether it passes a shared edge are computed from the same
+//! products for both triangles, so no ray slips between them. Triangles have two sides.
 
 use crate::error::{Error, Result};
 use crate::synth::bvh::{Aabb, Bvh};
@@ -12,15 +13,15 @@ use std::path::Path;
 
 pub struct Mesh {
     pub vertices: Vec<DVec3>,
-    /// Corners, in tree order.
+    /// Corners in tree order.
     triangles: Vec<[DVec3; 3]>,
     tree: Bvh,
-    /// The area of every triangle and those before it.
+    /// Cumulative area of the triangles.
     areas: Vec<f64>,
 }
 
 impl Mesh {
-    /// `faces` are vertex numbers.
+    /// Builds a mesh; `faces` are vertex numbers.
     pub fn new(vertices: Vec<DVec3>, faces: &[[u32; 3]]) -> Mesh {
         let corners = |face: &[u32; 3]| face.map(|vertex| vertices[vertex as usize]);
         let bounds: Vec<Aabb> = faces
@@ -39,7 +40,7 @@ impl Mesh {
         Mesh { vertices, triangles, tree, areas }
     }
 
-    /// By the file's name; vertices go through `place` first.
+    /// Reads a mesh by the file's name; `place` transforms vertices.
     pub fn read(path: &Path, place: impl Fn(DVec3) -> DVec3) -> Result<Mesh> {
         let bytes = std::fs::read(path).map_err(|error| Error::io("read", path, error))?;
         let found = match path.extension().is_some_and(|extension| extension == "obj") {
@@ -59,7 +60,7 @@ impl Mesh {
         Ok(Mesh::new(vertices.into_iter().map(place).collect(), &faces))
     }
 
-    /// How far the first triangle with t > 0 is, in units of the direction's length.
+    /// Returns the distance to the first triangle with t > 0, in units of the direction's length.
     pub fn first(&self, origin: DVec3, direction: DVec3) -> Option<f64> {
         let ray = Sheared::new(origin, direction);
         let mut first = None;
@@ -72,7 +73,7 @@ impl Mesh {
         first
     }
 
-    /// A point, uniform by area: the square folded onto the triangle.
+    /// Returns a point uniform by area: the square folded onto the triangle.
     pub fn sample(&self, random: &mut Random) -> DVec3 {
         let at = random.unit() * self.areas.last().expect("a mesh has triangles");
         let [a, b, c] =
@@ -83,11 +84,11 @@ impl Mesh {
     }
 }
 
-/// A ray in axes of its own, the longest of its components last.
+/// A ray in its own axes, the longest component last.
 struct Sheared {
     origin: DVec3,
     axes: [usize; 3],
-    /// What a step along the last axis adds to the others, and to t.
+    /// Change of the other axes and of t per step along the last axis.
     shear: DVec3,
 }
 
@@ -99,7 +100,7 @@ impl Sheared {
         Sheared { origin, axes, shear }
     }
 
-    /// Where the ray's line meets the triangle's plane, if inside of it or on its border.
+    /// Returns t where the ray's line meets the triangle, border included.
     fn cross(&self, corners: &[DVec3; 3]) -> Option<f64> {
         let [a, b, c] = corners.map(|corner| {
             let [x, y, z] = self.axes.map(|axis| (corner - self.origin)[axis]);
@@ -115,7 +116,7 @@ impl Sheared {
 
 type Found = Option<(Vec<DVec3>, Vec<[u32; 3]>)>;
 
-/// A polygon as a fan around its first corner.
+/// Splits a polygon into a fan around its first corner.
 fn fan(polygon: &[u32]) -> impl Iterator<Item = [u32; 3]> + '_ {
     polygon.windows(2).skip(1).map(|pair| [polygon[0], pair[0], pair[1]])
 }
@@ -130,7 +131,8 @@ fn obj(bytes: &[u8]) -> Found {
                 vertices.push(DVec3::new(axis()?, axis()?, axis()?));
             }
             Some("f") => {
-                // From 1 on, or back from the last vertex so far; texture and normal follow behind slashes.
+                // From 1, or back from the last vertex so far; texture and normal follow behind
+                // slashes.
                 let number = |field: &str| match field.split('/').next()?.parse::<i64>().ok()? {
                     back if back < 0 => u32::try_from(vertices.len() as i64 + back).ok(),
                     number => u32::try_from(number - 1).ok(),
@@ -150,7 +152,7 @@ struct Property<'h> {
     length: Option<&'h str>,
 }
 
-/// The numbers of a PLY body, one after the other.
+/// The numbers of a PLY body in sequence.
 enum Body<'b> {
     Ascii(std::str::SplitAsciiWhitespace<'b>),
     Binary { bytes: &'b [u8], big: bool },
@@ -254,7 +256,7 @@ mod tests {
         Mesh::new(CORNERS.to_vec(), &FACES)
     }
 
-    /// Where a ray enters the intersection of the half-spaces, or leaves it from inside.
+    /// Returns where a ray enters the intersection of half-spaces, or leaves it from inside.
     fn half_spaces(origin: DVec3, direction: DVec3) -> Option<f64> {
         let inside = CORNERS.iter().sum::<DVec3>() / 4.0;
         let (mut enter, mut leave) = (f64::NEG_INFINITY, f64::INFINITY);
@@ -290,7 +292,8 @@ mod tests {
 
     #[test]
     fn no_ray_slips_between_triangles() {
-        // A fan around one vertex, seen whole from above: every ray through an edge or the vertex itself must meet it.
+        // A fan around one vertex, seen from above: every ray through an edge or the vertex itself
+        // must meet it.
         let ring = 7;
         let corner = |i: u32| (i as f64 * std::f64::consts::TAU / ring as f64).sin_cos();
         let rim = (0..ring).map(|i| DVec3::new(corner(i).0, corner(i).1, 0.1 * i as f64));

@@ -1,8 +1,9 @@
-//! Study `meshes`: the vertices of meshes, drawn with the default settings, against the meshes themselves.
+//! Study `meshes`: the vertices of meshes, drawn with default settings, against the meshes
+//! themselves.
 //!
-//! A mesh has fewer vertices where it is flat: points lie from a fraction of a pixel to tens of pixels apart in one picture. That is what a scan that
-//! somebody opens for the first time looks like, and what methods fail at that were found on evenly sampled surfaces. The knob is the filling; the
-//! numbers are those of `surface`.
+//! A mesh has fewer vertices where it is flat: points lie from a fraction of a pixel to tens of
+//! pixels apart in one picture. That is typical of unknown scans, and where methods fail that were
+//! tuned on evenly sampled surfaces. The knob is the filling; the metrics are those of `surface`.
 
 use super::cases;
 use super::mesh::Mesh;
@@ -21,11 +22,12 @@ use std::path::Path;
 
 pub const SUMMARY: &str = "the same for vertices of meshes, whose density is uneven";
 
-/// Names of views; from the middle of the bounding box, in its diagonals, to the eye; degrees.
+/// Names of views; the eye from the middle of the bounding box, in its diagonals; field of view
+/// [degrees].
 const VIEWS: [(&str, DVec3, f64); 2] =
     [("whole", DVec3::new(0.1, 0.15, 1.3), 45.0), ("near", DVec3::new(0.3, 0.35, 0.9), 30.0)];
 
-/// Fillings, and what they set.
+/// Fillings and their settings.
 const STYLES: [(&str, &[&str]); 4] = [
     ("auto", &["visibility=auto", "fill=auto", "shape=off", "edl=off"]),
     ("pullpush", &["visibility=auto", "fill=auto,method=pullpush", "shape=off", "edl=off"]),

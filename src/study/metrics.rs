@@ -1,6 +1,6 @@
-//! Numbers that studies share: quartiles of times, maximum and RMS of errors, and the front of what no other setting beats.
+//! Shared metrics: quartiles of times, maximum and RMS of errors, and Pareto fronts.
 
-/// What the given shares of the values lie below, by linear interpolation between the sorted values (Hyndman and Fan 1996, type 7).
+/// Returns quantiles by linear interpolation between sorted values (Hyndman and Fan 1996, type 7).
 pub fn quantiles<const N: usize>(values: &[f64], shares: [f64; N]) -> [f64; N] {
     let mut sorted = values.to_vec();
     sorted.sort_by(f64::total_cmp);
@@ -11,18 +11,18 @@ pub fn quantiles<const N: usize>(values: &[f64], shares: [f64; N]) -> [f64; N] {
     })
 }
 
-/// Lower quartile, median, upper quartile.
+/// Returns lower quartile, median and upper quartile.
 pub fn quartiles(values: &[f64]) -> [f64; 3] {
     quantiles(values, [0.25, 0.5, 0.75])
 }
 
-/// 0 of none.
+/// Returns the mean; 0 if empty.
 pub fn mean(values: impl Iterator<Item = f64>) -> f64 {
     let (sum, count) = values.fold((0.0, 0usize), |(sum, count), v| (sum + v, count + 1));
     sum / count.max(1) as f64
 }
 
-/// Largest of the errors, and the root of the mean of their squares; 0 of none.
+/// Largest error and RMS; 0 if empty.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Errors {
     pub max: f64,
@@ -36,7 +36,7 @@ pub fn errors(values: impl Iterator<Item = f64>) -> Errors {
     Errors { max, rms: (squares / count.max(1) as f64).sqrt(), count }
 }
 
-/// Of every (error, time): whether no other is at least as good in both and better in one.
+/// Tests for every (error, time) that no other is at least as good in both and better in one.
 pub fn front(settings: &[(f64, f64)]) -> Vec<bool> {
     let beats =
         |a: &(f64, f64), b: &(f64, f64)| a.0 <= b.0 && a.1 <= b.1 && (a.0 < b.0 || a.1 < b.1);

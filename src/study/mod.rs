@@ -41,17 +41,17 @@ use crate::graph::Gpu;
 use crate::progress::Progress;
 use report::Section;
 
-/// How large, and how often.
+/// Size and repetitions of studies.
 #[derive(Clone, Debug)]
 pub struct Plan {
-    /// Points a scene.
+    /// Points per scene.
     pub points: u64,
     pub seed: u64,
     /// Timed rounds.
     pub repeat: usize,
-    /// Of the pictures, pixels.
+    /// Size of the pictures [px].
     pub size: [u32; 2],
-    /// Names of `cases`, for studies of surfaces; each study's own where there are none.
+    /// Names of `cases` for studies of surfaces; each study's own if empty.
     pub scenes: Vec<String>,
 }
 
@@ -64,19 +64,19 @@ pub struct Row {
     pub value: String,
     pub metric: &'static str,
     pub error: f64,
-    /// Lower quartile, median, upper quartile, milliseconds.
+    /// Lower quartile, median, upper quartile [ms].
     pub ms: [f64; 3],
     pub n: usize,
-    /// It is what the renderer chooses when nothing is asked for.
+    /// Whether it is the renderer's default.
     pub auto: bool,
-    /// Nothing else in its scene, view and metric beats it.
+    /// Whether nothing else in its scene, view and metric beats it.
     pub front: bool,
 }
 
-/// The registry: one line a study. It yields the name on the command line and the call.
+/// Registry with one line per study: the name on the command line and the call.
 macro_rules! studies {
     ($($name:ident),* $(,)?) => {
-        /// Names of all studies and what they ask.
+        /// Names of all studies and their questions.
         pub const STUDIES: &[(&str, &str)] = &[$((stringify!($name), $name::SUMMARY)),*];
 
         fn section(name: &str, gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Section> {
@@ -123,7 +123,7 @@ pub fn run(
     names.iter().map(|name| section(name, gpu, plan, progress)).collect()
 }
 
-/// Of one configuration a row a metric.
+/// Returns the rows of a configuration, one per metric.
 fn rows(
     [scene, view]: [&'static str; 2],
     [knob, value]: [&'static str; 2],
@@ -147,7 +147,7 @@ fn rows(
     metrics.into_iter().zip(errors).map(row).collect()
 }
 
-/// Marks, in every scene, view and metric, the rows that no other beats.
+/// Marks the rows that no other of their scene, view and metric beats.
 pub fn mark_fronts(rows: &mut [Row]) {
     let group = |row: &Row| (row.scene, row.view, row.metric);
     for i in 0..rows.len() {

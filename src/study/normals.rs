@@ -1,7 +1,11 @@
-//! Study `normals`: planes fitted to the points around each (dos Anjos et al. 2018, sec. 3.2.2), by how many neighbours make up the radius and how many radii are fitted, against time a million points.
+//! Study `normals`: planes fitted to the points around each (dos Anjos et al. 2018, sec. 3.2.2), by
+//! the number of neighbours that define the radius and the number of radii, against the time per
+//! million points.
 //!
-//! One of the two differs from what `index --normals` and strokes do. Truth is analytic: of a sphere and a torus, without noise and with noise of a quarter of the points' spacing. The angle is that between
-//! lines, since a plane has two normals. A point whose neighbours determine no plane has none, and counts as unknown, not as wrong.
+//! One of the two differs from the defaults of `index --normals` and strokes. Truth is analytic: a
+//! sphere and a torus, without noise and with noise of a quarter of the point spacing. The angle is
+//! that between lines, since a plane has two normals. A point whose neighbours determine no plane
+//! has none, and counts as unknown, not as wrong.
 
 use super::report::{Figure, Section, Table};
 use super::{Plan, Row, mark_fronts, metrics, sweep};
@@ -17,14 +21,14 @@ use std::time::Instant;
 
 pub const SUMMARY: &str = "neighbours and radii of fitted planes: angles to the surface's own normals, against time a million";
 
-/// The outward direction at a place relative to the middle, and how large a surface is, square metres.
+/// The outward direction at a place relative to the centre, and the surface area [m^2].
 struct Truth {
     normal: fn(DVec3) -> DVec3,
     area: f64,
 }
 
 const SPHERE: Truth = Truth { normal: |p| p.normalize_or_zero(), area: 4.0 * std::f64::consts::PI };
-/// Of radii 1 and 0.4.
+/// Radii 1 and 0.4.
 const TORUS: Truth = Truth {
     normal: |p| (p - DVec3::new(p.x, p.y, 0.0).normalize_or_zero()).normalize_or_zero(),
     area: 4.0 * std::f64::consts::PI * std::f64::consts::PI * 0.4,
@@ -161,7 +165,7 @@ pub fn run(_gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Secti
     })
 }
 
-/// Points that are looked at: so many at most, neighbours in runs as an index looks at them, spread over all.
+/// Most points tested, in runs of neighbours as in an index, spread over all.
 const PLACES: usize = 65_536;
 const RUN: usize = 1024;
 
@@ -170,7 +174,7 @@ fn places(points: usize) -> Vec<usize> {
     (0..points).filter(|place| (place / RUN).is_multiple_of(apart)).collect()
 }
 
-/// In the order of the places.
+/// Returns the planes in the order of the places.
 fn planes(leaf: &Leaf, places: &[usize], fit: Fit) -> Result<Vec<Option<DVec3>>> {
     let (mut around, mut scratch) = (KnnQuery::alone(leaf), Scratch::default());
     let normal = |&place: &usize| {
@@ -181,7 +185,8 @@ fn planes(leaf: &Leaf, places: &[usize], fit: Fit) -> Result<Vec<Option<DVec3>>>
     places.iter().map(normal).collect()
 }
 
-/// Degrees, sorted, of those that are known; and the share of others. `truth` is of a place in steps.
+/// Returns the sorted errors of known normals [degrees], and the share of unknown ones. `truth`
+/// takes a place in steps.
 fn compare(
     leaf: &Leaf,
     places: &[usize],

@@ -1,9 +1,12 @@
-//! Popping: what one sees when nodes of a moving picture give way to finer ones (HARD_CASES 31).
+//! Popping: visible changes when nodes of a moving picture are replaced by finer ones (guide:
+//! numerics, case 31).
 //!
-//! In: the nodes of an index, a camera, how fine to draw. Out: mean FLIP over the foreground between consecutive frames of a dolly that is so slow that, but for level changes,
-//! nothing much should change: what stands at the target's distance at the picture's edge moves by 0.1 px a frame. The path is searched for the first cut that differs
-//! from the one before by its levels, and the frames lie around it. Single points flicker even without level changes, whenever they cross into another pixel; so frames
-//! without one, and frames ten apart, which have moved by one pixel, are what to compare with.
+//! Measured is the mean FLIP over the foreground between consecutive frames of a dolly so slow that
+//! little but level changes should differ: points at the target's distance at the picture's edge
+//! move by 0.1 px a frame. The path is searched for the first cut that differs in levels from the
+//! one before, and the frames lie around it. Single points flicker also without level changes,
+//! whenever they cross into another pixel; frames without a change, and frames ten apart, which
+//! have moved by one pixel, are the comparison.
 
 use super::flip::{self, Seen};
 use super::lod::{covered, draw};
@@ -18,14 +21,14 @@ use crate::select::lod::{self, Cut, Detail};
 use crate::view::{Camera, View};
 use std::collections::HashSet;
 
-/// Movement from frame to frame, pixels.
+/// Movement between frames [px].
 pub const STEP_PX: f64 = 0.1;
 /// Frames that together move by a pixel.
 const APART: usize = 10;
-/// The search for a level change ends this much nearer to the target than it began.
+/// Distance to the target, relative to the beginning, where the search for a level change ends.
 const NEAREST: f64 = 1.0 / 64.0;
 
-/// What was seen on the way.
+/// Results of a dolly.
 #[derive(Clone, Debug, Default)]
 pub struct Popping {
     /// Consecutive frames whose nodes differ in level.
@@ -36,11 +39,11 @@ pub struct Popping {
     pub median: f64,
     /// The median between frames that have moved by one pixel, without a level change between them.
     pub moved: f64,
-    /// Device time of each frame's projecting, milliseconds.
+    /// Device time of each frame's projecting [ms].
     pub ms: Vec<f64>,
 }
 
-/// Watches `frames` frames around the first level change on the way from the camera to its target.
+/// Draws `frames` frames around the first level change between the camera and its target.
 pub fn watch(
     gpu: &mut Gpu,
     residency: &mut Residency,
@@ -97,7 +100,8 @@ pub fn watch(
     Ok(popping)
 }
 
-/// The first step whose cut has other levels than the one before; 0 if there is none. Steps are looked at eight at a time, since a level that has changed stays so.
+/// Returns the first step whose cut has other levels than the one before; 0 if none. Steps are
+/// tested eight at a time, since a changed level stays so.
 fn first_change(
     index: &Index,
     detail: &Detail,
@@ -131,7 +135,8 @@ fn first_change(
     Ok(0)
 }
 
-/// Whether a node of one cut stands above a node of the other: nodes that only leave or enter the picture change no level.
+/// Tests whether a node of one cut is an ancestor of a node of the other: nodes that leave or enter
+/// the picture change no level.
 fn changes_level(index: &Index, a: &Cut, b: &Cut) -> bool {
     let nodes = |cut: &Cut| cut.nodes.iter().map(|wanted| wanted.node).collect::<HashSet<_>>();
     let (a, b) = (nodes(a), nodes(b));
@@ -146,7 +151,7 @@ fn changes_level(index: &Index, a: &Cut, b: &Cut) -> bool {
     above(&a, &b) || above(&b, &a)
 }
 
-/// Over the pixels that either covers.
+/// Returns the mean over the pixels that either covers.
 pub fn mean_flip((a, a_covers): &(Seen, Vec<bool>), (b, b_covers): &(Seen, Vec<bool>)) -> f64 {
     let map = flip::difference(a, b);
     metrics::mean(

@@ -1,9 +1,11 @@
 //! Study `precision`: bits of position against error and time.
 //!
-//! The knob is how many planes of ten bits an axis are read of every node: 10, 20, all, or as many as `auto` finds worth reading. Errors are those of what was drawn: a pixel names
-//! its point and its depth, and the file says, in f64, where that point is. So a pixel's error is how far outside of the pixel its point truly lies (0 if it lies in it), and how
-//! far its depth is from the point's. The reference is the scan itself, neither the renderer nor the analytic scene: noise is no fault of precision. One metric is against
-//! the renderer's own picture at full precision, and says so: the share of pixels that show another point.
+//! The knob is the number of planes, ten bits per axis each, read of every node: 10, 20, all, or as
+//! `auto` chooses. A pixel names its point and its depth, and the file has the point's position in
+//! f64. A pixel's error is how far outside of the pixel the point lies (0 if inside), and the
+//! difference between its depth and the point's. The reference is the scan itself, neither the
+//! renderer nor the analytic scene: noise is not an error of precision. One metric is against the
+//! renderer's own picture at full precision: the share of pixels that show another point.
 
 use super::metrics::{self, Errors};
 use super::oracle::points::Points;
@@ -36,13 +38,13 @@ const SETTINGS: [(&str, Precision); 4] = [
     ("auto", Precision::Auto),
 ];
 
-/// The setting that the others' pictures are compared with.
+/// Index of the setting that pictures are compared with.
 const FULL: usize = 2;
 
-/// Where f32 coordinates would fail: the studies of position are made where surveys are.
+/// A survey's offset, where f32 coordinates would fail.
 pub(super) const UTM: DVec3 = DVec3::new(500_000.0, 5_000_000.0, 100.0);
 
-/// Metric, its unit for axes, and what it is.
+/// Metric, its unit for axes, and its description.
 const METRICS: [(&str, &str, &str); 6] = [
     (
         "px_max",
@@ -170,14 +172,16 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
     })
 }
 
-/// As fine as readers keep coordinates of floating-point files, the finest there are: less than 2^30 steps across. A millimetre lattice needs no more than 20 bits a node.
+/// Returns the finest step of floating-point files: less than 2^30 steps across. A millimetre
+/// lattice needs at most 20 bits per node.
 pub(super) fn finest_step(world: &World) -> f64 {
     let bounds = world.bounds();
     let reach = bounds.min.abs().max(bounds.max.abs()).max_element() + 1.0;
     2f64.powi((2.0 * reach).log2().ceil() as i32 - 30)
 }
 
-/// From four times as far as the scene's own camera, from there, and from a fortieth of its distance to what it looks at.
+/// Returns cameras at four times the distance of the scene's own, at that distance, and at a
+/// fortieth of it.
 pub(super) fn cameras(world: &World) -> [(&'static str, Camera); 3] {
     let viewpoint = world.camera();
     let camera = |eye, target| Camera {
@@ -203,7 +207,7 @@ struct Drawing {
     depth: Vec<f32>,
     index: Vec<u32>,
     statistics: Statistics,
-    /// Of projecting alone: nothing else depends on the knob.
+    /// Time of projecting alone [ms]: nothing else depends on the knob.
     ms: f64,
 }
 
@@ -225,7 +229,8 @@ fn draw(gpu: &mut Gpu, view: &View, resident: &Resident, precision: Precision) -
     Ok(drawing)
 }
 
-/// Errors of the drawn pixels against where their points truly are: in pixels, and of depth in metres.
+/// Returns the errors of drawn pixels against the true positions of their points: in pixels, and of
+/// depth in metres.
 fn truth(view: &View, points: &Points, drawing: &Drawing) -> [Errors; 2] {
     let [width, height] = view.size.map(|side| side as f64);
     let f = view.focal_px();
@@ -251,7 +256,7 @@ fn truth(view: &View, points: &Points, drawing: &Drawing) -> [Errors; 2] {
     [metrics::errors(errors.iter().map(|e| e.0)), metrics::errors(errors.iter().map(|e| e.1))]
 }
 
-/// Of the pixels that either covers, the share that shows another point.
+/// Returns the share of covered pixels that show another point.
 fn index_share(drawing: &Drawing, full: &Drawing) -> f64 {
     let pairs = || {
         drawing.index.iter().zip(&full.index).filter(|(a, b)| **a != NO_POINT || **b != NO_POINT)

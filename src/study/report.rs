@@ -1,4 +1,4 @@
-//! Sections of studies in; `NAME.csv`, `NAME-*.svg` and one self-contained `study.html` out, each written whole or not at all.
+//! Reports: `NAME.csv`, `NAME-*.svg` and one self-contained `study.html`, each written atomically.
 
 use super::chart::{Chart, Mark, Panel};
 use super::{Plan, Row};
@@ -8,11 +8,11 @@ use crate::graph::Gpu;
 use std::fmt::Write as _;
 use std::path::Path;
 
-/// What one study found.
+/// The results of a study.
 pub struct Section {
     pub name: &'static str,
     pub title: String,
-    /// How it was made and how to read it; HTML.
+    /// Method and interpretation, HTML.
     pub how: String,
     pub rows: Vec<Row>,
     pub figures: Vec<Figure>,
@@ -26,7 +26,7 @@ pub struct Figure {
 }
 
 impl Figure {
-    /// One metric over the time it takes: a panel for every scene and view.
+    /// Plots one metric over time, with a panel per scene and view.
     pub fn of(
         study: &str,
         metric: &str,
@@ -71,7 +71,7 @@ pub struct Table {
     pub rows: Vec<Vec<String>>,
 }
 
-/// Where and how the numbers came about.
+/// Origin of the numbers: machine, version, options.
 pub struct Origin {
     pub device: String,
     pub driver: String,
@@ -119,7 +119,8 @@ pub fn write(folder: &Path, sections: &[Section], plan: &Plan, origin: &Origin) 
     put("study.html", &html(sections, plan, origin))
 }
 
-/// RFC 4180: a field with a comma or a quote is quoted. Numbers are the shortest that read back the same.
+/// Formats RFC 4180 CSV: fields with a comma or a quote are quoted. Numbers are the shortest that
+/// read back unchanged.
 pub fn csv(section: &Section, origin: &Origin) -> String {
     let field = |text: &str| {
         if text.contains([',', '"', '\n']) {
@@ -206,7 +207,7 @@ pub fn html(sections: &[Section], plan: &Plan, origin: &Origin) -> String {
     page + "</body></html>\n"
 }
 
-/// Without the XML prologue, which HTML does not have.
+/// Strips the XML prologue, which HTML does not have.
 fn inline(svg: &str) -> &str {
     svg.find("<svg").map_or(svg, |at| &svg[at..])
 }
@@ -236,7 +237,7 @@ fn all_rows(section: &Section) -> Table {
 
 fn write_table(page: &mut String, table: &Table) {
     let _ = write!(page, "<h3>{}</h3>\n<div class=\"scroll\"><table><tr>", escaped(&table.title));
-    // A column of numbers stands to the right.
+    // Columns of numbers are aligned right.
     let numeric = |column: usize| {
         table.rows.iter().all(|row| row[column].starts_with(|c: char| c.is_ascii_digit()))
     };

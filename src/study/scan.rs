@@ -1,4 +1,4 @@
-//! Scene in, an index of a simulated scan of it out, in a temporary folder that goes with it.
+//! An index of a simulated scan, in a temporary folder that is removed with it.
 
 use super::precision::UTM;
 use crate::cloud::ColumnSet;
@@ -15,12 +15,12 @@ use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
 pub struct Scan {
     pub world: World,
     pub index: Arc<Index>,
-    /// Lattice coordinates of all points, as the scanner gave them to the file.
+    /// Lattice coordinates of all points as written to the file.
     pub source: Vec<[i32; 3]>,
     _folder: Folder,
 }
 
-/// Removed when it is dropped.
+/// A folder that is removed when dropped.
 struct Folder(PathBuf);
 
 impl Folder {
@@ -34,7 +34,7 @@ impl Folder {
             ));
             match std::fs::create_dir(&path) {
                 Ok(()) => return Ok(Folder(path)),
-                // Of a process that was killed, and had the number that this one has.
+                // Left by a killed process with the same id.
                 Err(error) if error.kind() == ErrorKind::AlreadyExists => {}
                 Err(error) => return Err(Error::io("create", &path, error)),
             }
@@ -49,7 +49,7 @@ impl Drop for Folder {
 }
 
 impl Scan {
-    /// In survey coordinates, as LAS; on a lattice of another step than the scene's own where `step` says so.
+    /// Builds the index in survey coordinates, as LAS, on a lattice with `step` or the scene's own.
     pub fn new(
         scene: SceneKind,
         step: impl Fn(&World) -> f64,

@@ -1,7 +1,9 @@
-//! Study `shadows`: how far marks are from the light that truly reaches points, over what casting them takes.
+//! Study `shadows`: the error of light visibility at points, against the cost of casting shadows.
 //!
-//! A plate above a floor (`step`), a round light straight above: what a floor point sees of the light is a disc cut by a line, whose area is known. Points of the plate see all of it. Knobs are the size of
-//! the light's picture, the number of samples, stratified and random, and the method, one at a time.
+//! The scene is a plate above a floor (`step`) with a round light straight above: a floor point
+//! sees a disc cut by a line, whose area is known. Points of the plate see all of it. Knobs are the
+//! size of the shadow map, the number of samples, stratified and random, and the method, one at a
+//! time.
 
 use super::configurations::AUTO;
 use super::report::{Figure, Section, Table};
@@ -22,7 +24,8 @@ use std::f64::consts::{FRAC_PI_2, PI};
 
 pub const SUMMARY: &str = "size of the light's picture, samples, method: marks against the light that truly reaches points";
 
-/// Of the plate above the floor, metres; and half the light's angle, degrees: half shadows are 21 cm wide.
+/// Height of the plate above the floor [m]; half the light's angle [degrees]: half shadows are 21
+/// cm wide.
 const HEIGHT: f64 = 1.0;
 const RADIUS: f64 = 6.0;
 const MOST_POINTS: u64 = 400_000;
@@ -49,7 +52,7 @@ const KNOBS: [(&str, &[(&str, &str)]); 5] = [
     ("method", &[("index 4", "samples=4,method=index")]),
 ];
 
-/// Root of the mean square of what marks are off; and the share of points more than half a sample of 16 off.
+/// RMS error of light visibility; share of points more than half a sample of 16 off.
 const METRICS: [(&str, &str); 2] = [("rms", "share of the light"), ("off", "share of points")];
 
 struct Configuration {
@@ -82,7 +85,7 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
     for configuration in &configurations {
         found.push(error(gpu, &view, &resident, configuration)?);
     }
-    // Each differs from the one before, so that none finds its marks kept.
+    // Each differs from the one before, so that none finds cached shadows.
     let times = sweep::interleaved(&configurations, plan.repeat, |configuration| {
         progress.tick("study shadows", 0, 0)?;
         let mut g = Graph::new(gpu);
@@ -188,7 +191,7 @@ fn error(
         .flat_map(|node| (0..node.count).map(|i| (node.number * POINTS_PER_PAGE + i) as usize));
     let (mut squares, mut half_shadows, mut off, mut all) = (0.0, 0.0f64, 0.0, 0.0f64);
     for (p, id) in resident.positions(gpu)?.into_iter().zip(ids) {
-        // The ends of the edge are no line.
+        // At the ends of the edge it is not a line.
         if p.x.abs() > 1.5 || p.y.abs() > 1.5 {
             continue;
         }
@@ -210,7 +213,7 @@ fn error(
     Ok(([(squares / half_shadows.max(1.0)).sqrt(), off / all.max(1.0)], facts))
 }
 
-/// Of the unit disc's area, the share left of x.
+/// Returns the share of the unit disc's area left of x.
 fn left_of(x: f64) -> f64 {
     let x = x.clamp(-1.0, 1.0);
     (FRAC_PI_2 + x * (1.0 - x * x).sqrt() + x.asin()) / PI

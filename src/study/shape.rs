@@ -1,7 +1,10 @@
-//! Study `shape`: how many levels shape depiction needs: its light against that of many levels, and against the light of the surface itself.
+//! Study `shape`: the levels that shape depiction needs, by its light against that of many levels,
+//! and against the light of the true surface.
 //!
-//! Against `self`, the renderer's own picture with 64 levels, only what fewer levels lose is seen. Against the truth, the operator (Pintus et al. 2011, sec. 6) with 64 levels on the ray-cast depths,
-//! in f64 and on every pixel, what points, visibility and filling leave in the depths is seen too. One level is the paper's single pass.
+//! Against `self`, the renderer's own picture with 64 levels, only the loss by fewer levels shows.
+//! Against the truth, the operator (Pintus et al. 2011, sec. 6) with 64 levels on the ray-cast
+//! depths, in f64 and on every pixel, errors of points, visibility and filling show, too. One level
+//! is the paper's single pass.
 
 use super::Plan;
 use super::cases::Case;
@@ -86,7 +89,7 @@ impl Question for Shape {
     }
 }
 
-/// The operator, level by level, on depths that are infinite where nothing is.
+/// Applies the operator level by level; empty pixels have infinite depth.
 fn light(view: &View, settings: &shape::Settings, mut depth: Vec<f64>) -> Vec<f64> {
     let [columns, rows] = view.size.map(|side| side as i64);
     let width = settings.softness / view.focal_px();

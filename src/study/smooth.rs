@@ -1,7 +1,10 @@
-//! Study `smooth`: what smoothing filters do to the depths of a filled surface, against what they cost.
+//! Study `smooth`: the effect of smoothing filters on the depths of a filled surface, against their
+//! cost.
 //!
-//! Filling by masks leaves patches of one depth, and it is there that smoothing is called for; filling by medians and means is smoothed, too, to see what that would buy. The rougher a surface is, the
-//! worse is what is shaded from its slopes; but what blurs details, or mixes surfaces where one ends, is farther from the truth than what was filled.
+//! Filling by masks leaves patches of one depth, which need smoothing; filling by medians and means
+//! is smoothed, too, for comparison. A rougher surface makes shading from its slopes worse; but a
+//! filter that blurs details, or mixes surfaces at edges, is farther from the truth than the
+//! filling.
 
 use super::Plan;
 use super::cases::Case;
@@ -20,7 +23,8 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
 
 struct Smooth;
 
-/// Parts of the depth. What is farther off lies on another surface, and counts as this: a few such pixels would hide all others.
+/// Largest relative depth error. Larger ones are on another surface and count as this, since a few
+/// such pixels would hide all others.
 const MOST: f64 = 0.005;
 
 const METRICS: &[Metric] = &[

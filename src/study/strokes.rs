@@ -1,4 +1,6 @@
-//! Study `strokes`: what an unfinished order of strokes leaves wrong, over what finishing it takes; and what other ways of laying strokes over each other look like and cost (dos Anjos et al. 2018, sec. 3.3.2 and 4).
+//! Study `strokes`: the error of unfinished sorting of strokes against the cost of finishing it,
+//! and the look and cost of other ways of blending strokes (dos Anjos et al. 2018, sec. 3.3.2 and
+//! 4).
 
 use super::configurations::AUTO;
 use super::oracle::strokes as oracle;
@@ -51,7 +53,7 @@ const KNOBS: [(&str, &[(&str, &str)]); 5] = [
 const METRICS: [(&str, &str); 1] =
     [("self_rms", "linear colour, RMS, of all strokes sorted (self)")];
 
-/// For the twin, which looks at every stroke in every pixel.
+/// Points for the twin, which visits every stroke in every pixel.
 const FEW: u64 = 3000;
 const SMALL: [u32; 2] = [96, 72];
 
@@ -206,7 +208,7 @@ fn rms(picture: &[[f32; 4]], reference: &[[f32; 4]]) -> f64 {
     (squares.sum::<f64>() / (3 * reference.len().max(1)) as f64).sqrt()
 }
 
-/// Rows of the table, of both orders.
+/// Returns the rows of the table for both orders.
 fn crossed(
     name: &str,
     scene: SceneKind,

@@ -1,7 +1,9 @@
-//! Study `surface`: how far the depth image of points is from the surface that they were taken from.
+//! Study `surface`: the error of the depth image of points against the surface they were sampled
+//! from.
 //!
-//! The knob is the style: what is switched on, as the command line would say it. Scenes, views, densities and noise are those of `cases`, the numbers those of `truth`.
-//! Points alone are the baseline; they are also what every style is given, so they say which points show that should be hidden.
+//! The knob is the style, as command line settings. Scenes, views, densities and noise are those of
+//! `cases`, the metrics those of `truth`. Points alone are the baseline; they are also the input of
+//! every style, so they tell which visible points should be hidden.
 
 use super::cases::{self, Case, Options, Sampling};
 use super::chart::{Chart, Mark, Panel};
@@ -20,7 +22,7 @@ use crate::view::View;
 
 pub const SUMMARY: &str = "depth, layers, holes and contours, against the surface itself";
 
-/// Name, and what it sets, as `--effect` takes it. The first is what the others start from.
+/// Name and settings as for `--effect`. All others start from the first.
 const STYLES: [(&str, &[&str]); 4] = [
     ("points", &["visibility=off", "fill=off", "shape=off", "edl=off"]),
     ("surface", &["visibility=auto", "fill=auto", "shape=off", "edl=off"]),
@@ -31,7 +33,7 @@ const STYLES: [(&str, &[&str]); 4] = [
     ),
 ];
 
-/// Metric, its unit for axes, and what it is.
+/// Metric, its unit for axes, and its description.
 const METRICS: [(&str, &str, &str); 6] = [
     (
         "depth_share",
@@ -176,12 +178,12 @@ pub(super) fn render_settings(words: &[&str]) -> Result<RenderSettings> {
 pub(super) struct Drawing {
     pub depth: Vec<f32>,
     index: Vec<u32>,
-    /// Of all passes.
+    /// Time of all passes [ms].
     pub ms: f64,
 }
 
 impl Drawing {
-    /// What was taken for visible of the raw points: what its own pixel still shows, where it is.
+    /// Returns which raw points were kept as visible: those that their own pixel still shows.
     fn visible(&self, raw: &[f32]) -> Vec<bool> {
         let shown = |((own, raw), index): ((&f32, &f32), &u32)| *index != NO_POINT && own == raw;
         self.depth.iter().zip(raw).zip(&self.index).map(shown).collect()
@@ -257,7 +259,7 @@ fn counted(case: &Case, style: &str, errors: &Errors, ms: [f64; 3]) -> Vec<Strin
     .collect()
 }
 
-/// Into the panel of its metric, scene and view: error over points a pixel.
+/// Adds a mark to the panel of its metric, scene and view: error over points per pixel.
 fn mark(panels: &mut Vec<(&'static str, Panel)>, case: &Case, row: &Row) {
     let title = format!("{}, {}", case.scene, case.view_name);
     let at = panels

@@ -1,8 +1,10 @@
-//! Settings in, times out: all settings in turn, again and again (A B A B), so that whatever else the machine does meets all of them alike (STUDIES.md, Statistics).
+//! Timing of settings in turn, round by round (A B A B), so that disturbances affect all of them
+//! alike.
 
 use crate::error::Result;
 
-/// The times of every setting over `repeat` rounds. One round before them warms caches, kernels and the allocator up, and is not counted.
+/// Returns the times of every setting over `repeat` rounds. One uncounted round before warms up
+/// caches, kernels and the allocator.
 pub fn interleaved<S>(
     settings: &[S],
     repeat: usize,

@@ -1,7 +1,10 @@
-//! Study `tangents`: how evenly strokes flow along a surface, by the four ways to find a tangent (dos Anjos et al. 2018, sec. 3.3.1), against what a million of them cost.
+//! Study `tangents`: the smoothness of the stroke field by the four ways to find a tangent (dos
+//! Anjos et al. 2018, sec. 3.3.1), against the time per million tangents.
 //!
-//! Normals are those that planes through the points give, turned outward as a viewer outside sees them. Of a point and the four nearest to it the angle between their tangents is taken, as between strokes,
-//! which have no direction along their length. Eight points around a pole where a method jumps are few, so the mean says how even the flow is, and the 99th percentile how bad it gets.
+//! Normals are those of planes fitted to the points, turned outward. Each point's tangent is
+//! compared with those of its four nearest neighbours, as an angle between lines. Eight points
+//! around a pole where a method jumps are few, so the mean tells the overall smoothness, and the
+//! 99th percentile the worst.
 
 use super::oracle::strokes::tangent;
 use super::report::{Figure, Section, Table};
@@ -28,7 +31,7 @@ const WAYS: [(&str, Tangents); 4] = [
     ("covariance", Tangents::Covariance),
 ];
 
-/// Scenes, their noise in metres, and the outward direction at a place relative to the middle.
+/// Scenes, their noise [m], and the outward direction at a place relative to the centre.
 type Outward = fn(DVec3) -> DVec3;
 const SCENES: [(&str, SceneKind, f64, Outward); 4] = [
     ("sphere", SceneKind::Sphere, 0.0, |p| p),
@@ -41,7 +44,7 @@ fn from_ring(p: DVec3) -> DVec3 {
     p - DVec3::new(p.x, p.y, 0.0).normalize_or_zero()
 }
 
-/// Neighbours that a tangent is compared with.
+/// Neighbours each tangent is compared with.
 const BESIDE: usize = 4;
 
 const METRICS: [(&str, &str, &str); 2] = [
@@ -166,7 +169,8 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
     })
 }
 
-/// A normal as the kernel takes it, with the turn from its own tangent to where its neighbours spread most.
+/// Returns a normal as the kernel takes it, with the rotation from its own tangent to the main
+/// spread of its neighbours.
 fn direction(normal: DVec3, along: DVec3) -> Direction {
     let (tangent, bitangent) = strokes::householder(normal);
     Direction {
@@ -175,7 +179,7 @@ fn direction(normal: DVec3, along: DVec3) -> Direction {
     }
 }
 
-/// Of every place those nearest to it.
+/// Returns the nearest neighbours of every place.
 fn beside(tree: &KdTree) -> Vec<Vec<u32>> {
     use rayon::prelude::*;
     let of = |place| {
@@ -186,7 +190,7 @@ fn beside(tree: &KdTree) -> Vec<Vec<u32>> {
     (0..tree.len()).into_par_iter().map(of).collect()
 }
 
-/// Degrees between lines, sorted.
+/// Returns the sorted angles between lines [degrees].
 fn angles(tangents: &[Option<DVec3>], beside: &[Vec<u32>]) -> Vec<f64> {
     let pairs = tangents.iter().zip(beside).flat_map(|(own, beside)| {
         beside.iter().map(move |&other| (*own, tangents[other as usize]))

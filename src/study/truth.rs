@@ -12,44 +12,45 @@ use crate::view::{Projection, View};
 use glam::DVec3;
 use rayon::prelude::*;
 
-/// What a ray may meet, and whether a scan could have met it.
+/// A surface for rays, with the part that a scan could reach.
 pub trait Surface: Sync {
-    /// How far the first surface is, in units of the direction's length.
+    /// Returns the distance to the first surface, in units of the direction's length.
     fn first(&self, origin: DVec3, direction: DVec3) -> Option<f64>;
 
-    /// Whether a point of the surface is one that points are taken from: what no scanner saw cannot be drawn.
+    /// Tests whether points are sampled at this place: unscanned parts cannot be drawn.
     fn scanned(&self, _point: DVec3) -> bool {
         true
     }
 }
 
-/// Planar depths, metres; a pixel a value, row by row.
+/// Planar depths [m] and masks, one value per pixel, row by row.
 pub struct Truth {
     pub view: View,
-    /// Of pixel centres; infinite where nothing is.
+    /// Depth at pixel centres; infinite where empty.
     pub depth: Vec<f64>,
-    /// Least and greatest in the pixel; greatest is infinite where a part of it sees nothing.
+    /// Least and greatest depth in the pixel; the greatest is infinite if part of it is empty.
     pub within: Vec<[f64; 2]>,
-    /// Least and greatest of what is hit within a pixel of the centre: its 3x3.
+    /// Least and greatest depth in the 3x3 pixels around.
     pub around: Vec<[f64; 2]>,
-    /// No edge crosses the pixel.
+    /// Whether no edge crosses the pixel.
     pub smooth: Vec<bool>,
-    /// More than 2 px from every edge, and from what was not scanned.
+    /// Whether it is more than 2 px from every edge and from unscanned parts.
     pub interior: Vec<bool>,
-    /// Wholly in the silhouette, and scanned.
+    /// Whether it is entirely in the silhouette, and scanned.
     pub inside: Vec<bool>,
-    /// More than 1 px outside of the silhouette.
+    /// Whether it is more than 1 px outside of the silhouette.
     pub beyond: Vec<bool>,
 }
 
-/// A kink or jump of the depth is an edge where it is more than this share of the depth, and of the depth range of all that is seen.
+/// A kink or jump of the depth is an edge above this share of the depth, and of the depth range in
+/// view.
 const EDGE: f64 = 0.01;
 
-/// Of the depth.
+/// Tolerance relative to the depth.
 const DEPTH_TOLERANCE: f64 = 0.005;
 const LAYER_TOLERANCE: f64 = 0.0005;
 
-/// Noise is cut off here: beyond it nothing is excused.
+/// Noise is cut off at this many standard deviations; errors beyond are counted.
 pub const NOISE_SIGMAS: f64 = 3.0;
 
 /// True depths half a pixel apart: pixel (x, y) has its centre at (2 x + 1, 2 y + 1).
@@ -63,7 +64,7 @@ impl Grid {
         self.depth[y * self.size[0] + x]
     }
 
-    /// What lies so many half pixels around a pixel's centre.
+    /// Returns the depths within `reach` half pixels around a pixel's centre.
     fn around(&self, [x, y]: [usize; 2], reach: usize) -> impl Iterator<Item = usize> + use<> {
         let [columns, rows] = self.size;
         let span = |centre: usize, end: usize| {
@@ -81,7 +82,7 @@ impl Grid {
         })
     }
 
-    /// Where the surface bends or breaks between a pixel before and a pixel after.
+    /// Tests where the surface bends or breaks between a pixel before and a pixel after.
     fn edges(&self) -> Vec<bool> {
         let hits = || self.depth.par_iter().copied().filter(|depth| depth.is_finite());
         let extent = hits().reduce(|| f64::NEG_INFINITY, f64::max)
@@ -154,7 +155,7 @@ impl Truth {
         }
     }
 
-    /// A pixel's side at a depth, metres.
+    /// Returns a pixel's side at a depth [m].
     pub fn pixel_m(&self, depth: f64) -> f64 {
         match self.view.camera.projection {
             Projection::Perspective => depth / self.view.focal_px(),
@@ -162,7 +163,8 @@ impl Truth {
         }
     }
 
-    /// Whether a point at this depth belongs to the first surface of its pixel; `None` where the pixel sees several and the depth lies between them.
+    /// Tests whether a point at this depth belongs to the first surface of its pixel; `None` if the
+    /// pixel sees several and the depth lies between them.
     pub fn is_visible(&self, pixel: usize, depth: f64, noise_px: f64) -> Option<bool> {
         let slack = self.layer_slack(depth, noise_px);
         let [least, greatest] = self.within[pixel];
@@ -181,21 +183,22 @@ impl Truth {
 /// Counts of pixels.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Errors {
-    /// Interior pixels that have a depth.
+    /// Interior pixels with a depth.
     pub interior: u64,
-    /// Of them: farther than 0.5 % of the depth from all true depths of the pixel.
+    /// Of these, farther than 0.5 % of the depth from all true depths of the pixel.
     pub misplaced: u64,
-    /// Of them: farther than 0.05 % of the depth, and the noise, from all true depths of the pixel's 3x3.
+    /// Of these, farther than 0.05 % of the depth, plus the noise, from all true depths of the
+    /// pixel's 3x3.
     pub wrong_layer: u64,
-    /// Wholly in the silhouette.
+    /// Pixels entirely in the silhouette.
     pub inside: u64,
-    /// Of them: without a depth.
+    /// Of these, without a depth.
     pub holes: u64,
-    /// With a depth, more than 1 px outside of the silhouette.
+    /// Pixels with a depth more than 1 px outside of the silhouette.
     pub spilled: u64,
-    /// With a point of the first surface that was taken for visible, and for hidden.
+    /// Points of the first surface classified as visible, and as hidden.
     pub visible: [u64; 2],
-    /// With a point behind it that was taken for visible, and for hidden.
+    /// Points behind it classified as visible, and as hidden.
     pub hidden: [u64; 2],
 }
 
@@ -204,32 +207,32 @@ fn share(part: u64, whole: u64) -> f64 {
 }
 
 impl Errors {
-    /// Of the interior pixels with a depth.
+    /// Returns the share of interior pixels with a depth.
     pub fn misplaced_share(&self) -> f64 {
         share(self.misplaced, self.interior)
     }
 
-    /// Of the interior pixels with a depth.
+    /// Returns the share of interior pixels with a depth.
     pub fn wrong_layer_share(&self) -> f64 {
         share(self.wrong_layer, self.interior)
     }
 
-    /// Of the pixels in the silhouette.
+    /// Returns the share of the pixels in the silhouette.
     pub fn hole_share(&self) -> f64 {
         share(self.holes, self.inside)
     }
 
-    /// Of as many pixels as the silhouette has.
+    /// Returns the number relative to the pixels in the silhouette.
     pub fn spilled_share(&self) -> f64 {
         share(self.spilled, self.inside)
     }
 
-    /// Of what was taken for visible, the share that is.
+    /// Returns the share of points classified as visible that are visible.
     pub fn precision(&self) -> f64 {
         share(self.visible[0], self.visible[0] + self.hidden[0])
     }
 
-    /// Of what is visible, the share that was taken for it.
+    /// Returns the share of visible points classified as visible.
     pub fn recall(&self) -> f64 {
         share(self.visible[0], self.visible[0] + self.visible[1])
     }
@@ -251,8 +254,9 @@ impl std::iter::Sum for Errors {
     }
 }
 
-/// `raw` is depth as projected, of points with `noise_px` pixels of noise; `depth` is what became of it; both infinite where nothing is. `visible` is what was taken for visible
-/// of the raw points; everything where it is not said.
+/// Compares a depth image with the truth. `raw` is depth as projected, of points with `noise_px`
+/// pixels of noise; `depth` is the processed one; both are infinite where empty. `visible` marks
+/// the raw points classified as visible; all if empty.
 pub fn compare(
     truth: &Truth,
     noise_px: f64,

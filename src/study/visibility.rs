@@ -1,6 +1,10 @@
-//! Study `visibility`: how well hidden points are told from visible ones, and holes from background, against what it costs.
+//! Study `visibility`: how well hidden points are told from visible ones, and holes from
+//! background, against the cost.
 //!
-//! Knobs are levels, kernel, threshold and what an opening takes, one at a time; and of a single level, the paper's own way, kernel, sectors, and how far ahead something must be to hide. A point is visible where it belongs to the first surface of its pixel (`truth`). Pixels without a point are holes inside of the silhouette.
+//! Knobs are levels, kernel, threshold and the opening, one at a time; and for a single level, as
+//! in the paper, kernel, sectors, and how far in front something must be to hide. A point is
+//! visible if it belongs to the first surface of its pixel (`truth`). Pixels without a point are
+//! holes if inside of the silhouette.
 
 use super::cases::Case;
 use super::chart::{Chart, Mark, Panel};
@@ -114,9 +118,9 @@ impl Question for Visibility {
     }
 }
 
-/// Precision over recall, a mark a threshold. Both at once: what one threshold gains in the one it pays in the other.
+/// Plots precision over recall, a mark per threshold: a threshold trades one for the other.
 fn curve(rows: &[Row]) -> Figure {
-    // An axis has no place for 0.
+    // A logarithmic axis has no 0.
     let least = 1e-6;
     let mut panels: Vec<Panel> = Vec::new();
     let of = |metric: &'static str| {

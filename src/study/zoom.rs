@@ -1,7 +1,10 @@
-//! Study `zoom`: what a picture of surfaces does between frames while it grows (HARD_CASES 31).
+//! Study `zoom`: changes between frames of a surface that grows (guide: numerics, case 31).
 //!
-//! The lens grows to four times its length in steps so small that nothing moves by more than 0.1 px a frame, so that all change is what methods add: levels that begin to judge, fillings that take turns. The knob is the surface; the error is FLIP between consecutive frames, averaged over what either covers: the largest of the way, and its
-//! median. Points alone flicker too, whenever they cross into another pixel.
+//! The focal length grows to four times in steps so small that nothing moves by more than 0.1 px a
+//! frame. All changes are therefore due to methods: levels that begin to act, and fillings that
+//! take turns. The knob is the surface; the error is FLIP between consecutive frames over what
+//! either covers: maximum and median. Points alone flicker too, whenever they cross into another
+//! pixel.
 
 use super::flip::{PIXELS_PER_DEGREE, Seen};
 use super::lod::covered;
@@ -22,7 +25,7 @@ use glam::DVec3;
 
 pub const SUMMARY: &str = "change from frame to frame while the picture grows";
 
-/// Name, and what it sets. Of `fixed` nothing depends on how far apart points are on the screen.
+/// Name and settings. For `fixed` nothing depends on the point spacing on the screen.
 const STYLES: [(&str, &[&str]); 3] = [
     ("auto", &["visibility=auto", "fill=auto"]),
     ("fixed", &["visibility=auto,levels=1,kernel=15", "fill=auto,method=pullpush"]),
@@ -31,10 +34,10 @@ const STYLES: [(&str, &[&str]); 3] = [
 
 const METRICS: [&str; 2] = ["flip_max", "flip_median"];
 
-/// Pixels from point to point at the beginning; four times as many at the end.
+/// Point spacing at the beginning [px]; four times as much at the end.
 const APART_PX: f64 = 1.0;
 
-/// What is seen at last, a share of what is seen at first.
+/// Final width of the view relative to the first.
 const NEARER: f64 = 0.25;
 
 pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Section> {
@@ -43,7 +46,7 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
         .iter()
         .map(|(name, settings)| Ok((*name, render_settings(settings)?)))
         .collect::<Result<Vec<_>>>()?;
-    // As many points as lie so far apart in the first frame, whatever the picture's size.
+    // As many points as give this spacing in the first frame, for any picture size.
     let pilot = synth::collect(
         "torus",
         &synth::build(scene, plan.seed, 0.0),
@@ -133,7 +136,7 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
     })
 }
 
-/// What is seen, where it is covered, and the device time of all passes, milliseconds.
+/// Returns the picture, its coverage, and the device time of all passes [ms].
 fn draw(
     gpu: &mut Gpu,
     view: &View,

@@ -21,14 +21,15 @@ use crate::synth;
 use crate::view::{Camera, Preset, View};
 use glam::DVec2;
 
-/// Of the second station: its exposure, and what is left of its light in the shadow.
+/// Exposure of the second station, and its light in the shadow.
 const GAIN: f64 = 0.5;
 const SHADOW: f64 = 0.35;
-/// Of the wall's width: where both stations see it, and the shadow's radius.
+/// Range of the wall's width that both stations see, and the shadow's radius.
 const OVERLAP: std::ops::Range<f64> = 0.4..0.6;
 const RADIUS: f64 = 0.25;
 
-/// Where on the wall, from 0 to 1 both ways, and which of two alternating numbers -> station, and how much light it has there.
+/// A function of the place on the wall (0 to 1 both ways) and an alternating flag to station and
+/// light.
 type Light = fn(DVec2, bool) -> (u16, f64);
 
 const REGIONS: [(&str, Light); 3] = [
@@ -44,7 +45,7 @@ fn is_shaded(at: DVec2) -> bool {
     at.distance(DVec2::splat(0.5)) < RADIUS
 }
 
-/// A wall of soft stripes: there are details to lose, and no edges to be mistaken for borders.
+/// Returns the albedo of soft stripes: details to lose, and no edges to mistake for borders.
 fn albedo(at: DVec2) -> f64 {
     0.35 + 0.15 * (12.0 * at.x).sin() * (9.0 * at.y).cos()
 }
@@ -104,7 +105,7 @@ pub fn table(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Tabl
     })
 }
 
-/// The wall as two stations see it, every other point from the second.
+/// Returns the wall as two stations see it, every other point from the second.
 fn lit(wall: &Cloud, light: Light) -> Cloud {
     let mut cloud = wall.clone();
     let part = &mut cloud.parts[0];
@@ -114,7 +115,7 @@ fn lit(wall: &Cloud, light: Light) -> Cloud {
         .map(|i| {
             let at = part.lattice.world([columns.x[i], columns.y[i], columns.z[i]].map(i64::from));
             let at = ((at - lo) / (hi - lo)).truncate();
-            // Neither points side by side in the file nor in the world take turns.
+            // Points adjacent in the file or the world must not alternate regularly.
             let second = (i as u32).wrapping_mul(0x9E37_79B1) >> 31 == 1;
             let (station, share) = light(at, second);
             (station + 1, (255.0 * linear_to_srgb(albedo(at) * share)).round() as u8)
@@ -132,7 +133,8 @@ fn lit(wall: &Cloud, light: Light) -> Cloud {
     cloud
 }
 
-/// Between neighbouring pixels the mean and the 99th percentile of what exposures differ by; and how uneven the exposure is over the picture, its standard deviation.
+/// Returns mean and 99th percentile of exposure differences between neighbouring pixels, and the
+/// standard deviation of exposure over the picture.
 fn judged(exposure: &[Option<f64>], columns: usize) -> [f64; 3] {
     let differ = |i: usize, k: usize| Some(((*exposure.get(k)?)? - exposure[i]?).abs());
     let pairs = (0..exposure.len())
