@@ -1,8 +1,9 @@
 //! Indexes of files that are drawn without one, kept in the user's cache folder.
 //!
-//! In: files. Out: an index of them, made now or found again. What names it is a hash of each file's place, length, time of change and contents: of the
-//! contents 64 samples of 16 KiB, because reading a terabyte to find out whether it is the same would take longer than anybody waits; a file that is
-//! edited in between, with its length and time kept, is not noticed. An index that is damaged is made again.
+//! An index is named by a hash of each file's path, length, modification time and contents: of the
+//! contents only 64 samples of 16 KiB, because reading a terabyte takes too long. A file edited
+//! between the samples, with its length and time kept, is not noticed. A damaged index is made
+//! again.
 
 use super::build::{Options, Summary, build};
 use crate::error::{Error, Result};
@@ -12,22 +13,22 @@ use std::fs::File;
 use std::io::{Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
 
-/// Changes whenever an index of the same files would be another one.
+/// Format generation: changes whenever an index of the same files would differ.
 const GENERATION: u32 = 6;
 
 const SAMPLES: u64 = 64;
 const SAMPLE_BYTES: u64 = 16 << 10;
 
-/// Where indexes are kept.
+/// Place of cached indexes.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum CacheLocation {
     Folder(PathBuf),
-    /// Temporary: made in the system's temporary folder, and gone with the process.
+    /// Made in the system's temporary folder, and gone with the process.
     Temporary,
 }
 
 impl CacheLocation {
-    /// The user's own cache folder.
+    /// Returns the user's own cache folder.
     pub fn user_folder() -> Result<CacheLocation> {
         let set = |name: &str| {
             std::env::var_os(name).filter(|value| !value.is_empty()).map(PathBuf::from)
@@ -42,13 +43,13 @@ impl CacheLocation {
     }
 }
 
-/// An index, and how it came about: nothing where it was found.
+/// An index, and the summary of its build; `None` if it was found.
 pub struct Cached {
     pub index: Index,
     pub made: Option<Summary>,
 }
 
-/// Whether there is an index of these files, as far as can be told without opening it.
+/// Returns whether there is an index of these files, without opening it.
 pub fn is_there(paths: &[PathBuf], place: &CacheLocation, options: &Options) -> Result<bool> {
     let CacheLocation::Folder(folder) = place else { return Ok(false) };
     Ok(folder.join(name(paths, options)?).exists())
@@ -71,7 +72,7 @@ pub fn find_or_build(
             if path.exists() {
                 match Index::open(&path) {
                     Ok(index) => return Ok(Cached { index, made: None }),
-                    // Not worth a word: it is made again.
+                    // No message: it is made again.
                     Err(_) => drop(std::fs::remove_file(&path)),
                 }
             }
@@ -84,14 +85,14 @@ pub fn find_or_build(
                 std::env::temp_dir().join(format!("pointillist-{}-{name}", std::process::id()));
             let made = build(paths, &path, options, progress)?;
             let index = Index::open(&path);
-            // Its pages stay as long as it is open.
+            // An open file keeps its contents.
             std::fs::remove_file(&path).map_err(|error| Error::io("remove", &path, error))?;
             Ok(Cached { index: index?, made: Some(made) })
         }
     }
 }
 
-/// A readable beginning for the name.
+/// Returns a readable beginning for the name.
 fn stem(path: &Path) -> String {
     let stem = path.file_stem().unwrap_or_default().to_string_lossy();
     stem.chars().filter(|c| c.is_ascii_alphanumeric() || matches!(c, '-' | '_')).take(40).collect()
@@ -122,7 +123,7 @@ fn key(paths: &[PathBuf], options: &Options) -> Result<String> {
         hash.update(&changed.as_nanos().to_le_bytes());
         let mut sample = Vec::new();
         for k in 0..SAMPLES {
-            // From the first bytes to the last.
+            // Evenly from the first bytes to the last.
             let at = metadata.len().saturating_sub(SAMPLE_BYTES) as u128 * k as u128
                 / (SAMPLES - 1) as u128;
             sample.clear();

@@ -1,10 +1,11 @@
-//! POINTS -> NODES.
+//! Nodes of a cloud: how they are stored, built and annotated.
 //!
-//! In memory: `organise` cuts a part's points into nodes along the Morton order; `pack` brings one node's points into the words that the GPU reads.
-//! Out of core: `build` makes a file (`file`) of leaves and inner nodes, from `bucket`s that are `sort`ed and `grow`n into nodes; `merge` makes a parent's samples of
-//! its children's. `spacing` says how far apart a node's points are.
-//! Of a point and those around it: `neighbours` in a tree, and in a `forest` of those of all leaves (`surroundings`); `normals` of the surface through them, `clusters` of like colour, and of these
-//! `strokes`, which are painted in the `axes` of all of them; `luminance` averaged over them. `exposure` says how bright stations are where they overlap. `derive` finds these for an index, whose nodes then keep them; `marks` of a light lie beside it.
+//! - [`format`](mod@format): the files NAME.pnti and NAME.shadows, and the samples, planes and node
+//!   records in them
+//! - [`attributes`]: what is derived from a point's neighbours: normals, strokes, luminance; and
+//!   the exposure of stations
+//! - [`build`]: from points to nodes, in memory or out of core
+//! - [`cache`]: indexes kept in the user's cache folder
 
 pub mod attributes;
 pub mod build;

@@ -1,21 +1,23 @@
-//! Points in, the cloud's own axes out: where it spreads most, next and least. A cloud that lies otherwise in its file has axes that are turned alike, and so have strokes that are painted in them.
+//! Principal axes of a cloud, by decreasing spread. They turn with the cloud, and so do strokes
+//! painted in them.
 //!
 //! ```text
-//! of every point, from one middle: sums of the products of two and of three coordinates
-//! eigenvectors of the covariance; towards the side to which the cloud trails off farther (third moments)
+//! of every point, relative to one centre: sums of the products of two and of three coordinates
+//! eigenvectors of the covariance, oriented towards the longer tail (third moments)
 //! ```
-//! Where a cloud spreads alike along two axes there are none of its own, and it has those of its file: a frame that the last digits decide would be another one for the next version of the file. The same where
-//! nothing says which side is which.
+//!
+//! A cloud that spreads equally along two axes, or has no longer tail, keeps the axes of its file:
+//! axes decided by rounding would differ in the next version of the file.
 
 use super::linear_algebra::eigen;
 use crate::cloud::Part;
 use crate::index::format::Axes;
 use glam::DVec3;
 
-/// Spreads and lopsidednesses below this part of the largest spread are roundings.
+/// Spreads and skews below this part of the largest spread are rounding.
 const NOTHING: f64 = 1e-6;
 
-/// Sums of products of points' coordinates from a middle that is the same for all.
+/// Sums of products of coordinates relative to one common centre.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Moments {
     count: f64,
@@ -74,14 +76,15 @@ impl Moments {
         let [Some(x), Some(y)] = [first, second].map(|axis| self.towards(axis, mean, most)) else {
             return Axes::default();
         };
-        // Of numbers that the order of summing moves in their last digits pictures shall not tell.
+        // Rounded to f32, so that the order of summation does not change pictures.
         let x = x.as_vec3().as_dvec3().normalize();
         let y = y.as_vec3().as_dvec3();
         let z = x.cross(y).normalize();
         Axes([x, z.cross(x), z])
     }
 
-    /// An axis, or the other way, so that the mean of the cubes along it is more than nothing.
+    /// Orients an axis so that the third central moment along it is positive; `None` if it is too
+    /// small.
     fn towards(&self, axis: DVec3, mean: DVec3, most: f64) -> Option<DVec3> {
         let DVec3 { x, y, z } = axis;
         let count = self.count.max(1.0);
@@ -112,7 +115,7 @@ impl Moments {
     }
 }
 
-/// Of all points of a cloud in memory.
+/// Returns the axes of a cloud in memory.
 pub fn of(parts: &[Part]) -> Axes {
     let bounds = parts
         .iter()
@@ -139,7 +142,7 @@ mod tests {
     use super::*;
     use glam::DQuat;
 
-    /// Points that trail off along all axes.
+    /// Points with a longer tail along every axis.
     fn lump() -> Vec<DVec3> {
         (0..500)
             .map(|k| k as f64 / 500.0)

@@ -1,29 +1,34 @@
-//! Neighbours and colours in, clusters out: regions of like colour (Zhan et al. 2009; dos Anjos et al. 2018, sec. 3.2.1).
+//! Clusters of similar colour (Zhan et al. 2009; dos Anjos et al. 2018, sec. 3.2.1).
 //!
 //! ```text
-//! grow    from every point that has no region yet, over near neighbours whose colour is within GROW of the region's mean so far; an explicit queue, since regions are as large as clouds
-//! join    regions that touch and whose mean colours are within JOIN
-//! absorb  regions of fewer than LEAST points into the most similar one that they touch
+//! grow    from every unassigned point, over near neighbours whose colour is within GROW of the
+//!         region's mean so far; an explicit queue, since regions are as large as clouds
+//! join    touching regions whose mean colours are within JOIN
+//! absorb  regions of fewer than LEAST points into the most similar region that they touch
 //! ```
-//! Sums of colours are integers and everything goes in the order of the points, so that the clusters do not depend on the number of threads.
+//!
+//! Sums of colours are integers and all steps follow the order of the points, so that clusters do
+//! not depend on the number of threads.
 
 use super::kd_tree::KdTree;
 use super::linear_algebra::eigen;
 use glam::DVec3;
 use rayon::prelude::*;
 
-/// Distances of colours, 8 bits a channel: a shade that noise makes, and one that an eye overlooks.
+/// Colour distances, 8 bits per channel: noise within a shade, and a difference that is hardly
+/// visible.
 const GROW: f64 = 28.0;
 const JOIN: f64 = 12.0;
-/// Points that make a region; fewer are noise.
+/// Fewest points of a region; smaller ones are noise.
 const LEAST: u64 = 12;
 
-/// Of every point, by its place in the tree, near neighbours by theirs; `NO_NEIGHBOUR` where there are fewer.
+/// Number of near neighbours of a point, given by their places in the tree; [`NO_NEIGHBOUR`] if
+/// there are fewer.
 pub const NEAREST: usize = 8;
 pub const NO_NEIGHBOUR: u32 = u32::MAX;
 
 pub struct Clusters {
-    /// Of every point, by its place in the tree.
+    /// Cluster of every point, by its place in the tree.
     pub of: Vec<u32>,
     pub clusters: Vec<Cluster>,
 }
@@ -31,16 +36,16 @@ pub struct Clusters {
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Cluster {
     pub points: u64,
-    /// How much longer than wide; 1 where nobody knows.
+    /// Length over width; 1 if unknown.
     pub elongation: f64,
 }
 
-/// What is known of a region while it grows and joins others.
+/// A region while it grows and joins others.
 #[derive(Clone, Copy, Debug, Default)]
 struct Region {
     points: u64,
     color: [u64; 3],
-    /// The region that it has become part of, or itself.
+    /// The region that contains it, or itself.
     part_of: u32,
 }
 
@@ -61,7 +66,7 @@ pub fn clusters(tree: &KdTree, near: &[[u32; NEAREST]], colors: &[[u8; 3]]) -> C
     let touching = touching(near, &of);
     join(&mut regions, &touching);
     absorb(&mut regions, &touching);
-    // Regions that are left, numbered in order.
+    // Remaining regions, numbered in order.
     let mut numbers = vec![0; regions.len()];
     let mut clusters = Vec::new();
     for (k, region) in regions.iter().enumerate() {
@@ -109,7 +114,7 @@ fn grow(near: &[[u32; NEAREST]], colors: &[[u8; 3]]) -> (Vec<u32>, Vec<Region>) 
     (of, regions)
 }
 
-/// Pairs of regions with points that are neighbours, each once, in order, the lower number first.
+/// Returns pairs of touching regions, each once, sorted, the lower number first.
 fn touching(near: &[[u32; NEAREST]], of: &[u32]) -> Vec<[u32; 2]> {
     const CHUNK: usize = 1 << 16;
     let of_chunk = |(chunk, near): (usize, &[[u32; NEAREST]])| {
@@ -141,7 +146,7 @@ fn root(regions: &[Region], mut region: usize) -> usize {
     region
 }
 
-/// The smaller becomes part of the larger, so that ways to the root stay short.
+/// Merges the smaller into the larger, so that paths to the root stay short.
 fn unite(regions: &mut [Region], a: usize, b: usize) {
     let (small, large) = if regions[a].points < regions[b].points { (a, b) } else { (b, a) };
     let part = regions[small];
@@ -182,7 +187,7 @@ fn absorb(regions: &mut [Region], touching: &[[u32; 2]]) {
     }
 }
 
-/// How long clusters are, by the covariance of their points about the first of each.
+/// Computes elongations from the covariance of each cluster's points about its first.
 fn elongate(tree: &KdTree, of: &[u32], clusters: &mut [Cluster]) {
     #[derive(Clone, Copy, Default)]
     struct Moments {
@@ -215,7 +220,7 @@ mod tests {
     use super::*;
     use crate::cloud::{Columns, Lattice};
 
-    /// A flat grid of points a step apart, coloured by where they are.
+    /// Builds a flat grid of points, one step apart, coloured by position.
     fn painted(width: i32, height: i32, color: impl Fn(i32, i32) -> [u8; 3]) -> (KdTree, Clusters) {
         let at = |k: i32| (k % width, k / width);
         let columns = Columns {

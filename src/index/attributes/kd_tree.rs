@@ -1,33 +1,37 @@
-//! Points in, for any place those nearest to it out: a balanced kd-tree over the lattice of one part, in memory.
+//! A balanced kd-tree over the lattice of one part, for nearest neighbours.
 //!
 //! ```text
-//! build(points): halve them at the median of the longest axis, as often as leaves of a dozen need; both halves in parallel
-//! nearest(place, k), within(place, radius): depth first, the nearer half before the farther, whole boxes left out that are too far
-//! over several trees: one after the other, each search beginning with what was found in the trees before (`surroundings`)
+//! build(points): halve at the median of the longest axis until leaves hold a dozen; in parallel
+//! nearest(place, k), within(place, radius): depth first, the nearer half first, skipping boxes
+//!   that are too far
+//! over several trees: one after the other, each search starting with earlier results (`knn_query`)
 //! ```
-//! A tree, and not a grid of cells: a scanner's points are a hundred times as dense beside it as where it hardly sees. Differences of coordinates are integers, so distances are as good 5,000 km from the
-//! origin as at it (HARD_CASES 18). Coincident points are one place measured twice, and no neighbours of each other (HARD_CASES 21). The tree depends on the points alone, not on their order in the file,
-//! and not on the number of threads.
+//!
+//! A tree instead of a grid, because points near a scanner are a hundred times denser than far from
+//! it. Coordinate differences are integers, so that distances are as exact 5,000 km from the origin
+//! as at it (guide: numerics, case 18). Coincident points are one place measured twice, and no
+//! neighbours of each other (guide: numerics, case 21). The tree depends neither on the order of
+//! the points in the file nor on the number of threads.
 
 use crate::cloud::{Columns, Lattice};
 use glam::DVec3;
 use rayon::prelude::*;
 
-/// Points of a leaf at most; of 8 to 32 measured the fastest.
+/// Most points of a leaf; the fastest of 8 to 32.
 const LEAF: usize = 12;
-/// Ranges with fewer points are halved by one thread.
+/// Smallest range that is halved in parallel.
 const PARALLEL: usize = 1 << 14;
 
 type Steps = [i32; 3];
 
-/// A point of the tree: where it is, and its number in the columns.
+/// A point of the tree: position, and index in the columns.
 #[derive(Clone, Copy, Debug, Default)]
 struct Point {
     at: Steps,
     number: u32,
 }
 
-/// A point found: how far it is, metres squared, and its place in the tree; and where several trees are searched, in which of them.
+/// A neighbour: squared distance [m2], place in its tree, and number of the tree.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Neighbour {
     pub squared: f64,
@@ -35,24 +39,24 @@ pub struct Neighbour {
     pub tree: u32,
 }
 
-/// A search among the points of one of several trees.
+/// A search in one of several trees.
 #[derive(Clone, Copy, Debug)]
 pub struct Query {
-    /// Where neighbours are looked for, steps of that tree: whole ones where it is a point's place on the same lattice.
+    /// Query position in steps of that tree: integers if it is a point on the same lattice.
     pub at: DVec3,
-    /// What its neighbours are marked with.
+    /// Tree number that its neighbours get.
     pub tree: u32,
 }
 
 pub struct KdTree {
-    /// In the order of the leaves: neighbours in space are mostly neighbours here.
+    /// In leaf order: neighbours in space are mostly neighbours here.
     points: Vec<Point>,
-    /// Around the points of every node, a node before its halves, the first half before the second.
+    /// Bounding box of every node, a node before its halves, the first half before the second.
     boxes: Vec<[Steps; 2]>,
     step: DVec3,
 }
 
-/// What a search looks at: a node, the nodes below it, and its points.
+/// A subtree: its root, number of nodes, and points.
 #[derive(Clone, Copy)]
 struct Branch {
     node: usize,
@@ -97,12 +101,12 @@ impl KdTree {
         self.points.is_empty()
     }
 
-    /// In memory.
+    /// Returns its size in memory [bytes].
     pub fn bytes(&self) -> u64 {
         (size_of_val(&*self.points) + size_of_val(&*self.boxes)) as u64
     }
 
-    /// The number in the columns of the point at this place.
+    /// Returns the column index of the point at this place.
     pub fn number(&self, place: usize) -> usize {
         self.points[place].number as usize
     }
@@ -111,41 +115,44 @@ impl KdTree {
         self.points[place].at
     }
 
-    /// From one place to another, metres.
+    /// Returns the vector between two places [m].
     pub fn between(&self, from: usize, to: usize) -> DVec3 {
         self.steps_between(self.query(from).at, to) * self.step
     }
 
-    /// From a place to that of a point, steps of the tree.
+    /// Returns the vector from a position to a point [steps].
     pub fn steps_between(&self, from: DVec3, to: usize) -> DVec3 {
         difference(from, self.points[to].at)
     }
 
-    /// Metres, along each axis.
+    /// Returns the step along each axis [m].
     pub fn step(&self) -> DVec3 {
         self.step
     }
 
-    /// A search around a point of the tree.
+    /// Returns a query at a point of the tree.
     pub fn query(&self, place: usize) -> Query {
         Query { at: difference(DVec3::ZERO, self.points[place].at), tree: 0 }
     }
 
-    /// Those nearest to a point of the tree that are not where it is, nearest first; so many at most. Of those equally far some.
+    /// Finds the points nearest to a point of the tree, without coincident ones, nearest first; at
+    /// most `most`. Ties are broken arbitrarily.
     pub fn nearest(&self, place: usize, most: usize, found: &mut Vec<Neighbour>) {
         found.clear();
         self.add_nearest(self.query(place), most, found);
     }
 
-    /// The same among those that were found already, in other trees.
+    /// As [`KdTree::nearest`], extending results of other trees.
     pub fn add_nearest(&self, query: Query, most: usize, found: &mut Vec<Neighbour>) {
         if most > 0 && !self.is_empty() {
             self.search(self.whole(), query, most, found);
         }
     }
 
-    /// The nearest in no order, which takes half as long where they are many, among those that were found already, in other trees; none beyond a distance squared, which becomes that of the farthest one
-    /// wanted as soon as more are found. There may be up to twice as many as are wanted: [`keep_nearest`] leaves out the rest. `tied` is an order of those equally far.
+    /// Finds the nearest in no order, twice as fast if many are wanted, extending results of other
+    /// trees. Points beyond a squared distance are left out; it shrinks to that of the farthest
+    /// wanted point once more are found. Up to twice as many may be returned: [`keep_nearest`]
+    /// removes the rest. `tied` orders points at equal distance.
     pub fn sift<K: Ord>(
         &self,
         query: Query,
@@ -159,7 +166,8 @@ impl KdTree {
         }
     }
 
-    /// Adds the points within a distance squared that are not where the query is, in no order, until there are so many.
+    /// Adds the points within a squared distance that do not coincide with the query, in no order,
+    /// up to a number.
     pub fn add_within(&self, query: Query, squared: f64, most: usize, found: &mut Vec<Neighbour>) {
         if !self.is_empty() {
             self.collect(self.whole(), query, squared, most, found);
@@ -198,7 +206,7 @@ impl KdTree {
         }
     }
 
-    /// Keeps twice as many as are wanted at most before it leaves out those that are too far.
+    /// Keeps at most twice the wanted number before it removes those that are too far.
     fn sift_branch<K: Ord>(
         &self,
         branch: Branch,
@@ -258,7 +266,8 @@ impl KdTree {
         places.map(neighbour).filter(|neighbour| neighbour.squared > 0.0)
     }
 
-    /// How far a branch's box is, metres squared; infinitely, if all its points are where the place is.
+    /// Returns the squared distance to a branch's box [m2]; infinite if all its points coincide
+    /// with the query.
     fn away(&self, branch: Branch, at: DVec3) -> f64 {
         let [lo, hi] = self.boxes[branch.node].map(|corner| difference(DVec3::ZERO, corner));
         if lo == at && hi == at || branch.count == 0 {
@@ -268,7 +277,8 @@ impl KdTree {
     }
 }
 
-/// The last of them is the farthest; of those equally far the last in the order of `tied`, so that what is kept does not depend on the tree.
+/// Keeps the nearest `most`, the farthest last; ties are ordered by `tied`, so that the result does
+/// not depend on the tree.
 pub fn keep_nearest<K: Ord>(
     found: &mut Vec<Neighbour>,
     most: usize,
@@ -282,7 +292,7 @@ pub fn keep_nearest<K: Ord>(
     }
 }
 
-/// Exact between whole numbers: they are below 2^53.
+/// Exact for integers, which are below 2^53.
 fn difference(from: DVec3, to: Steps) -> DVec3 {
     DVec3::new(to[0] as f64, to[1] as f64, to[2] as f64) - from
 }
@@ -294,7 +304,7 @@ fn build(points: &mut [Point], boxes: &mut [[Steps; 2]], step: DVec3) {
         [[0, 1, 2].map(|k| lo[k].min(point.at[k])), [0, 1, 2].map(|k| hi[k].max(point.at[k]))]
     });
     if below.is_empty() {
-        // What is in a leaf does not depend on the file's order; nor does in which order.
+        // Sorted, so that a leaf does not depend on the file's order.
         return points.sort_unstable_by_key(|point| (point.at, point.number));
     }
     let extent = (difference(DVec3::ZERO, own[1]) - difference(DVec3::ZERO, own[0])) * step;
@@ -330,7 +340,7 @@ mod tests {
         KdTree::new(&columns, &Lattice { step, offset: DVec3::splat(5e6) })
     }
 
-    /// All distances to others, nearest first.
+    /// Returns all squared distances to others, nearest first.
     fn by_hand(tree: &KdTree, place: usize) -> Vec<f64> {
         let mut squares: Vec<f64> = (0..tree.len())
             .map(|other| tree.between(place, other).length_squared())

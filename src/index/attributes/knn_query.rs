@@ -1,42 +1,46 @@
-//! A place in a tree in, the points around it out, in whatever tree they are: that tree itself, and where it is a leaf of an index, the leaves beside it as far as they may matter.
+//! Neighbour queries across the leaves of an index.
 //!
 //! ```text
-//! search the own tree; what was found there says how far others may be
-//! search the leaves beside it, nearest first, until their boxes are farther than what is found
+//! search the own tree; its results bound the distance of others
+//! search the leaves beside it, nearest first, until their boxes are farther than the results
 //! ```
-//! Nothing is left out where a leaf ends, however far a point's neighbours are. What is found is the same for one tree of all points as for many (equally far points are ordered by where they are and by their
-//! colours), so that what is made of it does not depend on how a cloud is cut.
+//!
+//! Nothing is missed where a leaf ends, however far a point's neighbours are. Results are the same
+//! for one tree of all points as for many (points at equal distance are ordered by position and
+//! colour), so that derived attributes do not depend on how a cloud is cut.
 
 use super::kd_tree::{Neighbour, Query, keep_nearest};
 use super::leaf_cache::{Leaf, LeafCache, Near};
 use crate::error::Result;
 use glam::DVec3;
 
-/// Points within a radius at most; where there are more the radius is halved until there are not: a million in one place tell no more of a surface than some.
+/// Most points within a radius; the radius is halved until there are no more: a million points in
+/// one place tell no more of a surface than some.
 const MOST_WITHIN: usize = 4096;
 
-/// Bytes of leaves beside one that are held at hand, however little memory there is, and however much.
+/// Range of bytes of neighbouring leaves that are held.
 const HELD: std::ops::RangeInclusive<u64> = (12 << 20)..=(48 << 20);
 
-/// Widths of a leaf, parts of its own or of what was looked at before, in which leaves beside it are looked for.
+/// First search distance as a part of the leaf's width, and growth of later ones.
 const FIRST_REACH: f64 = 1.0 / 16.0;
 const WIDER: f64 = 3.0;
-/// Where it is known how far, a little more, so that the next point finds its own there too.
+/// Growth if the distance is known: slightly more, so that the next point finds its neighbours
+/// there too.
 const SLIGHTLY_WIDER: f64 = 1.25;
 
 pub struct KnnQuery<'s> {
     own: &'s Leaf,
     leaf_cache: Option<(&'s LeafCache<'s>, usize)>,
     of_any_lattice: bool,
-    /// Leaves within so many metres of the own one's box.
+    /// Leaves within `covered` [m] of the own leaf's box.
     near: Vec<Near>,
     covered: f64,
-    /// Bytes of those at hand.
+    /// Bytes of leaves held.
     held: u64,
 }
 
 impl<'s> KnnQuery<'s> {
-    /// Of a tree that is all there is.
+    /// Creates queries of a single tree.
     pub fn alone(own: &'s Leaf) -> KnnQuery<'s> {
         KnnQuery {
             own,
@@ -48,7 +52,7 @@ impl<'s> KnnQuery<'s> {
         }
     }
 
-    /// Of a leaf: of those on its own lattice, or of all.
+    /// Creates queries of a leaf, among leaves on its own lattice or on any.
     pub fn of(
         leaf_cache: &'s LeafCache<'s>,
         node: usize,
@@ -69,7 +73,7 @@ impl<'s> KnnQuery<'s> {
         self.own
     }
 
-    /// From a point to a neighbour on the same lattice, steps of it.
+    /// Returns the vector from a point to a neighbour on the same lattice [steps].
     pub fn steps_to(&self, place: usize, neighbour: &Neighbour) -> DVec3 {
         let at = self.own.tree.query(place).at;
         match neighbour.tree {
@@ -93,7 +97,7 @@ impl<'s> KnnQuery<'s> {
         }
     }
 
-    /// Of those equally far, which comes first: steps of the lattice, and colour.
+    /// Returns the order of points at equal distance: position, then colour.
     fn rank(&self, neighbour: &Neighbour) -> ([i64; 3], [u8; 3]) {
         let leaf = self.leaf(neighbour);
         let at = leaf.tree.steps(neighbour.place as usize);
@@ -103,7 +107,8 @@ impl<'s> KnnQuery<'s> {
         )
     }
 
-    /// Those nearest to a point that are not where it is, nearest first; so many at most. Of those equally far some.
+    /// Finds at most `most` points nearest to a point, without coincident ones, nearest first. Ties
+    /// are broken arbitrarily.
     pub fn nearest(&mut self, place: usize, most: usize, found: &mut Vec<Neighbour>) -> Result<()> {
         found.clear();
         let search = |own: &Self, query: Query, found: &mut Vec<Neighbour>| {
@@ -115,7 +120,9 @@ impl<'s> KnnQuery<'s> {
         self.search(place, found, &search, &reach)
     }
 
-    /// The same points in no order, which takes half as long where they are many, and how far the farthest is, metres squared. `known` is a distance squared that they are not beyond, or infinite.
+    /// Finds the same points in no order, twice as fast if they are many. `known` is a squared
+    /// distance that they do not exceed, or infinite. Returns the squared distance of the farthest
+    /// [m2].
     pub fn nearest_in_any_order(
         &mut self,
         place: usize,
@@ -145,7 +152,8 @@ impl<'s> KnnQuery<'s> {
         Ok(found.iter().map(|neighbour| neighbour.squared).fold(0.0, f64::max))
     }
 
-    /// Every point within a radius of a point but for those where it is, in no order; within a half of it, or less, where they are too many: within which, is the answer.
+    /// Finds every point within a radius of a point, without coincident ones, in no order. The
+    /// radius is halved while there are too many; returns the radius used.
     pub fn within(
         &mut self,
         place: usize,
@@ -206,7 +214,8 @@ impl<'s> KnnQuery<'s> {
         }
     }
 
-    /// Looks farther, if all within `squared` are not known yet. Leaves that were near stay where they are in the list.
+    /// Widens the list of near leaves unless all within `squared` are known. Known leaves keep
+    /// their place in the list.
     fn widen(&mut self, squared: f64) -> bool {
         let Some((leaf_cache, node)) = self.leaf_cache else { return false };
         if self.covered * self.covered >= squared && self.covered >= 0.0

@@ -1,7 +1,9 @@
-//! Leaves of an index in, trees of their points out: those nearest to a box, brought from the file when they are asked for, and kept while memory lasts.
+//! Kd-trees of an index's leaves: those nearest to a box, read from the file when requested, and
+//! cached while memory lasts.
 //!
-//! The index itself says which leaves are near: its nodes' boxes are walked from the roots down. So the points around those of a leaf are found wherever they lie, and what is found does not depend on where
-//! leaves end, nor on what is in memory.
+//! The boxes of the index's nodes, walked from the roots down, tell which leaves are near. So the
+//! neighbours of a leaf's points are found wherever they lie, and the result depends neither on
+//! where leaves end nor on what is in memory.
 
 use super::kd_tree::KdTree;
 use crate::cloud::{Columns, Lattice};
@@ -12,19 +14,19 @@ use glam::DVec3;
 use std::collections::HashMap;
 use std::sync::{Arc, Mutex};
 
-/// Of world coordinates, what rounding may have moved them by at most.
+/// Largest relative rounding of world coordinates.
 const ROUNDING: f64 = 1e-12;
 
-/// The points of a leaf, or of a cloud that is no index, and their colours by their places in the tree.
+/// A leaf, or a cloud without an index, as a tree; with colours by place in the tree.
 pub struct Leaf {
     pub tree: KdTree,
     pub colors: Vec<[u8; 3]>,
-    /// Of the tree's coordinates, steps of the lattice.
+    /// Origin of the tree's coordinates, in steps of the lattice.
     pub origin: [i64; 3],
 }
 
 impl Leaf {
-    /// Of columns that are a cloud of their own; colours where they are asked for.
+    /// Builds a leaf from the columns of a cloud, with colours on request.
     pub fn of(columns: &Columns, lattice: &Lattice, origin: [i64; 3], colored: bool) -> Leaf {
         let tree = KdTree::new(columns, lattice);
         let rgb = columns.rgb.as_ref().filter(|_| colored);
@@ -34,55 +36,55 @@ impl Leaf {
         Leaf { tree, colors, origin }
     }
 
-    /// In memory.
+    /// Returns its size in memory [bytes].
     pub fn bytes(&self) -> u64 {
         self.tree.bytes() + size_of_val(&*self.colors) as u64
     }
 }
 
-/// A leaf beside another one.
+/// A leaf near another one.
 pub struct Near {
     pub node: usize,
-    /// From the other's box to its own, metres squared.
+    /// Squared distance between the boxes [m2].
     pub away: f64,
-    /// Its box, in the other's steps from the other's origin; around it where the lattices differ.
+    /// Its box, in the other's steps from the other's origin; enlarged if the lattices differ.
     lo: DVec3,
     hi: DVec3,
-    /// The other's steps from its origin, times this and then this more, are its own from its own: whole ones where they are on one lattice.
+    /// Scale and shift from the other's steps to its own; integers if both are on one lattice.
     scale: DVec3,
     shift: DVec3,
     pub leaf: Option<Arc<Leaf>>,
 }
 
 impl Near {
-    /// A place of the other leaf, in its own steps.
+    /// Converts a position of the other leaf to its own steps.
     pub fn seen_from(&self, at: DVec3) -> DVec3 {
         at * self.scale + self.shift
     }
 
-    /// From such a place to its box, metres squared.
+    /// Returns the squared distance from such a position to its box [m2].
     pub fn away_from(&self, at: DVec3, step: DVec3) -> f64 {
         ((at.clamp(self.lo, self.hi) - at) * step).length_squared()
     }
 }
 
-/// Reads bytes of the index from a place in it.
+/// Reads bytes of the index at an offset.
 pub type Read<'r> = dyn Fn(u64, &mut [u8]) -> Result<()> + Sync + 'r;
 
 pub struct LeafCache<'f> {
     pub directory: &'f Directory,
     read: &'f Read<'f>,
     colored: bool,
-    /// Bytes of leaves that are kept.
+    /// Most bytes of cached leaves.
     most: u64,
-    /// And of those that each who looks around in it should have at hand, about.
+    /// Bytes of leaves that each searching thread should hold, about.
     pub hold: u64,
     kept: Mutex<Kept>,
-    /// Of all points, metres.
+    /// Diagonal of the cloud [m].
     pub diagonal: f64,
 }
 
-/// Leaves by their nodes, each with when it was asked for last.
+/// Leaves by node, each with its last access.
 #[derive(Default)]
 struct Kept {
     leaves: HashMap<usize, (Arc<Leaf>, u64)>,
@@ -91,7 +93,8 @@ struct Kept {
 }
 
 impl<'f> LeafCache<'f> {
-    /// `memory` is what leaves may take that are kept; `hold` what those may take that each who looks around has at hand beside, about; bytes.
+    /// Creates a cache of `memory` bytes, beside about `hold` bytes that each searching thread
+    /// holds.
     pub fn new(
         directory: &'f Directory,
         read: &'f Read<'f>,
@@ -111,7 +114,7 @@ impl<'f> LeafCache<'f> {
         schema::lattice(self.record(node), &self.directory.contents.lattices)
     }
 
-    /// Bytes of one plane of a node; an error where they are not what was written.
+    /// Reads a plane of a node; errors if its checksum is wrong.
     pub fn bytes(&self, node: usize, plane: Plane) -> Result<Vec<u8>> {
         let record = self.record(node);
         let (at, length) = record.range(plane);
@@ -126,7 +129,7 @@ impl<'f> LeafCache<'f> {
         Ok(bytes)
     }
 
-    /// Samples of a node, of these planes and of all that say where they lie, counted from `corner`.
+    /// Reads these planes and the positions of a node, relative to `corner`.
     pub fn samples(&self, node: usize, corner: [i64; 3], planes: &[Plane]) -> Result<Samples> {
         let record = self.record(node);
         let positions =
@@ -141,7 +144,8 @@ impl<'f> LeafCache<'f> {
         Ok(Samples::unpack(record, corner, &of))
     }
 
-    /// Those of a node's children, in the order in which it was made of them; `corner` says where the tree of a node starts, `bring` may add to the samples of a child.
+    /// Reads the samples of a node's children in the order in which it was merged of them. `corner`
+    /// returns the corner of a node's tree; `bring` may add columns to a child's samples.
     pub fn below(
         &self,
         node: usize,
@@ -171,7 +175,7 @@ impl<'f> LeafCache<'f> {
                 return Ok(leaf.clone());
             }
         }
-        // Two threads may bring the same: rather that than that one waits for the other's disk.
+        // Two threads may read the same leaf, rather than one waiting for the other's disk.
         let origin = self.record(node).origin;
         let planes: &[Plane] = if self.colored { &[Plane::Rgb] } else { &[] };
         let Samples { q, rgb, .. } = self.samples(node, origin, planes)?;
@@ -192,7 +196,8 @@ impl<'f> LeafCache<'f> {
         Ok(leaf)
     }
 
-    /// All other leaves within `reach` metres of a leaf's box, nearest first; those of the same lattice, or all.
+    /// Returns all other leaves within `reach` [m] of a leaf's box, nearest first; those of the
+    /// same lattice, or of any.
     pub fn beside(&self, leaf: usize, reach: f64, of_any_lattice: bool) -> Vec<Near> {
         let own = self.record(leaf);
         let lattices = &self.directory.contents.lattices;

@@ -2,10 +2,11 @@
 
 use glam::DVec3;
 
-/// Jacobi's rotations converge quadratically: three sweeps leave 1e-10, five nothing.
+/// Jacobi sweeps; they converge quadratically: three leave 1e-10, five nothing.
 const SWEEPS: usize = 6;
 
-/// Eigenvalues, smallest first, and unit eigenvectors of a symmetric matrix (Jacobi 1846; Golub and Van Loan 2013, sec. 8.5).
+/// Returns eigenvalues, smallest first, and unit eigenvectors of a symmetric matrix (Jacobi 1846;
+/// Golub and Van Loan 2013, sec. 8.5).
 pub fn eigen([xx, xy, xz, yy, yz, zz]: [f64; 6]) -> [(f64, DVec3); 3] {
     let mut a = [[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]];
     let mut vectors = [DVec3::X, DVec3::Y, DVec3::Z];

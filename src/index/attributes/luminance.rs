@@ -1,6 +1,8 @@
-//! Points in, their colours with the mean luminance of their neighbourhoods out: the offline correction that the one on the screen is judged by (Kanzok, Linsen and Rosenthal 2012, sec. 4).
+//! Offline luminance correction: colours with the mean luminance of their neighbourhoods, the
+//! reference for the screen-space one (Kanzok, Linsen and Rosenthal 2012, sec. 4).
 //!
-//! V of HSV, of the values as they are stored, is averaged over a point and those nearest to it; hue and saturation stay. All points of all stations count, and all cores work.
+//! V of HSV, of the stored values, is averaged over a point and its nearest neighbours; hue and
+//! saturation stay. All points of all stations count.
 
 use super::knn_query::KnnQuery;
 use super::leaf_cache::Leaf;
@@ -12,16 +14,16 @@ use rayon::prelude::*;
 use std::ops::Range;
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 
-/// Points of a mean, the paper's.
+/// Points per mean, as in the paper.
 pub const NEIGHBOURS: usize = 40;
 
-/// Points between two looks at whether the work is still wanted.
+/// Points between checks for cancellation.
 const BATCH: usize = 1 << 14;
 
-/// Roundings of a distance.
+/// Tolerance for rounding of a distance.
 const SLACK: f64 = 1.0 + 1e-12;
 
-/// Corrects the colours of a cloud; parts without colours neither give nor take.
+/// Corrects the colours of a cloud; parts without colours are ignored.
 pub fn correct(cloud: &mut Cloud, neighbours: usize, progress: &dyn Progress) -> Result<()> {
     let Some((mut columns, lattice)) = together(cloud) else { return Ok(()) };
     let colors: Vec<[u8; 3]> = cloud
@@ -60,7 +62,8 @@ pub fn correct(cloud: &mut Cloud, neighbours: usize, progress: &dyn Progress) ->
     Ok(())
 }
 
-/// Corrected colours of some places of the own tree, in their order: neighbours there are mostly neighbours in space, and share what is in the cache.
+/// Returns corrected colours of some places of the own tree, in their order: consecutive places
+/// share cached neighbours.
 pub fn average(
     around: &mut KnnQuery,
     places: Range<usize>,
@@ -69,7 +72,8 @@ pub fn average(
     let own = around.own();
     let others = neighbours.saturating_sub(1);
     let mut found = Vec::with_capacity(2 * neighbours);
-    // Of the place before, which is mostly near: the neighbours of this one are no farther than those of that one and the way to it.
+    // The previous place is mostly near: neighbours of this place are no farther than those of that
+    // one plus the distance between them.
     let mut before: Option<(usize, f64)> = None;
     let mut corrected = Vec::with_capacity(places.len());
     for place in places {
@@ -77,7 +81,8 @@ pub fn average(
             (farthest + own.tree.between(last, place).length()).powi(2) * SLACK
         });
         let mut squared = around.nearest_in_any_order(place, others, known, &mut found)?;
-        // Where several are where this one is, they were neighbours of that one, and are none of its own.
+        // Points that coincide with this place were neighbours of the previous one, but are not its
+        // own.
         if found.len() < others && known.is_finite() {
             squared = around.nearest_in_any_order(place, others, f64::INFINITY, &mut found)?;
         }
@@ -90,12 +95,13 @@ pub fn average(
     Ok(corrected)
 }
 
-/// V of HSV.
+/// Returns V of HSV.
 fn value([r, g, b]: [u8; 3]) -> u8 {
     r.max(g).max(b)
 }
 
-/// Setting V keeps hue and saturation where all channels are scaled alike; black becomes grey (HARD_CASES 22).
+/// Sets V. Scaling all channels alike keeps hue and saturation; black becomes grey (guide:
+/// numerics, case 22).
 fn with_value(color: [u8; 3], mean: f64) -> [u8; 3] {
     match value(color) {
         0 => [mean.round() as u8; 3],
@@ -103,7 +109,8 @@ fn with_value(color: [u8; 3], mean: f64) -> [u8; 3] {
     }
 }
 
-/// Positions of all coloured parts on one lattice: their own where it is the same, else a common one whose steps are as fine as 32 bits allow.
+/// Joins positions of all coloured parts on one lattice: their own if they share one, else a common
+/// one with steps as fine as 32 bits allow.
 fn together(cloud: &Cloud) -> Option<(Columns, Lattice)> {
     let parts: Vec<_> = cloud
         .parts

@@ -1,13 +1,21 @@
-//! A point's neighbours in, the plane through them out: its normal, and the way in which they spread most (dos Anjos et al. 2018, sec. 3.2.2: least squares within 3 r).
+//! Fits a plane to a point's neighbours: its normal, and the direction of largest spread (dos Anjos
+//! et al. 2018, sec. 3.2.2: least squares within 3 r).
 //!
 //! ```text
-//! radius: mean distance to the nearest eight others and its standard deviation; more where eight lie so close together that strokes of that size would leave a gap to those around
-//! differences to the point itself within three radii, whole steps of the lattice; their sums, and those of their products
-//! covariance about the mean; its eigenvectors by Jacobi's rotations: the least is the normal, the largest lies along
+//! radius: mean distance to the nearest eight others plus its standard deviation; larger if eight
+//!   lie so close together that strokes of that size would leave a gap
+//! differences to the point within three radii, in whole lattice steps; their sums, and those of
+//!   their products
+//! covariance about the mean; its eigenvectors by Jacobi's rotations: the smallest is the normal,
+//!   the largest lies along
 //! ```
-//! Sums of whole numbers below 2^53 are exact, and so the same in any order: neighbours may come from any trees. As the differences are to a point among its neighbours, little is lost by taking their mean away.
 //!
-//! A plane that the points do not determine is none, never a guess (HARD_CASES 18): fewer than three points, all on a line, or thinner than the lattice can say.
+//! Sums of integers below 2^53 are exact, and so the same in any order: neighbours may come from
+//! any trees. As the differences are to a point among its neighbours, subtracting their mean loses
+//! little.
+//!
+//! If the points do not determine a plane there is none, never a guess (guide: numerics, case 18):
+//! fewer than three points, all on a line, or thinner than the lattice resolves.
 
 use super::clusters::NEAREST;
 use super::kd_tree::Neighbour;
@@ -17,47 +25,49 @@ use crate::error::Result;
 use glam::DVec3;
 use std::sync::LazyLock;
 
-/// Eigenvalues nearer to each other than this part of the largest are the same: the direction between them is anyone's.
+/// Eigenvalues closer than this part of the largest count as equal: the direction between them is
+/// arbitrary.
 const SAME: f64 = 1e-6;
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Plane {
-    /// Unit; either of the two.
+    /// Unit normal of either sign.
     pub normal: DVec3,
-    /// Unit, in the plane: where the points spread most.
+    /// Unit vector of largest spread in the plane.
     pub along: DVec3,
 }
 
-/// Which neighbours a plane is fitted to.
+/// Neighbours used for a fit.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Fit {
-    /// Points whose distances make up the radius.
+    /// Points whose distances determine the radius.
     pub near: usize,
-    /// Of the neighbourhood, radii.
+    /// Size of the neighbourhood [radii].
     pub reach: f64,
 }
 
 /// The paper's three radii, of the nearest eight.
 pub const FIT: Fit = Fit { near: NEAREST, reach: 3.0 };
 
-/// What a point's neighbours tell of it.
+/// Local geometry of a point.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Patch {
-    /// Mean distance to the nearest others, and its standard deviation; half a step at least. Larger where that leaves a gap between those that lie around.
+    /// Mean distance to the nearest others plus its standard deviation, at least half a step;
+    /// larger if that leaves a gap to surrounding points [m].
     pub radius_m: f64,
-    /// Far from those that are nearest to it, for how densely they lie: a bird over the ground, not a surface.
+    /// Isolated, relative to the density of its neighbours: a bird above the ground, not a surface.
     pub lonely: bool,
     pub plane: Option<Plane>,
 }
 
-/// What a search needs room for, from point to point.
+/// Scratch memory of a search.
 #[derive(Default)]
 pub struct Scratch {
     pub found: Vec<Neighbour>,
     steps: Vec<DVec3>,
 }
 
-/// Of a point of the own tree. Those nearest to it are in `near`, as many as it has room for.
+/// Fits a point of the own tree. `near` gets its nearest neighbours.
 pub fn patch(
     around: &mut KnnQuery,
     place: usize,
@@ -82,11 +92,13 @@ pub fn patch(
     Ok(Patch { radius_m: radius_m.max(CLOSES * gap), lonely, plane })
 }
 
-/// Radii of a stroke that close a gap as wide as one: a dab hides what is behind it to 0.73 of its point's radius, and the corners of a gap lie between the ways that are looked along.
+/// Stroke radius over gap width: a dab covers 0.73 of its radius, and a gap's corners lie between
+/// the sampled directions.
 const CLOSES: f64 = 1.5;
-/// Ways from a point, in its plane, along which it is asked where the next point takes over.
+/// Sampled directions in the plane.
 const WAYS: usize = 32;
-/// Points farther from their plane than this part of the reach, in the mean of squares, are no surface that is known well enough to lay a larger stroke on: edges of right angles, crests, claws, leaves.
+/// Largest RMS distance from the plane, as a part of the reach, for which strokes are enlarged:
+/// rougher neighbourhoods are edges, crests, claws or leaves.
 const FLAT: f64 = 0.14;
 
 static COSINES: LazyLock<[[f64; 2]; WAYS]> = LazyLock::new(|| {
@@ -96,14 +108,16 @@ static COSINES: LazyLock<[[f64; 2]; WAYS]> = LazyLock::new(|| {
     })
 });
 
-/// How far the farthest place of a plane is that is nearer to its point than to all others. None where the neighbours do not lie all around, as at the border of a surface, which is to stay where it is.
+/// Returns the distance to the farthest corner of the point's Voronoi cell in the plane. `None` if
+/// neighbours do not surround it, as at the border of a surface, which is to stay in place.
 ///
-/// Along a way w what is nearer to the point ends at t = |q|^2 / (2 q.w), of the neighbour q for which that is least: the inverse of twice the largest (q / |q|^2).w, the same in any order. Of points of
-/// another sheet q is hardly in the plane, so that they bound little.
+/// Along a direction w the cell ends at t = |q|^2 / (2 q.w), for the neighbour q with the least t:
+/// the inverse of twice the largest (q / |q|^2).w, which does not depend on the order. Points of
+/// another sheet have hardly any q in the plane, so that they bound little.
 fn gap(plane: &Plane, differences: &[DVec3], step: DVec3, reach: f64) -> Option<f64> {
     let across = plane.normal.cross(plane.along);
     let mut most = [0.0f64; WAYS];
-    // Of sums in an order that is any, a decision would be, too: sums of whole numbers are not.
+    // Sums of integers, because a decision must not depend on the order of summation.
     let mut products = [0.0; 6];
     for &d in differences {
         let own = outer(d, d);
@@ -123,18 +137,18 @@ fn gap(plane: &Plane, differences: &[DVec3], step: DVec3, reach: f64) -> Option<
         .max(0.0);
     let flat = thick <= (FLAT * reach).powi(2) * differences.len() as f64;
     let gap = 0.5 / most.into_iter().fold(f64::INFINITY, f64::min);
-    // What lies beyond half the reach another point may be nearer to that is not among the neighbours.
+    // Beyond half the reach another point may be nearer that is not among the neighbours.
     (flat && gap <= reach / 2.0).then_some(gap)
 }
 
-/// Mean and standard deviation of distances, together; 0 of none.
+/// Returns the sum of mean and standard deviation of distances; 0 if there are none.
 fn spread(distances: impl Iterator<Item = f64> + Clone) -> f64 {
     let count = distances.clone().count().max(1) as f64;
     let mean = distances.clone().sum::<f64>() / count;
     mean + (distances.map(|distance| (distance - mean).powi(2)).sum::<f64>() / count).sqrt()
 }
 
-/// The plane through a point and its neighbours, given as differences to it in steps of a lattice, each as wide as `step` says.
+/// Fits a plane to a point and its neighbours, given as differences in steps of size `step`.
 pub fn plane(differences: &[DVec3], step: DVec3) -> Option<Plane> {
     if differences.len() < 2 {
         return None;
@@ -145,7 +159,7 @@ pub fn plane(differences: &[DVec3], step: DVec3) -> Option<Plane> {
         let own = outer(d, d);
         (0..6).for_each(|k| products[k] += own[k]);
     }
-    // The point itself is one of them, at 0.
+    // The point itself counts, at 0.
     let count = differences.len() as f64 + 1.0;
     let (means, scale) = (outer(sum / count, sum / count), outer(step, step));
     let [(least, normal), (middle, _), (most, along)] =
@@ -154,7 +168,7 @@ pub fn plane(differences: &[DVec3], step: DVec3) -> Option<Plane> {
     (!flat).then_some(Plane { normal, along })
 }
 
-/// Upper triangle: xx, xy, xz, yy, yz, zz.
+/// Returns the upper triangle: xx, xy, xz, yy, yz, zz.
 fn outer(a: DVec3, b: DVec3) -> [f64; 6] {
     [a.x * b.x, a.x * b.y, a.x * b.z, a.y * b.y, a.y * b.z, a.z * b.z]
 }
@@ -235,7 +249,8 @@ mod tests {
         assert!((of(&sheets).unwrap() - 0.5f64.sqrt()).abs() < 1e-12);
     }
 
-    /// By the theorem of Davis and Kahan, as HARD_CASES 18 has it: the sine of the angle is at most |E| / (l2 - l1).
+    /// By the theorem of Davis and Kahan (guide: numerics, case 18): the sine of the angle is at
+    /// most |E| / (l2 - l1).
     #[test]
     fn hard_18_noise_turns_the_normal_no_further_than_it_may() {
         let mut state = 0x5EEDu64;

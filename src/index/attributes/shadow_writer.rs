@@ -1,4 +1,4 @@
-//! Shadows of an index on their way into a file: marks of leaves as they are cast, of inner nodes the means of their children's.
+//! Writer of saved shadows: leaves as they are cast, inner nodes as means of their children.
 
 use super::leaf_cache::LeafCache;
 use crate::error::{Error, Result};
@@ -12,7 +12,7 @@ use rayon::prelude::*;
 use std::path::Path;
 use std::sync::{Mutex, PoisonError};
 
-/// SavedShadows on their way.
+/// Saved shadows being written.
 pub struct ShadowWriter<'i> {
     index: &'i Index,
     file: format::Writer,
@@ -21,7 +21,7 @@ pub struct ShadowWriter<'i> {
 }
 
 impl<'i> ShadowWriter<'i> {
-    /// Refuses to replace what is no file of shadows: a scan has no copy.
+    /// Creates the file. Refuses to replace a file that is not a shadow file: a scan has no copy.
     pub fn create(path: &Path, index: &'i Index) -> Result<ShadowWriter<'i>> {
         if path.metadata().is_ok_and(|file| file.is_file() && file.len() > 0)
             && !is_shadow_file(path)?
@@ -40,14 +40,14 @@ impl<'i> ShadowWriter<'i> {
         })
     }
 
-    /// All marks of a node, which replace those that were put before.
+    /// Writes all shadows of a node, replacing earlier ones.
     pub fn put(&self, node: usize, marks: &[u8]) -> Result<()> {
         assert_eq!(marks.len() as u32, self.index.nodes()[node].count, "node {node}");
         self.crcs.lock().unwrap_or_else(PoisonError::into_inner)[node] = crc32c::crc32c(marks);
         self.file.put(self.offsets[node], marks)
     }
 
-    /// What was put.
+    /// Reads back the shadows of a node.
     pub fn get(&self, node: usize) -> Result<Vec<u8>> {
         let mut marks = vec![0; self.index.nodes()[node].count as usize];
         self.file.get(self.offsets[node], &mut marks)?;
@@ -60,7 +60,8 @@ impl<'i> ShadowWriter<'i> {
         Ok(marks)
     }
 
-    /// SavedShadows of inner nodes, from those of all leaves: of every sample the mean of the points that it stands for.
+    /// Computes the shadows of inner nodes from those of all leaves: of every sample the mean of
+    /// the points that it stands for.
     pub fn merge_inner_nodes(&self, progress: &dyn Progress) -> Result<()> {
         let (directory, nodes) = (&self.index.directory, self.index.nodes());
         let read = |at: u64, bytes: &mut [u8]| self.index.copy(at, bytes);
@@ -72,7 +73,7 @@ impl<'i> ShadowWriter<'i> {
                 .filter(|&node| nodes[node].level == level && !nodes[node].is_leaf())
                 .collect();
             at_level.into_par_iter().try_for_each(|node| {
-                // SavedShadows go where their samples do, in the place of classes.
+                // Shadows are sorted with their samples, in the column of classes.
                 let mark = |child: usize, samples: &mut Samples| {
                     samples.class = Some(self.get(child)?);
                     Ok(())
@@ -104,7 +105,7 @@ impl<'i> ShadowWriter<'i> {
         Ok(())
     }
 
-    /// Gives the file its name; its length.
+    /// Completes the file and returns its length.
     pub fn finish(self, contents: &ShadowContents) -> Result<u64> {
         let crcs = self.crcs.into_inner().unwrap_or_else(PoisonError::into_inner);
         let contents =

@@ -1,18 +1,18 @@
-//! What goes wrong for whoever reads an index on a thread of its own, so that tests can force what follows.
+//! Injected faults of the loader thread, for tests.
 
 use std::str::FromStr;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum FaultKind {
-    /// While a node is read.
+    /// Panic while a node is read.
     Panic,
-    /// The node is never read to its end.
+    /// The read never ends.
     Hang,
-    /// The thread ends, between two nodes.
+    /// The thread ends between two nodes.
     End,
 }
 
-/// `panic:3`: at the third node that a thread reads.
+/// A fault and its node: `panic:3` at the third node that a thread reads.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Fault {
     how: FaultKind,
@@ -20,7 +20,7 @@ pub struct Fault {
 }
 
 impl Fault {
-    /// What goes wrong at this node, counted from 1.
+    /// Returns the fault at this node, counted from 1.
     pub fn at(&self, node: u64) -> Option<FaultKind> {
         (self.node == node).then_some(self.how)
     }

@@ -1,12 +1,16 @@
 //! NAME.pnti: the node index as a file.
 //!
 //! ```text
-//! header, 4096 bytes   magic, version, length, where the directory lies, CRC-32C of both
-//! planes               node by node, plane by plane, packed; CRC-32C of each in the directory; those that are derived last
-//! directory            node records (children behind their parents, siblings side by side), then what was opened, as JSON
+//! header, 4096 bytes   magic, version, length, offset of the directory, CRC-32C of both
+//! planes               node by node, plane by plane, packed; CRC-32C of each in the directory;
+//!                      derived planes last
+//! directory            node records (children behind their parents, siblings side by side), then
+//!                      the description of the input, as JSON
 //! ```
-//! All integers are little-endian. A plane is one number a point: ten bits an axis of the positions, or an attribute. A frame reads the planes that it needs.
-//! The header is written last, after the rest is on the disk (RELIABILITY, write protocol): an index is whole or it is none.
+//!
+//! All integers are little-endian. A plane holds one number per point: ten bits per axis of the
+//! position, or an attribute. A frame reads the planes that it needs. The header is written last,
+//! after the rest is on the disk (guide: reliability): an index is complete or absent.
 
 use super::fault_injection::Fault;
 use super::mmap::Map;
@@ -26,10 +30,11 @@ use glam::DVec3;
 use std::fs::File;
 use std::path::Path;
 
-/// Bytes of a record of the first version before its checksums, of these, and after them. Only there are fewer of them.
+/// Bytes of a version 1 record before its checksums, of them, and after them; later versions have
+/// more checksums.
 const FIRST_VERSION: [usize; 3] = [64, 4 * 11, 20];
 
-/// A record of the first version.
+/// Converts a record of version 1.
 fn from_version_1(bytes: &[u8]) -> NodeRecord {
     let [before, checksums, _] = FIRST_VERSION;
     let mut record = NodeRecord::zeroed();
@@ -39,22 +44,23 @@ fn from_version_1(bytes: &[u8]) -> NodeRecord {
     record
 }
 
-/// An index that can be read.
+/// An open index.
 pub struct Index {
     map: Map,
     pub directory: Directory,
     /// Checksums of directory and header.
     identity: u64,
-    /// How much of a light reaches its points, where somebody has saved that.
+    /// Saved shadows, if they were opened.
     pub shadows: Option<SavedShadows>,
-    /// The box outside of which nothing is drawn.
+    /// Box outside of which nothing is drawn.
     pub hidden: Option<Core>,
-    /// For tests.
+    /// Fault to inject, for tests.
     pub fault: Option<Fault>,
 }
 
 impl Index {
-    /// Whether a file begins as an index does. A pipe is none, and is not opened, which could wait for ever.
+    /// Returns whether a file starts as an index does. A pipe is not opened, since that could block
+    /// forever.
     pub fn is_one(path: &Path) -> bool {
         let mut magic = [0; 8];
         path.is_file()
@@ -64,7 +70,8 @@ impl Index {
             && magic == MAGIC
     }
 
-    /// Checks everything but the planes, which are checked when they are read.
+    /// Opens an index and checks everything except the planes, which are checked when they are
+    /// read.
     pub fn open(path: &Path) -> Result<Index> {
         let map = Map::open(path)?;
         let wrong = |what: String| {
@@ -124,12 +131,12 @@ impl Index {
         self.map.path()
     }
 
-    /// Opens a file of shadows, which must be of this index.
+    /// Opens a shadow file, which must belong to this index.
     pub fn open_shadows(&self, path: &Path) -> Result<SavedShadows> {
         SavedShadows::open(path, self.path(), self.identity, self.nodes())
     }
 
-    /// What the coordinates of its points mean.
+    /// Returns the reference system of its coordinates.
     pub fn reference(&self) -> Reference {
         let lattice = |part: &IndexedPart| Lattice { step: part.step, offset: part.offset };
         Reference::of(
@@ -137,17 +144,17 @@ impl Index {
         )
     }
 
-    /// Of this index, and of none with other points.
+    /// Returns a number that identifies this index among those with other points.
     pub fn identity(&self) -> u64 {
         self.identity
     }
 
-    /// Copies bytes of the file, whatever they are.
+    /// Copies bytes of the file, unchecked.
     pub(in crate::index) fn copy(&self, at: u64, into: &mut [u8]) -> Result<()> {
         self.map.copy(at, into)
     }
 
-    /// Where the tree of a node starts, in steps of its files' lattice.
+    /// Returns the corner of a node's tree in steps of its files' lattice.
     pub(in crate::index) fn tree_corner(&self, node: &NodeRecord) -> [i64; 3] {
         let lattices = &self.directory.contents.lattices;
         let [step, offset] = lattices[node.lattice as usize / 2 * 2];
@@ -157,7 +164,7 @@ impl Index {
             .map(|steps| steps as i64)
     }
 
-    /// Bytes of the file.
+    /// Returns the length of the file [bytes].
     pub fn bytes(&self) -> u64 {
         self.map.len()
     }
@@ -166,22 +173,23 @@ impl Index {
         &self.directory.nodes
     }
 
-    /// The lattice that a node's `origin` and `extent` count steps of.
+    /// Returns the lattice of a node's `origin` and `extent`.
     pub fn lattice(&self, node: &NodeRecord) -> Lattice {
         lattice(node, &self.directory.contents.lattices)
     }
 
-    /// World corners of a box around all points of the file that lie in a node: that of its samples, and as far beyond as the points that a sample stands for.
+    /// Returns the world corners of a box around all points of a node: that of its samples, widened
+    /// by the distance of the points that a sample stands for.
     pub fn bounds(&self, node: &NodeRecord) -> (DVec3, DVec3) {
         bounds(node, &self.directory.contents.lattices)
     }
 
-    /// Whether some node has this plane.
+    /// Returns whether some node has this plane.
     pub fn has(&self, plane: Plane) -> bool {
         self.nodes().iter().any(|node| node.has(plane))
     }
 
-    /// Copies one plane of one node out of the file and checks the copy. `into` has [`NodeRecord::range`]'s bytes.
+    /// Reads a plane of a node and checks its checksum. `into` has [`NodeRecord::unpacked_bytes`].
     pub fn read(&self, node: usize, plane: Plane, into: &mut [u8]) -> Result<()> {
         let record = &self.directory.nodes[node];
         let (at, bytes) = record.range(plane);
@@ -199,7 +207,7 @@ impl Index {
         Ok(())
     }
 
-    /// As it is in the file, from this byte on.
+    /// Reads a plane as it is stored at byte `at`.
     fn stored(&self, node: usize, plane: Plane, at: u64, into: &mut [u8]) -> Result<()> {
         self.map.copy(at, into)?;
         if crc32c::crc32c(into) != self.directory.nodes[node].crc[plane as usize] {
@@ -214,14 +222,15 @@ impl Index {
         Ok(())
     }
 
-    /// World positions and weights of a node's samples, from as many planes as it has.
+    /// Returns world positions and weights of a node's samples, with all of its position planes.
     pub fn samples(&self, node: usize) -> Result<Vec<(DVec3, u32)>> {
         let record = &self.directory.nodes[node];
         samples(record, self.lattice(record), &mut |plane, into| self.read(node, plane, into))
     }
 }
 
-/// What a walk over the tree relies on: children behind their parents and each under one, planes inside of the file, numbers in their ranges.
+/// Checks what tree walks rely on: children behind their parents and each under one, planes inside
+/// the file, numbers in their ranges.
 fn check(directory: &Directory, end: u64) -> std::result::Result<(), String> {
     let nodes = &directory.nodes;
     if directory.roots as usize > nodes.len() {
@@ -265,7 +274,8 @@ fn check(directory: &Directory, end: u64) -> std::result::Result<(), String> {
             }
             continue;
         }
-        // Children follow each other in the order of their parents, so ranges are disjoint, nothing is left out, and no walk can come back.
+        // Children are in the order of their parents, so that ranges are disjoint, nothing is left
+        // out, and no walk cycles.
         if node.first_child as usize != next
             || next <= i
             || node.first_child as u64 + node.children as u64 > nodes.len() as u64

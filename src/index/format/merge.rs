@@ -1,16 +1,22 @@
-//! Children's samples in, their parent's out: Pintus, section 7 (papers/README.md), with a grid that fits the data.
+//! Merges children's samples into their parent's (Pintus, section 7; guide: papers), with a grid
+//! that fits the data.
 //!
 //! ```text
 //! merge(samples in Morton order):
-//!   count, for every pair of neighbours in the order, the highest bit in which their codes differ
-//!   drop as few low bits of the codes as leave at most M different ones: those are the grid's cells
-//!   one sample a cell: mean position, mean colour in linear light, mean intensity, kinds by majority; weight = the sum of the weights
+//!   count, for all neighbours in the order, the highest bit in which their codes differ
+//!   drop as few low bits of the codes as leave at most M different ones: the cells of the grid
+//!   one sample per cell: mean position, mean colour in linear light, mean intensity, kinds by
+//!     majority; weight = the sum of the weights
 //! ```
-//! Where several stations meet in a cell and factors on their light are known that give all of them one exposure, the colour is the mean of what all have then, in the light of the station that the sample
-//! names: Sum w g c / (Sum w) / g', g of each and g' of that one. The factor of the station that it names then shows the mean of all.
 //!
-//! A grid of M cells over the box would hold few samples of a surface (M^(2/3)); this one is as fine as M samples allow, whatever the shape of the
-//! data. All sums are integers, so the result does not depend on any order of execution.
+//! If several stations meet in a cell and their exposure gains are known, the colour is the mean of
+//! the balanced colours, in the exposure of the station that the sample names: Sum w g c / (Sum w)
+//! / g', with the gain g of each sample's station and g' of the named one. The gain of the named
+//! station then shows the mean of all.
+//!
+//! A grid of M cells over the box would hold few samples of a surface (M^(2/3)); this one is as
+//! fine as M samples allow, whatever the shape of the data. All sums are integers, so that the
+//! result does not depend on any order of execution.
 
 use super::morton;
 use super::samples::{Cell, DerivedColumns, Samples};
@@ -21,21 +27,24 @@ use std::borrow::Cow;
 use std::ops::Range;
 use std::sync::LazyLock;
 
-/// Positions of merged samples are kept to the cell's shortest side over 2^this: below half of what merging itself moved them.
+/// Merged positions are rounded to the cell's shortest side over 2^this: below half of what merging
+/// itself moved them.
 const BITS_WITHIN_CELL: u32 = 2;
 
-/// Merged samples, the low bits of codes that their cells drop, and how many steps, as a power of two, positions may be rounded to.
+/// Merged samples, the low code bits that their cells drop, and the rounding of positions as a
+/// power of two.
 pub struct Merged {
     pub samples: Samples,
     pub dropped: u32,
     pub coarser: u32,
 }
 
-/// Of every station by its number, the factor on its light that gives all of them one exposure.
+/// Exposure gain of every station.
 pub struct Gains(Vec<u32>);
 
 impl Gains {
-    /// Least and greatest factors, 2^-4 and 2^4, are 2^8 and 2^16: what 16 bits of light come to fits 32.
+    /// Fraction bits: gains of 2^-4 to 2^4 become 2^8 to 2^16, whose products with 16 bits of light
+    /// fit 32.
     const BITS: i32 = 12;
 
     pub fn new(balance: &Balance) -> Gains {
@@ -53,7 +62,7 @@ impl Gains {
     }
 }
 
-/// `samples` in Morton order.
+/// Merges `samples`, which are in Morton order.
 pub fn merge(samples: &Samples, has: ColumnSet, gains: Option<&Gains>) -> Merged {
     let (runs, dropped) = cut(samples);
     let coarser = (dropped / 3).saturating_sub(BITS_WITHIN_CELL);
@@ -84,19 +93,20 @@ pub fn merge(samples: &Samples, has: ColumnSet, gains: Option<&Gains>) -> Merged
     Merged { samples: merged, dropped, coarser }
 }
 
-/// The runs of samples, in Morton order, that [`merge`] makes one of each.
+/// Returns the runs of samples that [`merge`] makes one of each.
 pub fn runs(samples: &Samples) -> Runs<'_> {
     cut(samples).0
 }
 
-/// And the low bits of the codes that their cells drop.
+/// Returns the runs, and the low code bits that their cells drop.
 fn cut(samples: &Samples) -> (Runs<'_>, u32) {
-    // For every pair of neighbours the highest bit in which their codes differ, counted from 1; 0 for equal ones.
+    // For all neighbours the highest bit in which their codes differ, counted from 1; 0 if equal.
     let differ: Vec<u8> =
         samples.q.windows(2).map(|pair| morton::highest_difference(pair[0], pair[1])).collect();
     let mut pairs = [0usize; 97];
     differ.iter().for_each(|&bit| pairs[bit as usize] += 1);
-    // With the lowest `dropped` bits gone, a new cell begins where neighbours differ in a higher one.
+    // With the lowest `dropped` bits gone, a new cell starts where neighbours differ in a higher
+    // one.
     let mut cells = 1 + pairs[1..].iter().sum::<usize>();
     let mut dropped = 0u32;
     let least = least_dropped(&samples.q);
@@ -115,7 +125,8 @@ fn cut(samples: &Samples) -> (Runs<'_>, u32) {
     (Runs { samples, weights, starts }, dropped)
 }
 
-/// Bits to drop before positions, rounded as [`merge`] rounds them, fit their planes: none unless samples lie 2^30 steps apart.
+/// Returns the bits to drop so that positions, rounded as by [`merge`], fit their planes: none
+/// unless samples lie 2^30 steps apart.
 fn least_dropped(q: &[Cell]) -> u32 {
     let most = 1u32 << (BITS_PER_PLANE * POSITION_PLANES);
     let (mut low, mut high) = ([u32::MAX; 3], [0; 3]);
@@ -138,7 +149,7 @@ fn least_dropped(q: &[Cell]) -> u32 {
 /// The runs of samples that become one each.
 pub struct Runs<'a> {
     samples: &'a Samples,
-    /// The weight of each.
+    /// Weight of each sample.
     weights: Cow<'a, [u32]>,
     starts: Vec<usize>,
 }
@@ -148,12 +159,12 @@ impl Runs<'_> {
         self.weights[i]
     }
 
-    /// Means in linear light.
+    /// Returns mean colours, averaged in linear light.
     pub fn mean_colors(&self, rgb: &[[u8; 3]]) -> Vec<[u8; 3]> {
         self.colors(rgb, &self.sums())
     }
 
-    /// Of the weights.
+    /// Returns the sum of weights of each run.
     fn sums(&self) -> Vec<u64> {
         self.each(|run| self.weights[run].iter().map(|&weight| weight as u64).sum())
     }
@@ -170,7 +181,7 @@ impl Runs<'_> {
             .collect()
     }
 
-    /// Weighted, rounded to the nearest.
+    /// Returns a weighted mean, rounded to nearest.
     fn mean<const N: usize>(
         &self,
         run: Range<usize>,
@@ -193,7 +204,8 @@ impl Runs<'_> {
         sum.map(|sum| (sum / total as u128) as u64)
     }
 
-    /// Rounded to the middle of 2^coarser steps, which lie within the cell: the order of the samples stays that of their cells.
+    /// Returns mean positions, rounded to the centres of 2^coarser steps, which lie within the
+    /// cell: the samples stay in the order of their cells.
     fn positions(&self, weights: &[u64], dropped: u32, coarser: u32) -> Vec<Cell> {
         let bits = morton::axis_bits(dropped);
         let (q, middle) = (&self.samples.q, (1u32 << coarser) >> 1);
@@ -219,7 +231,8 @@ impl Runs<'_> {
         })
     }
 
-    /// In the light of the station that is `named` for each run, `of` those of the samples.
+    /// Returns mean colours in the exposure of the station `named` for each run; `of` are those of
+    /// the samples.
     fn balanced_colors(
         &self,
         rgb: &[[u8; 3]],
@@ -238,7 +251,7 @@ impl Runs<'_> {
             }
             let balanced = |i: usize| linear(i).map(|v| v * gains.of(of[i]));
             let own = gains.of(named) as u64;
-            // Rounded once; what is brighter than this station can show is as bright as it can.
+            // Rounded once, and clamped to the brightest value of this station.
             let shown = |mean: u64| encode[mean.min(u16::MAX as u64) as usize];
             // Products of 32 bits by 32 fit 64 bits, and their sum does where the sum of the weights fits 32.
             if total >> 32 == 0 {
@@ -265,7 +278,7 @@ impl Runs<'_> {
         self.weighted(weights, |run, total| self.mean(run, total, |i| [values[i] as u32])[0] as u16)
     }
 
-    /// The value with the greatest weight; of equally heavy ones the least.
+    /// Returns the value with the greatest weight; of ties the least.
     fn majorities<T: Copy + Ord>(&self, values: &[T]) -> Vec<T> {
         let mut all: Vec<(T, u64)> = Vec::new();
         self.each(|run| {
@@ -303,7 +316,8 @@ impl Runs<'_> {
         })
     }
 
-    /// Times of different passes have no meaningful mean: that of the heaviest sample, of equally heavy ones the earliest.
+    /// Returns the time of the heaviest sample, of ties the earliest: times of different passes
+    /// have no meaningful mean.
     fn times(&self, times: &[f64]) -> Vec<f64> {
         let weight = |i: usize| self.weights[i];
         self.each(|run| {
@@ -314,7 +328,8 @@ impl Runs<'_> {
     }
 }
 
-/// Rounded down. Of whole numbers below 2^53 the quotient in f64 is never rounded up to the next whole one, and is found sooner than in integers.
+/// Divides, rounding down. For integers below 2^53 the f64 quotient is never rounded up to the next
+/// integer, and is faster than integer division.
 fn quotient(sum: u64, total: u64) -> u64 {
     if (sum | total) >> 53 == 0 {
         (sum as i64 as f64 / total as i64 as f64) as i64 as u64
@@ -323,7 +338,7 @@ fn quotient(sum: u64, total: u64) -> u64 {
     }
 }
 
-/// sRGB to linear light of 16 bits: finer than the steps of 8-bit sRGB everywhere.
+/// sRGB to 16-bit linear light: finer than the steps of 8-bit sRGB everywhere.
 static DECODE: LazyLock<[u16; 256]> = LazyLock::new(|| {
     std::array::from_fn(|v| {
         let encoded = v as f64 / 255.0;
@@ -445,7 +460,8 @@ mod tests {
         }
     }
 
-    /// Three stations that see the same, one with half the light of the second and a quarter of that of the third, and one that sees what is brighter than another can show.
+    /// Three stations that see the same, one with half the light of the second and a quarter of
+    /// that of the third; and one that sees what is brighter than another can show.
     #[test]
     fn stations_meet_in_the_light_of_the_one_that_most_samples_are_of() {
         let has = ColumnSet { rgb: true, source: true, ..ColumnSet::default() };

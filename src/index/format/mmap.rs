@@ -1,8 +1,9 @@
-//! A read-only map of a file that cannot kill the process.
+//! A read-only file map that survives a shrinking file.
 //!
-//! In: a file. Out: copies of its bytes. Touching a mapped page that a shrinking file has lost ends a program with SIGBUS (RELIABILITY, file shrinks), and
-//! checking the length first only makes that rarer. So on Linux the kernel copies: `process_vm_readv` of our own memory reports such a page as an error.
-//! Elsewhere the file is read by position. Bytes that are silently zero after a shrink are found by the checksums of whoever asked.
+//! Touching a mapped page that a shrinking file has lost ends a program with SIGBUS, and checking
+//! the length first only makes that rarer. So on Linux the kernel copies: `process_vm_readv` on our
+//! own memory reports such a page as an error. On other systems the file is read by position. Bytes
+//! that turn zero after a shrink are found by checksums.
 
 use crate::error::{Error, Result};
 use memmap2::Mmap;
@@ -23,12 +24,13 @@ impl Map {
             return Err(Error::format(path, "is a folder, a pipe or a device, not a file"));
         }
         let file = File::open(path).map_err(|error| Error::io("open", path, error))?;
-        // SAFETY: the map is never made a slice of; its bytes are only copied by the kernel, for which a page that changes or goes is no undefined behaviour.
+        // SAFETY: no slice of the map is ever made; only the kernel copies its bytes, for which a
+        // page that changes or disappears is no undefined behaviour.
         let map = unsafe { Mmap::map(&file) }.map_err(|error| Error::io("map", path, error))?;
         Ok(Map { path: path.to_owned(), file, map })
     }
 
-    /// When it was opened.
+    /// Returns the length when it was opened [bytes].
     pub fn len(&self) -> u64 {
         self.map.len() as u64
     }
@@ -37,7 +39,7 @@ impl Map {
         &self.path
     }
 
-    /// Copies the bytes from `at` on; an error if any of them are not there, or no longer.
+    /// Copies the bytes from `at` on; errors if some of them are missing.
     pub fn copy(&self, at: u64, into: &mut [u8]) -> Result<()> {
         if at.checked_add(into.len() as u64).is_none_or(|end| end > self.len()) {
             return Err(Error::format(
@@ -64,7 +66,8 @@ impl Map {
                 iov_base: self.map.as_ptr().wrapping_add(at as usize + done).cast_mut().cast(),
                 iov_len: rest,
             };
-            // SAFETY: `to` is a live, exclusive slice, `from` lies within the map; the kernel checks both and touches nothing else.
+            // SAFETY: `to` is a live, exclusive slice, `from` lies within the map; the kernel
+            // checks both and touches nothing else.
             let copied = unsafe { libc::process_vm_readv(libc::getpid(), &to, 1, &from, 1, 0) };
             match copied {
                 1.. => done += copied as usize,
@@ -81,7 +84,7 @@ impl Map {
                                 ),
                             ));
                         }
-                        // Where the call itself is forbidden (containers may), reading by position does the same.
+                        // Containers may forbid the call; reading by position is equivalent.
                         Some(libc::EPERM) | Some(libc::ENOSYS) => {
                             return self.read(at + done as u64, &mut into[done..]);
                         }

@@ -1,6 +1,8 @@
-//! NAME.pnti and NAME.shadows, and what they hold.
+//! The files NAME.pnti and NAME.shadows, and their contents.
 //!
-//! `schema` says what planes and nodes are; `samples` packs points into planes; `merge` makes a parent's samples of its children's; `writer` and `file` write and read.
+//! `schema` defines planes, node records and the directory; `samples` packs samples into planes;
+//! `merge` makes a parent's samples of its children's; `writer` and `file` write and read an index;
+//! `shadow_file` reads saved shadows.
 
 pub mod fault_injection;
 mod file;

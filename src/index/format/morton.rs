@@ -1,4 +1,5 @@
-//! Morton order: interleaved bits of three integers, x lowest, so that points near in space are near in memory.
+//! Morton order: interleaved bits of three integers, x lowest, so that points near in space are
+//! near in memory.
 
 /// Spreads the low 10 bits to every third bit.
 fn spread(v: u32) -> u32 {
@@ -9,7 +10,7 @@ fn spread(v: u32) -> u32 {
     (v | v << 2) & 0x0924_9249
 }
 
-/// The 30-bit code of three 10-bit numbers.
+/// Returns the 30-bit code of three 10-bit numbers.
 pub fn code(q: [u32; 3]) -> u32 {
     spread(q[0]) | spread(q[1]) << 1 | spread(q[2]) << 2
 }
@@ -24,28 +25,28 @@ fn spread_21(v: u32) -> u64 {
     (v | v << 2) & 0x1249_2492_4924_9249
 }
 
-/// The 63-bit code of the low 21 bits of three numbers.
+/// Returns the 63-bit code of the low 21 bits of three numbers.
 pub fn code_63(q: [u32; 3]) -> u64 {
     spread_21(q[0]) | spread_21(q[1]) << 1 | spread_21(q[2]) << 2
 }
 
-/// The 96-bit code of three numbers.
+/// Returns the 96-bit code of three numbers.
 pub fn code_96(q: [u32; 3]) -> u128 {
     (code_63(q.map(|v| v >> 21)) as u128) << 63 | code_63(q) as u128
 }
 
-/// One of the three numbers of a code of `bits` bits each.
+/// Returns one of the three numbers of a code of `bits` bits each.
 pub fn axis(code: u32, axis: usize, bits: u32) -> u32 {
     (0..bits).map(|b| (code >> (3 * b + axis as u32) & 1) << b).sum()
 }
 
-/// One bit of the code of three numbers.
+/// Returns one bit of the code of three numbers.
 pub fn has(q: [u32; 3], bit: u32) -> bool {
     q[bit as usize % 3] >> (bit / 3) & 1 == 1
 }
 
-/// The highest bit in which two codes differ, counted from 1; 0 if they are equal. Found without making the codes, and without branches, which nobody
-/// could foretell.
+/// Returns the highest bit in which two codes differ, counted from 1; 0 if they are equal. Computes
+/// no codes, and has no branches, which would be unpredictable.
 pub fn highest_difference(a: [u32; 3], b: [u32; 3]) -> u8 {
     let of = |axis: usize| {
         let different = a[axis] ^ b[axis];
@@ -54,13 +55,14 @@ pub fn highest_difference(a: [u32; 3], b: [u32; 3]) -> u8 {
     of(0).max(of(1)).max(of(2)) as u8
 }
 
-/// The order of two codes.
+/// Compares two codes.
 pub fn order(a: [u32; 3], b: [u32; 3]) -> std::cmp::Ordering {
     let axis = highest_difference(a, b).wrapping_sub(1) as usize % 3;
     a[axis].cmp(&b[axis])
 }
 
-/// The bits that dropping the lowest `dropped` bits of a code takes from each axis: x loses the first.
+/// Returns the bits that each axis loses when the lowest `dropped` bits of a code are dropped; x
+/// loses the first.
 pub fn axis_bits(dropped: u32) -> [u32; 3] {
     [dropped.div_ceil(3), (dropped + 1) / 3, dropped / 3]
 }

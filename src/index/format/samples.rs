@@ -1,4 +1,5 @@
-//! Points, or samples that stand for several, as columns on a tree's lattice, in Morton order; and the planes that a node keeps of them.
+//! Columns of points, or of samples that stand for several, on a tree's lattice in Morton order;
+//! and their packing into the planes of a node.
 
 use super::morton;
 use super::schema::{NodeRecord, PLANES, Plane, SINGLE_STATION, TWO_PER_BYTE};
@@ -8,10 +9,11 @@ use bytemuck::Zeroable;
 use glam::DVec3;
 use std::cmp::Ordering;
 
-/// The tree's lattice starts at its corner, so that coordinates need no sign; 32 bits hold any file's extent.
+/// A position on the tree's lattice, which starts at the tree's corner, so that coordinates need no
+/// sign; 32 bits hold any file's extent.
 pub type Cell = [u32; 3];
 
-/// Every column that is there has the length of `q`.
+/// Columns of equal length.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Samples {
     pub q: Vec<Cell>,
@@ -19,25 +21,26 @@ pub struct Samples {
     pub intensity: Option<Vec<u16>>,
     pub class: Option<Vec<u8>>,
     pub returns: Option<Vec<u8>>,
-    /// Number of the station.
+    /// Station numbers.
     pub source: Option<Vec<u16>>,
     pub normal: Option<Vec<[i8; 3]>>,
     pub gps_time: Option<Vec<f64>>,
-    /// Points that each stands for; one where this is none.
+    /// Points that each sample stands for; one if this is `None`.
     pub weight: Option<Vec<u32>>,
     pub derived: DerivedColumns,
 }
 
-/// Columns that depend on the points around, in whatever leaf those are: nodes have room for them, and get them once all points are in their leaves (`derive`).
+/// Columns derived from neighbours in any leaf: nodes reserve room for them, which is filled once
+/// all points are in their leaves (`derive`).
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct DerivedColumns {
-    /// As [`Plane::Facing`], [`Plane::Brush`] and [`Plane::Corrected`] say.
+    /// See [`Plane::Facing`], [`Plane::Brush`] and [`Plane::Corrected`].
     pub facing: Option<Vec<u32>>,
     pub brush: Option<Vec<u32>>,
     pub corrected: Option<Vec<[u8; 3]>>,
 }
 
-/// Which of them there are to be.
+/// Planes to derive.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct DerivedPlanes {
     pub normals: bool,
@@ -50,7 +53,7 @@ impl DerivedPlanes {
         DerivedPlanes { normals: false, strokes: false, luminance: false };
     pub const ALL: DerivedPlanes = DerivedPlanes { normals: true, strokes: true, luminance: true };
 
-    /// Strokes need normals.
+    /// Returns whether normals are derived; strokes need them.
     pub fn has_normals(self) -> bool {
         self.normals || self.strokes
     }
@@ -66,7 +69,7 @@ impl DerivedPlanes {
 }
 
 impl DerivedColumns {
-    /// Zeros.
+    /// Returns columns of zeros.
     pub fn zeroed(derive: DerivedPlanes, points: usize) -> DerivedColumns {
         DerivedColumns {
             facing: derive.has_normals().then(|| vec![0; points]),
@@ -75,7 +78,7 @@ impl DerivedColumns {
         }
     }
 
-    /// Bytes of one of these planes.
+    /// Returns the bytes of one of these planes.
     pub fn bytes(&self, plane: Plane) -> &[u8] {
         fn bytes<T: bytemuck::NoUninit>(column: &Option<Vec<T>>) -> &[u8] {
             column.as_deref().map_or(&[], bytemuck::cast_slice)
@@ -90,7 +93,8 @@ impl DerivedColumns {
 }
 
 impl Samples {
-    /// All of `parts` in Morton order; they have the same columns, but for weights. Cells of one tree follow each other in it; what trees have in common may lie anywhere.
+    /// Joins `parts` in Morton order; they have the same columns, except weights. Parts of one tree
+    /// follow each other in that order; those of several trees may be anywhere.
     pub fn together(parts: &[Samples]) -> Samples {
         let filled = || parts.iter().filter(|part| part.len() > 0);
         let follows = |(before, after): (&Samples, &Samples)| {
@@ -100,7 +104,7 @@ impl Samples {
         if filled().zip(filled().skip(1)).all(follows) { all } else { all.sorted() }
     }
 
-    /// The same where another lattice counts them, as near as its steps are.
+    /// Converts the positions to another lattice, rounded to its steps.
     pub fn moved(mut self, from: &Lattice, to: &Lattice) -> Samples {
         for q in &mut self.q {
             let steps = (from.world(q.map(i64::from)) - to.offset) / to.step;
@@ -113,7 +117,7 @@ impl Samples {
         self.sorted()
     }
 
-    /// With these columns: what is lacking is what a renderer would show for it, white, and 0 everywhere else.
+    /// Adds missing columns with the values that a renderer would show: white, and 0 for all else.
     pub fn completed(self, has: ColumnSet) -> Samples {
         fn column<T: Clone>(
             own: Option<Vec<T>>,
@@ -136,7 +140,7 @@ impl Samples {
         }
     }
 
-    /// In Morton order; of those in one place the order stays.
+    /// Sorts in Morton order; the sort is stable.
     fn sorted(self) -> Samples {
         fn column<T: Copy>(column: Option<Vec<T>>, order: &[u32]) -> Option<Vec<T>> {
             column.map(|column| order.iter().map(|&i| column[i as usize]).collect())
@@ -161,7 +165,7 @@ impl Samples {
         }
     }
 
-    /// All of `parts`, one after the other.
+    /// Concatenates `parts`.
     fn concatenated(parts: &[Samples]) -> Samples {
         fn column<T: Clone>(
             parts: &[Samples],
@@ -198,15 +202,16 @@ impl Samples {
         self.weight.as_ref().map_or(1, |weight| weight[i])
     }
 
-    /// Points that all of them stand for.
+    /// Returns the number of points that the samples stand for.
     pub fn points(&self) -> u64 {
         self.weight
             .as_ref()
             .map_or(self.len() as u64, |weight| weight.iter().map(|&w| w as u64).sum())
     }
 
-    /// Appends the planes of a node to `planes`; its record, with `at` counted from the start of `planes`. Positions are kept to 2^`coarser` steps, of
-    /// which the sample lies in the middle; `corner` is where the tree's lattice starts, in steps of the file's.
+    /// Appends the planes of a node to `planes` and returns its record, with `at` counted from the
+    /// start of `planes`. Positions are rounded to the centres of 2^`coarser` steps; `corner` is
+    /// the tree's corner in steps of the file's lattice.
     pub fn pack(&self, corner: [i64; 3], coarser: u32, planes: &mut Vec<u8>) -> NodeRecord {
         let mut record = NodeRecord {
             at: planes.len() as u64,
@@ -222,7 +227,8 @@ impl Samples {
             }
         }
         record.extent = [0, 1, 2].map(|axis| high[axis] - low[axis]);
-        // Rounded positions are counted from the tree's corner, whole ones as the file counts them (`schema::Contents::lattices`).
+        // Rounded positions are relative to the tree's corner, whole ones to the file's lattice
+        // (`schema::Contents::lattices`).
         record.origin =
             [0, 1, 2].map(|axis| low[axis] as i64 + if coarser == 0 { corner[axis] } else { 0 });
         record.coarser = coarser as u8;
@@ -275,7 +281,7 @@ impl Samples {
         record
     }
 
-    /// What [`Samples::pack`] wrote, from the bytes of its planes, where they are given.
+    /// Unpacks what [`Samples::pack`] wrote, from those planes whose bytes are given.
     pub fn unpack<'b>(
         record: &NodeRecord,
         corner: [i64; 3],
@@ -327,7 +333,8 @@ impl Samples {
     }
 }
 
-/// Where in the bytes of all planes of a node each lies, for [`Samples::unpack`].
+/// Returns a function that finds a plane in the bytes of all planes of a node, for
+/// [`Samples::unpack`].
 pub fn within<'b>(record: &NodeRecord, planes: &'b [u8]) -> impl Fn(Plane) -> Option<&'b [u8]> {
     move |plane| {
         let (at, length) = record.range(plane);
@@ -336,20 +343,20 @@ pub fn within<'b>(record: &NodeRecord, planes: &'b [u8]) -> impl Fn(Plane) -> Op
     }
 }
 
-/// A node's planes on their way.
+/// The planes of a node being packed.
 struct Planes<'a> {
     record: &'a mut NodeRecord,
     bytes: &'a mut Vec<u8>,
 }
 
 impl Planes<'_> {
-    /// Says so in the record, and takes nothing.
+    /// Records a single station, without a plane.
     fn single_station(&mut self, station: u8) {
         self.record.station = station;
         self.record.planes |= 1 << Plane::Station as u16 | SINGLE_STATION;
     }
 
-    /// Appends a column, if it is there, and says so in the record.
+    /// Appends a column, if present, and records its plane.
     fn keep<T: bytemuck::NoUninit>(&mut self, plane: Plane, column: &Option<Vec<T>>) {
         let Some(column) = column else { return };
         let bytes: &[u8] = bytemuck::cast_slice(column);

@@ -1,4 +1,4 @@
-//! What an index holds, as its directory says: planes, node records, and what was opened.
+//! Planes, node records and the directory of an index.
 
 use crate::cloud::attribute::Attribute;
 use crate::cloud::color::Scale;
@@ -11,7 +11,7 @@ use glam::DVec3;
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
 
-/// What a plane holds, in the order in which a node's planes follow each other.
+/// Contents of a plane, in the order of a node's planes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Plane {
@@ -19,26 +19,28 @@ pub enum Plane {
     Coarse,
     Fine,
     Finest,
-    /// sRGB, 8 bits a channel.
+    /// sRGB, 8 bits per channel.
     Rgb,
     Intensity,
     Class,
     /// Return number (low four bits) and number of returns.
     Returns,
-    /// Number of the station, in [`Contents::stations`], of nodes whose numbers are not all below 256.
+    /// Station number, an index of [`Contents::stations`], if a node has numbers above 255.
     Source,
     /// Unit normal, 127 = 1.0.
     Normal,
     GpsTime,
-    /// Of inner nodes: the points that the sample stands for.
+    /// Number of points that a sample stands for, in inner nodes.
     Weight,
-    /// Derived ([`super::derive`]): the normal of the surface ([`crate::cloud::octahedral`]), and eight bits that look random, highest.
+    /// Derived ([`crate::index::attributes::derive`]): the surface normal
+    /// ([`crate::cloud::octahedral`]) and eight pseudo-random bits, highest.
     Facing,
-    /// Derived: what a brush needs to know beside the normal (`strokes::Stroke::words`).
+    /// Derived: brush parameters beside the normal (`strokes::Stroke::words`).
     Brush,
-    /// Derived: colour whose luminance is the mean of the neighbourhood, as [`Plane::Rgb`].
+    /// Derived: colour with the mean luminance of the neighbourhood, as [`Plane::Rgb`].
     Corrected,
-    /// Number of the station of nodes whose numbers all are: half of what pictures with one exposure would read otherwise. Of few stations two numbers share a byte, and of one the record says which it is.
+    /// Station number, if all numbers of a node fit 8 bits. With few stations two numbers share a
+    /// byte; a single one is in the record.
     Station,
 }
 
@@ -60,18 +62,19 @@ pub const PLANES: [(Plane, u64); 15] = [
     (Plane::Station, 1),
 ];
 
-/// Checksums that a record has room for: an odd number, so that it has no gaps.
+/// Number of checksums in a record: odd, so that the record has no padding.
 pub const CHECKSUMS: usize = PLANES.len();
 
 impl Plane {
-    /// Those of which a node has one where it says which stations its points are of.
+    /// Planes of station numbers; a node has at most one.
     pub const STATIONS: [Plane; 2] = [Plane::Station, Plane::Source];
 
     pub fn bytes_per_point(self) -> u64 {
         PLANES[self as usize].1
     }
 
-    /// The planes that an attribute is shown from, the first of them that a node has; positions show elevation.
+    /// Returns the planes that show an attribute, of which a node's first is used; positions show
+    /// elevation.
     pub fn of(attribute: Attribute) -> &'static [Plane] {
         match attribute {
             Attribute::Rgb => &[Plane::Rgb],
@@ -86,42 +89,42 @@ impl Plane {
     }
 }
 
-/// A node as the directory holds it.
+/// A node in the directory.
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
 #[repr(C)]
 pub struct NodeRecord {
     /// Least coordinates, in steps of its lattice times 2^`coarser`.
     pub origin: [i64; 3],
-    /// Points of the file that lie in it.
+    /// Points of the input in the node.
     pub points: u64,
-    /// Of its first plane in the file.
+    /// File offset of its first plane.
     pub at: u64,
-    /// Longest side of the cells that its samples were merged in, metres; 0 for a leaf, which has every point.
+    /// Longest side of the merged cells [m]; 0 for a leaf, which has every point.
     pub spacing: f64,
     /// Inclusive, in the same steps as `origin`.
     pub extent: [u32; 3],
-    /// Samples that it holds, at most a page.
+    /// Number of samples, at most a page.
     pub count: u32,
     pub crc: [u32; CHECKSUMS],
     pub first_child: u32,
     pub children: u32,
-    /// Of itself for a root.
+    /// Parent; a root is its own.
     pub parent: u32,
-    /// Bit `k`: it has `PLANES[k]`; [`SINGLE_STATION`].
+    /// Bit `k` is set if it has `PLANES[k]`; [`SINGLE_STATION`].
     pub planes: u16,
     pub lattice: u16,
-    /// Bits that the longest side needs.
+    /// Bits of the longest side.
     pub bits: u8,
-    /// Inner nodes keep positions to 2^`coarser` lattice steps.
+    /// Positions of inner nodes are rounded to 2^`coarser` lattice steps.
     pub coarser: u8,
     pub level: u8,
-    /// With [`SINGLE_STATION`] that station; else [`TWO_PER_BYTE`] where two numbers share a byte.
+    /// The station if [`SINGLE_STATION`] is set; else [`TWO_PER_BYTE`] if two numbers share a byte.
     pub station: u8,
 }
 
-/// Of [`NodeRecord::planes`], beside the bit of [`Plane::Station`].
+/// Bit of [`NodeRecord::planes`]: all points are of one station.
 pub const SINGLE_STATION: u16 = 1 << PLANES.len();
-/// Numbers of stations below 16, the first of two in the lower half.
+/// Station numbers below 16, the first of two in the lower half.
 pub const TWO_PER_BYTE: u8 = 2;
 
 impl NodeRecord {
@@ -141,12 +144,12 @@ impl NodeRecord {
         self.planes >> plane as u16 & 1 == 1
     }
 
-    /// The station of all of its points, where it has been one.
+    /// Returns the station of all its points, if it is stored as one.
     pub fn single_station(&self) -> Option<u8> {
         (self.planes & SINGLE_STATION != 0).then_some(self.station)
     }
 
-    /// Numbers of the points' stations, from what [`Plane::Station`] has in the file.
+    /// Returns the points' station numbers from the stored [`Plane::Station`].
     pub fn stations(&self, stored: &[u8]) -> Vec<u8> {
         match self.single_station() {
             Some(station) => vec![station; self.count as usize],
@@ -159,12 +162,12 @@ impl NodeRecord {
         }
     }
 
-    /// Bytes of a plane once it is read.
+    /// Returns the unpacked size of a plane [bytes].
     pub fn unpacked_bytes(&self, plane: Plane) -> u64 {
         plane.bytes_per_point() * self.count as u64
     }
 
-    /// Where a plane lies in the file, and how many bytes it has there.
+    /// Returns offset and stored size of a plane [bytes].
     pub fn range(&self, plane: Plane) -> (u64, u64) {
         let stored = |plane| match plane {
             Plane::Station if self.single_station().is_some() => 0,
@@ -177,7 +180,7 @@ impl NodeRecord {
         (self.at + before.map(|(p, _)| stored(*p)).sum::<u64>(), stored(plane))
     }
 
-    /// Of all its planes in the file.
+    /// Returns the stored size of all its planes [bytes].
     pub fn bytes(&self) -> u64 {
         PLANES
             .iter()
@@ -187,7 +190,7 @@ impl NodeRecord {
     }
 }
 
-/// One file, or one scan of one, that went into the index.
+/// A file, or a scan in one, that went into the index.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct IndexedPart {
     #[serde(with = "any_path")]
@@ -199,12 +202,12 @@ pub struct IndexedPart {
     pub points: u64,
     pub intensity_range: [f64; 2],
     pub rgb_bits: u8,
-    /// What the file's own colours count to; indexes of earlier versions say nothing of it.
+    /// Scale of the file's colours; missing in old indexes.
     #[serde(default)]
     pub rgb_scale: Scale,
 }
 
-/// A path as text, or as its bytes where it is none: JSON has no other way.
+/// Stores a path as text, or as bytes if it is not UTF-8, which JSON cannot hold otherwise.
 mod any_path {
     use serde::{Deserialize, Deserializer, Serialize, Serializer};
     use std::ffi::OsString;
@@ -242,60 +245,62 @@ mod any_path {
     }
 }
 
-/// What was opened, and what is known of all of it.
+/// Description of the input, and statistics of it.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Contents {
     pub parts: Vec<IndexedPart>,
     pub stations: Vec<Station>,
     pub notes: Vec<String>,
-    /// Step and offset: for every tree the file's own, on which leaves lie, and the same with its offset at the tree's corner, on which rounded positions of
-    /// inner nodes lie.
+    /// Steps and offsets, two lattices per tree: the file's own, for leaves; and the same with its
+    /// offset at the tree's corner, for rounded positions of inner nodes.
     pub lattices: Vec<[DVec3; 2]>,
     pub points: u64,
-    /// World corners of the box around the points; none without points.
+    /// World corners of the bounding box; `None` without points.
     pub bounds: Option<[DVec3; 2]>,
     /// Intensities at the 2nd and 98th percentile.
     pub intensity_stretch: [u32; 2],
-    /// The same of the heights, as `attribute::DisplayAttribute` counts them.
+    /// Heights at the same percentiles, in units of `attribute::DisplayAttribute`.
     pub elevation_stretch: [u32; 2],
-    /// Normals that were derived are those of the files, all of them, and say which side of a surface is outside.
+    /// Whether all derived normals are those of the files, and thus oriented outwards.
     #[serde(default)]
     pub oriented: bool,
-    /// Of all points, where strokes were derived; those of the file where they were not.
+    /// Axes of all points if strokes were derived; else those of the file.
     #[serde(default, skip_serializing_if = "Axes::are_the_files")]
     pub axes: Axes,
-    /// What gives all stations one exposure. A sample that is merged of several stations has the light of the one that it names. Indexes that were made before anybody looked for it have none.
+    /// Exposure gains of the stations. A merged sample has the exposure of the station that it
+    /// names. Missing in old indexes.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub balance: Option<Balance>,
-    /// Points of the files, not samples. Indexes that were made before anybody counted have none.
+    /// Histograms of the input's points, not of samples. Missing in old indexes.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub counts: Option<Histograms>,
 }
 
-/// Nodes and contents.
+/// Nodes and description of the input.
 #[derive(Clone, Debug, Default)]
 pub struct Directory {
-    /// Roots first.
+    /// Node records, roots first.
     pub nodes: Vec<NodeRecord>,
     pub roots: u32,
     pub contents: Contents,
 }
 
-/// The lattice that a node's `origin` and `extent` count steps of. Rounded positions lie in the middle of theirs.
+/// Returns the lattice of a node's `origin` and `extent`. Rounded positions lie at the centres of
+/// their cells.
 pub fn lattice(node: &NodeRecord, lattices: &[[DVec3; 2]]) -> Lattice {
     let [step, offset] = lattices[node.lattice as usize];
     let coarse = 2f64.powi(node.coarser as i32);
     Lattice { step: step * coarse, offset: offset + step * (coarse / 2.0).floor() }
 }
 
-/// The lattice that starts where the tree of a node does.
+/// Returns the lattice with its offset at the tree's corner.
 pub fn tree_lattice(node: &NodeRecord, lattices: &[[DVec3; 2]]) -> Lattice {
-    // Every tree has two lattices, one behind the other, that differ by nothing else.
+    // Every tree has two consecutive lattices, which differ only in their offset.
     let [step, offset] = lattices[(node.lattice as usize | 1).min(lattices.len() - 1)];
     Lattice { step, offset }
 }
 
-/// As [`Index::bounds`].
+/// Returns the world bounds of a node, as `Index::bounds`.
 pub fn bounds(node: &NodeRecord, lattices: &[[DVec3; 2]]) -> (DVec3, DVec3) {
     let lattice = lattice(node, lattices);
     let top = [0, 1, 2].map(|axis| node.origin[axis] + node.extent[axis] as i64);
@@ -303,7 +308,7 @@ pub fn bounds(node: &NodeRecord, lattices: &[[DVec3; 2]]) -> (DVec3, DVec3) {
     (a.min(b) - node.spacing, a.max(b) + node.spacing)
 }
 
-/// World positions and weights of a node's samples; `read` fills a plane's bytes.
+/// Returns world positions and weights of a node's samples; `read` fills a plane's bytes.
 pub fn samples(
     node: &NodeRecord,
     lattice: Lattice,
@@ -331,7 +336,7 @@ pub fn samples(
     Ok(cells.into_iter().zip(words).map(|(cells, weight)| (world(cells), weight)).collect())
 }
 
-/// Right-handed unit vectors.
+/// Axes of the cloud: right-handed unit vectors.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Axes(pub [DVec3; 3]);
 
@@ -342,12 +347,12 @@ impl Default for Axes {
 }
 
 impl Axes {
-    /// A vector of the world in them.
+    /// Converts a world vector to these axes.
     pub fn own(&self, v: DVec3) -> DVec3 {
         DVec3::from_array(self.0.map(|axis| axis.dot(v)))
     }
 
-    /// And back.
+    /// Converts a vector in these axes to the world.
     pub fn world(&self, v: DVec3) -> DVec3 {
         let Axes([x, y, z]) = *self;
         x * v.x + y * v.y + z * v.z
@@ -358,20 +363,21 @@ impl Axes {
     }
 }
 
-/// No exposures differ by more.
+/// Largest exposure correction [stops].
 pub const MAX_STOPS: f64 = 4.0;
 
-/// What gives all stations one exposure.
+/// Gains that give all stations one exposure.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Balance {
-    /// By number of the station, the factor on its light, 2^-4 to 2^4; 1 of one that overlaps with none.
+    /// Gain on the light of each station, 2^-4 to 2^4; 1 if it overlaps with none.
     pub gains: Vec<f64>,
-    /// Of the cells that stations share, the part where they surely differ by more than a quarter of a stop all the same: shadows, the time of day, what moves.
+    /// Share of common cells that still differ by more than a quarter of a stop: shadows, time of
+    /// day, moving objects.
     pub uneven: f64,
 }
 
 impl Balance {
-    /// Whether it may have been found.
+    /// Returns whether all values are in range.
     pub fn is_valid(&self) -> bool {
         self.gains.iter().all(|gain| gain.log2().abs() <= MAX_STOPS)
             && (0.0..=1.0).contains(&self.uneven)

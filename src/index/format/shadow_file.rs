@@ -1,11 +1,14 @@
 //! NAME.shadows: how much of a light reaches every point of an index, as a file beside it.
 //!
 //! ```text
-//! header, 4096 bytes   magic, version, which index, length, where the directory lies, CRC-32C of both
-//! marks                node by node, a byte a point: of leaves as they were cast, of inner nodes the mean of the points that a sample stands for
-//! directory            CRC-32C of every node's marks, then which light and how it was cast, as JSON
+//! header, 4096 bytes   magic, version, identity of the index, length, offset of the directory,
+//!                      CRC-32C of both
+//! shadows              node by node, a byte per point: in leaves as cast, in inner nodes the mean
+//!                      of the points that a sample stands for
+//! directory            CRC-32C of every node's shadows, then light and casting parameters, as JSON
 //! ```
-//! All integers are little-endian. The header is written last (RELIABILITY, write protocol).
+//!
+//! All integers are little-endian. The header is written last (guide: reliability).
 
 use super::mmap::Map;
 use super::schema::NodeRecord;
@@ -18,14 +21,14 @@ pub(in crate::index) const MAGIC: [u8; 8] = *b"pnsh\r\n\x1a\n";
 pub(in crate::index) const VERSION: u32 = 1;
 pub(in crate::index) const HEADER_BYTES: u64 = 4096;
 
-/// Whose marks these are.
+/// Light and casting parameters of saved shadows.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct ShadowContents {
-    /// As [`crate::view::light::Light`] is written.
+    /// The light, as text of [`crate::view::light::Light`].
     pub light: String,
-    /// The mark of a point that all of the light reaches.
+    /// Value of a fully lit point.
     pub full: u32,
-    /// How they were cast; whoever casts knows what that says.
+    /// Casting parameters, as the caster wrote them.
     pub facts: serde_json::Value,
 }
 
@@ -49,7 +52,7 @@ impl FileHeader {
     }
 }
 
-/// Where each node's marks begin, and where the last ones end.
+/// Returns the offset of each node's shadows, and their end.
 pub(in crate::index) fn offsets(nodes: &[NodeRecord]) -> Vec<u64> {
     let counts = nodes.iter().map(|node| node.count as u64);
     let ends = counts.scan(HEADER_BYTES, |end, count| {
@@ -68,7 +71,7 @@ pub(in crate::index) fn is_shadow_file(path: &Path) -> Result<bool> {
     Ok(magic == MAGIC)
 }
 
-/// SavedShadows that can be read.
+/// Saved shadows, open for reading.
 pub struct SavedShadows {
     map: Map,
     offsets: Vec<u64>,
@@ -77,7 +80,8 @@ pub struct SavedShadows {
 }
 
 impl SavedShadows {
-    /// Those of this index; checks everything but the marks, which are checked when they are read.
+    /// Opens the shadows of an index; checks everything except the shadows, which are checked when
+    /// they are read.
     pub fn open(
         path: &Path,
         index: &Path,
@@ -147,7 +151,7 @@ impl SavedShadows {
         self.map.path()
     }
 
-    /// Those of a node, all of them, and checks the copy.
+    /// Reads all shadows of a node and checks their checksum.
     pub fn read(&self, node: usize, into: &mut [u8]) -> Result<()> {
         assert_eq!(into.len() as u64, self.offsets[node + 1] - self.offsets[node], "node {node}");
         self.map.copy(self.offsets[node], into)?;

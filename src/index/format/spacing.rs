@@ -1,17 +1,19 @@
-//! One node's points in, how far apart they are out: what a pixel of them stands for on the screen.
+//! Point spacing of a node: what a pixel of its points stands for on the screen.
 //!
-//! Points are in Morton order, so that neighbours in space are, mostly, neighbours in the list: the measure is that of [`cloud::spacing`](crate::cloud::spacing), within a window of the list around every
-//! so many points. It misses some neighbours, and is a fifth more for that.
+//! Points are in Morton order, so that neighbours in space are mostly neighbours in the list: the
+//! measure is that of [`cloud::spacing`](crate::cloud::spacing) within a window of the list around
+//! sample points. It misses some neighbours, and is a fifth larger for that.
 
 use crate::cloud::spacing::{NEIGHBOURS, apart};
 use crate::config::BITS_PER_PLANE;
 use glam::DVec3;
 
-/// Points that are asked, and on either side in the list those that they may find.
+/// Sampled points, and the window on either side of them.
 const ASKED: usize = 64;
 const WINDOW: usize = 64;
 
-/// Returns it in cells of the coarsest position plane, whose words these are; 0 of a single place. Of places that were measured several times each, as most are, one point is asked.
+/// Returns the spacing [cells of the coarsest plane], given that plane's words; 0 for a single
+/// place. Of places that most points share, one point each is sampled.
 pub fn spacing(count: usize, word: impl Fn(usize) -> u32) -> f64 {
     let places: Vec<u32> = (0..count).map(word).collect();
     let mut runs: Vec<usize> = places.chunk_by(|a, b| a == b).map(<[u32]>::len).collect();

@@ -1,4 +1,4 @@
-//! An index on its way into a file: planes anywhere, then the directory, then the header.
+//! Writer of index files: planes at any place, then the directory, then the header.
 
 use super::schema::{Contents, Directory};
 use crate::atomic_file::AtomicFile;
@@ -8,7 +8,7 @@ use std::fs::File;
 use std::path::{Path, PathBuf};
 
 pub(super) const MAGIC: [u8; 8] = *b"pnti\r\n\x1a\n";
-/// The second has room for planes that are derived, the third numbers stations in 8 bits; those before are read all the same.
+/// Version 2 added derived planes, version 3 station numbers of 8 bits; older versions can be read.
 pub(super) const VERSION: u32 = 3;
 pub(super) const HEADER_BYTES: u64 = 4096;
 
@@ -33,7 +33,7 @@ impl FileHeader {
     }
 }
 
-/// An index on its way.
+/// An index being written.
 pub struct Writer {
     whole: AtomicFile,
     file: File,
@@ -51,10 +51,10 @@ impl Writer {
         Ok(Writer { whole, file, path: path.to_owned() })
     }
 
-    /// Where the first plane goes.
+    /// Offset of the first plane.
     pub const START: u64 = HEADER_BYTES;
 
-    /// Writes planes; from any thread, each its own range.
+    /// Writes planes, from any thread, each to its own range.
     pub fn put(&self, at: u64, bytes: &[u8]) -> Result<()> {
         std::os::unix::fs::FileExt::write_all_at(&self.file, bytes, at)
             .map_err(|error| Error::io("write", &self.path, error))?;
@@ -62,11 +62,11 @@ impl Writer {
         Ok(())
     }
 
-    /// Asks the system to bring a range to the disk now, so that `finish` has little left to wait for. A hint: nobody relies on it.
+    /// Starts writing a range back to the disk, so that `finish` has less to wait for. Only a hint.
     #[cfg(target_os = "linux")]
     fn start_writing_back(&self, at: u64, bytes: usize) {
         use std::os::fd::AsRawFd;
-        // SAFETY: a plain system call on an open file.
+        // SAFETY: a system call on an open file.
         unsafe {
             libc::sync_file_range(
                 self.file.as_raw_fd(),
@@ -80,18 +80,19 @@ impl Writer {
     #[cfg(not(target_os = "linux"))]
     fn start_writing_back(&self, _at: u64, _bytes: usize) {}
 
-    /// Reads back what was put.
+    /// Reads back what was written.
     pub fn get(&self, at: u64, bytes: &mut [u8]) -> Result<()> {
         std::os::unix::fs::FileExt::read_exact_at(&self.file, bytes, at)
             .map_err(|error| Error::io("read", &self.path, error))
     }
 
-    /// Directory, then to the disk, then the header, then to the disk, then the name.
+    /// Writes the directory, syncs, writes the header, syncs, and names the file. Returns its
+    /// length.
     pub fn finish(self, directory: &Directory, end: u64) -> Result<u64> {
         let records: &[u8] = bytemuck::cast_slice(&directory.nodes);
         let contents = serde_json::to_vec(&directory.contents)
             .map_err(|error| Error::Request(error.to_string()))?;
-        // JSON has no infinity, and a lattice that comes back one digit off moves every point.
+        // JSON has no infinity, and a lattice that is rounded in its last digit moves every point.
         if !serde_json::from_slice(&contents)
             .is_ok_and(|again: Contents| again == directory.contents)
         {
@@ -122,7 +123,7 @@ impl Writer {
         Ok(length)
     }
 
-    /// What was put to the disk, then the header, then that, then the name.
+    /// Syncs, writes the header, syncs, and names the file.
     pub fn close(self, header: &[u8]) -> Result<()> {
         self.file.sync_all().map_err(|error| Error::io("write", &self.path, error))?;
         self.put(0, header)?;
