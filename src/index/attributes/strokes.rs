@@ -1,12 +1,17 @@
-//! Points in, what a brush needs to know of each out: which way the surface faces, how large a stroke is, what it is part of (dos Anjos et al. 2018, sec. 3.2). Two words a point.
+//! Brush strokes: surface normal, size and cluster of every point (dos Anjos et al. 2018, sec.
+//! 3.2), as two words per point.
 //!
 //! ```text
 //! of every point, in parallel:
-//!     radius   mean distance to the nearest eight others + its standard deviation, or what closes the gap to those around: larger where points are sparse
+//!     radius   mean distance to the nearest eight others + its standard deviation, or what closes
+//!              the gap to surrounding points: larger where points are sparse
 //!     normal   of the plane through all points within three radii (`normals`)
-//! clusters of like colour, where there are colours: small ones hold detail, long ones are painted along
+//! clusters of similar colour, if there are colours: small ones hold detail, long ones are painted
+//!   along
 //! ```
-//! The words of a point depend on where it and its neighbours are, not on its number, the file's order or the threads: a stroke is the same in every frame.
+//!
+//! The words of a point depend on its position and neighbours, not on its number, the file's order
+//! or the threads: a stroke is the same in every frame.
 
 use super::clusters::{self, Cluster, NEAREST, NO_NEIGHBOUR};
 use super::knn_query::KnnQuery;
@@ -23,37 +28,40 @@ use rayon::prelude::*;
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 use std::sync::{Arc, Mutex, MutexGuard};
 
-/// No radius of a lonely point is larger than that of all but this share of the points: a bird far from everything is no barn door (HARD_CASES 21).
+/// Share of points whose radii bound that of an isolated point, so that a bird far from everything
+/// is not painted as large as a barn door (guide: numerics, case 21).
 const LONELY: f64 = 0.01;
-/// Times as large as that may be those of others, which lie as sparsely as their neighbours do. A power of two, so that radii and the upper halves of f32 are bounded alike.
+/// Factor on that bound for other points, which lie as sparsely as their neighbours. A power of
+/// two, so that radii and the upper halves of f32 are bounded alike.
 const EVEN: f64 = (1 << EVEN_POWER) as f64;
 const EVEN_POWER: u32 = 1;
-/// Clusters of fewer points hold detail, and are painted in two layers.
+/// Clusters of fewer points are detail, and painted in two layers.
 const SMALL: u64 = 48;
 
-/// What is known of a point.
+/// Stroke parameters of a point.
 #[derive(Clone, Copy, Debug)]
 pub struct Stroke {
     pub radius_m: f64,
-    /// As [`Patch::lonely`].
+    /// See [`Patch::lonely`].
     pub lonely: bool,
-    /// None where the neighbours determine no plane.
+    /// `None` if the neighbours determine no plane.
     pub plane: Option<Plane>,
     pub cluster: Cluster,
 }
 
-/// What was found of parts, kept for as long as they are: who shows other colours of them, or others beside them, need not find it again.
+/// Cache of strokes by part, so that showing other colours or more files does not compute them
+/// again.
 #[derive(Default)]
 pub struct StrokeCache(Mutex<Vec<CachedWords>>);
 
 struct CachedWords {
     key: Hash,
     words: Arc<Vec<[u32; 2]>>,
-    /// By the cloud that asks now.
+    /// Whether the current cloud has requested it.
     requested: bool,
 }
 
-/// Of all that the words of a part depend on: where its points are, and their colours.
+/// Returns the hash of all that a part's strokes depend on: positions and colours.
 fn key(columns: &Columns, lattice: &Lattice) -> Hash {
     let mut hasher = Hasher::new();
     let places = [lattice.step, lattice.offset].map(|place| place.to_array());
@@ -68,7 +76,7 @@ fn key(columns: &Columns, lattice: &Lattice) -> Hash {
 }
 
 impl StrokeCache {
-    /// The words of every point, in the order of the columns.
+    /// Returns the words of every point, in the order of the columns.
     pub fn of(
         &self,
         columns: &Columns,
@@ -85,7 +93,7 @@ impl StrokeCache {
         Ok(words)
     }
 
-    /// Forgets what was not asked for since this was said last.
+    /// Drops what has not been requested since the last call.
     pub fn retain_requested(&self) {
         let mut all = self.all();
         all.retain(|kept| kept.requested);
@@ -97,7 +105,7 @@ impl StrokeCache {
     }
 }
 
-/// The words of every point, in the order of the columns.
+/// Returns the words of every point, in the order of the columns.
 pub fn words(
     columns: &Columns,
     lattice: &Lattice,
@@ -111,7 +119,7 @@ pub fn words(
         .collect())
 }
 
-/// Of every point, in the order of the columns.
+/// Computes the strokes of all points, in the order of the columns.
 pub fn strokes(
     columns: &Columns,
     lattice: &Lattice,
@@ -146,7 +154,7 @@ pub fn strokes(
     });
     let cluster = |place: usize| match &clusters {
         Some(clusters) => clusters.clusters[clusters.of[place] as usize],
-        // Without colours nothing says what belongs together: one cluster of everything, of no shape.
+        // Without colours there is one cluster of all points, without shape.
         None => Cluster { points: total, elongation: 1.0 },
     };
     let mut places = vec![0; tree.len()];
@@ -159,8 +167,9 @@ pub fn strokes(
     Ok(places.par_iter().map(stroke).collect())
 }
 
-/// The words of a node of an index, which is looked at by itself, and the bytes read. An inner node's points stand for its children's, and lie as much farther apart as they are fewer: its strokes are
-/// larger, and cover the same surface.
+/// Returns the words of a node, computed from its own samples alone, and the bytes read. Samples of
+/// an inner node are as much farther apart as they are fewer, so that their strokes are larger and
+/// cover the same surface.
 pub fn of_node(index: &Index, node: usize) -> Result<(Vec<[u32; 2]>, u64)> {
     let record = &index.nodes()[node];
     let count = record.count as usize;
@@ -187,13 +196,13 @@ pub fn of_node(index: &Index, node: usize) -> Result<(Vec<[u32; 2]>, u64)> {
     }
     let found = strokes(&columns, &index.lattice(record), &Silent)?;
     let at = |i: usize| [columns.x[i], columns.y[i], columns.z[i]];
-    // Where it is in the whole cloud, which is the same in whatever node it is.
+    // Position in the whole cloud, independent of the node.
     let whole =
         |i: usize| std::array::from_fn(|axis| (record.origin[axis] + at(i)[axis] as i64) as i32);
     Ok((found.iter().enumerate().map(|(i, stroke)| stroke.words(whole(i))).collect(), read))
 }
 
-/// Of so many radii in order, the number of the largest that strokes may have.
+/// Returns the rank of the largest allowed radius among sorted radii.
 pub fn rank(points: u64) -> u64 {
     (points as f64 * (1.0 - LONELY)) as u64
 }
@@ -206,28 +215,32 @@ fn cap(mut radii: Vec<f64>) -> f64 {
     *radii.select_nth_unstable_by(rank, f64::total_cmp).1
 }
 
-/// Of the words' parts, as in glsl/lib/stroke.glsl.
+/// Bit layout of the words, as in glsl/lib/stroke.glsl.
 const SEED_SHIFT: u32 = 24;
 const RADIUS_BITS: u32 = 0xFFFF_0000;
-/// Of an f32's upper half.
+/// Shift of the exponent in an f32's upper half.
 const EXPONENT_SHIFT: u32 = 7;
 const ANGLE_SHIFT: u32 = 8;
 const SMALL_BIT: u32 = 1 << 7;
 const LONELY_BIT: u32 = 1 << 6;
-/// Elongations beyond 1, in steps of an eighth.
+/// Steps per unit of elongation beyond 1.
 const ELONGATION_STEPS: f64 = 8.0;
 const LONGEST: u32 = 31;
 
 impl Stroke {
-    /// What a point at these lattice steps brings to the device:
-    ///   facing   the normal on an octahedron, in 24 bits (`octahedral`); eight bits that look random, for the brush
-    ///   brush    radius, the upper half of an f32; where the points spread most, 256ths of a half turn from the normal's own tangent; the cluster: small or not, and how long; whether the point is lonely
+    /// Returns the words of a point at these lattice steps:
+    ///
+    /// - facing: the normal on an octahedron, in 24 bits (`octahedral`); eight pseudo-random bits
+    ///   for the brush
+    /// - brush: radius, as the upper half of an f32; direction of largest spread, in 256ths of a
+    ///   half turn from the normal's tangent; the cluster: small or not, and its elongation;
+    ///   whether the point is isolated
     pub fn words(&self, at: [i32; 3]) -> [u32; 2] {
         let normal = self.plane.map_or(octahedral::UNKNOWN, |plane| octahedral::pack(plane.normal));
         [seeded(normal, at), self.brush(normal)]
     }
 
-    /// The second of them, for a normal as it is stored: the plane's own, or another that is better known.
+    /// Returns the brush word for a normal as stored: the plane's own, or a better one.
     pub fn brush(&self, normal: u32) -> u32 {
         let (small, long) =
             (self.cluster.points < SMALL, (self.cluster.elongation - 1.0) * ELONGATION_STEPS);
@@ -242,31 +255,32 @@ impl Stroke {
     }
 }
 
-/// Rounded up, so that no gap opens.
+/// Rounds a radius up, so that no gap opens.
 fn radius_bits(radius_m: f64) -> u32 {
     (radius_m as f32).to_bits().saturating_add(!RADIUS_BITS) & RADIUS_BITS
 }
 
-/// Of a brush's word.
+/// Returns the radius of a brush word [m].
 pub fn radius_m(brush: u32) -> f32 {
     f32::from_bits(brush & RADIUS_BITS)
 }
 
-/// The same brush with a radius of at most so much where its point is lonely, and of a few times as much where it is not, in its upper half's own numbers.
+/// Limits a brush's radius to `largest`, in units of an f32's upper half, for isolated points, and
+/// to EVEN times that for others.
 pub fn capped(brush: u32, largest: u32) -> u32 {
     let most =
         if brush & LONELY_BIT == 0 { largest + (EVEN_POWER << EXPONENT_SHIFT) } else { largest };
     (brush >> 16).min(most) << 16 | brush & !RADIUS_BITS
 }
 
-/// From the tangent of a normal as it is stored, 256ths of a half turn.
+/// Returns the angle of `along` from the tangent of a stored normal [256ths of a half turn].
 fn angle(normal: DVec3, along: DVec3) -> u32 {
     let (tangent, bitangent) = householder(normal);
     let turns = along.dot(bitangent).atan2(along.dot(tangent)) / std::f64::consts::PI;
     (turns * 256.0).round().rem_euclid(256.0) as u32
 }
 
-/// A brush with another radius and another normal than the one it was found with, along the same way.
+/// Returns a brush with another radius and normal, along the same direction.
 pub fn turned(brush: u32, from: u32, to: u32, radius_m: f64) -> u32 {
     let turn = octahedral::unpack(from).zip(octahedral::unpack(to)).map_or(0, |(from, to)| {
         let (tangent, bitangent) = householder(from);
@@ -277,7 +291,8 @@ pub fn turned(brush: u32, from: u32, to: u32, radius_m: f64) -> u32 {
     radius_bits(radius_m) | turn << ANGLE_SHIFT | brush & 0xFF
 }
 
-/// Tangent and bitangent of a unit normal (papers/README.md, dos Anjos; HARD_CASES 19).
+/// Returns tangent and bitangent of a unit normal (dos Anjos et al. 2018, see guide: papers; guide:
+/// numerics, case 19).
 pub fn householder(n: DVec3) -> (DVec3, DVec3) {
     let lateral = n.y * n.y + n.z * n.z;
     if lateral == 0.0 && n.x < 0.0 {
@@ -290,12 +305,12 @@ pub fn householder(n: DVec3) -> (DVec3, DVec3) {
     )
 }
 
-/// A normal's word with the bits that look random, of a point at these lattice steps.
+/// Adds the pseudo-random bits of a point at these lattice steps to a normal's word.
 pub fn seeded(facing: u32, at: [i32; 3]) -> u32 {
     facing | (scatter(at, facing) & 0xFF) << SEED_SHIFT
 }
 
-/// A number that looks random, of a place and a normal (the finaliser of SplitMix64, Steele et al. 2014).
+/// Hashes a position and a normal (the finaliser of SplitMix64, Steele et al. 2014).
 fn scatter(at: [i32; 3], facing: u32) -> u32 {
     let [x, y, z] = at.map(|steps| steps as u32 as u64);
     let mut h = x ^ y.rotate_left(21) ^ z.rotate_left(42) ^ (facing as u64).rotate_left(11);
@@ -309,7 +324,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_was_found_is_found_again_until_the_points_or_nobody_asks_for_them() {
+    fn cached_strokes_are_reused_until_points_change_or_are_not_requested() {
         let columns = |moved: i32| Columns {
             x: (0..5000).map(|i| i % 71).collect(),
             y: (0..5000).map(|i| i / 71).collect(),

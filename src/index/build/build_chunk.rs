@@ -1,14 +1,18 @@
-//! One chunk's records in, its nodes out: leaves, and the inner nodes above them as far as the chunk reaches.
+//! Builds the nodes of one chunk: leaves, and the inner nodes above them within the chunk.
 //!
 //! ```text
-//! sort the records by Morton code, a bucket at a time                                             (`sort`)
+//! sort the records by Morton code, a bucket at a time (`morton_sort`)
 //! grow(cell of the kd-tree: a run of the order):
-//!   at most M points: a leaf, and one of their strays            (one step wide with more, which cannot be split: several leaves; HARD_CASES 27)
-//!   else the cell's halves differ in one bit of the code: grow both, and put their open nodes together
-//!   once the open nodes hold G samples, `merge` makes a parent of them, which is then the only open node
+//!   at most M points: a leaf, and one of their strays (a cell one step wide with more cannot be
+//!     split: several leaves; guide: numerics, case 27)
+//!   else the cell's halves differ in one bit of the code: grow both, and join their open nodes
+//!   once the open nodes hold G samples, `merge` makes a parent of them, the only open node left
 //! ```
-//! The tree is the binary one of Pintus, section 7, but only cells that gather enough samples get a node: with G = 4 M inner nodes cost about a sixth of the
-//! leaves' bytes, where a node in every cell would cost as much again. Which cells get one depends on the points alone, not on chunks, threads or memory.
+//!
+//! The tree is the binary one of Pintus, section 7 (guide: papers), but only cells with enough
+//! samples get a node: with G = 4 M inner nodes cost about a sixth of the leaves' bytes, where a
+//! node in every cell would cost as much again. Which cells get one depends on the points alone,
+//! not on chunks, threads or memory.
 
 use super::morton_sort::RadixSorter;
 use super::point_record::{Colors, Layout};
@@ -24,27 +28,27 @@ use crate::index::format::samples::{DerivedColumns, DerivedPlanes, Samples};
 use glam::DVec3;
 use std::sync::Arc;
 
-/// OpenNode nodes with so many samples between them get a parent.
+/// Samples of open nodes that make a parent.
 const PARENT_SAMPLES: u64 = 4 * POINTS_PER_PAGE as u64;
 
-/// What all nodes of one tree have in common.
+/// Properties of all nodes of a tree.
 pub struct TreeSpec {
-    /// The columns that nodes keep.
+    /// Columns that nodes store.
     pub has: ColumnSet,
-    /// And those that they have room for.
+    /// Derived planes that nodes have room for.
     pub derive: DerivedPlanes,
-    /// Where the tree's lattice starts, in steps of the file's.
+    /// Corner of the tree's lattice, in steps of the file's.
     pub corner: [i64; 3],
     /// The tree's cube is 2^bits steps wide.
     pub bits: u32,
     pub lattice: Lattice,
-    /// Of the file's lattice; the next is the one that rounded positions lie on.
+    /// Number of the file's lattice; the next is that of rounded positions.
     pub lattice_number: u16,
-    /// Of the stations, where they are known.
+    /// Exposure gains of the stations, if known.
     pub gains: Option<Arc<Gains>>,
 }
 
-/// And what its points come as.
+/// Properties of a tree, and the layout of its points.
 pub struct TreeLayout {
     pub kind: TreeSpec,
     pub layout: Layout,
@@ -56,19 +60,19 @@ pub struct BuiltNode {
     pub children: Vec<u32>,
 }
 
-/// A node without a parent yet, and its samples where they are still at hand.
+/// A node without a parent yet, with its samples if they are in memory.
 pub struct OpenNode {
     pub node: u32,
     pub count: u32,
     pub samples: Option<Samples>,
 }
 
-/// Whether nodes that are open in one cell of the kd-tree are enough for a parent.
+/// Returns whether the open nodes of a cell are enough for a parent.
 pub fn has_enough_samples(open: &[OpenNode]) -> bool {
     open.len() > 1 && open.iter().map(|open| open.count as u64).sum::<u64>() >= PARENT_SAMPLES
 }
 
-/// Nodes numbered from 0, their planes from byte 0.
+/// A built chunk: nodes numbered from 0, planes from byte 0.
 #[derive(Default)]
 pub struct GrownChunk {
     pub planes: Vec<u8>,
@@ -76,21 +80,22 @@ pub struct GrownChunk {
     pub open: Vec<OpenNode>,
 }
 
-/// What a thread keeps from chunk to chunk.
+/// Memory that a thread reuses for every chunk.
 #[derive(Default)]
 pub struct Worker {
     sorter: RadixSorter,
-    /// Of the chunk, bucket by bucket, and their order.
+    /// Records of the chunk, bucket by bucket, and their order.
     records: Vec<u8>,
     order: Vec<u32>,
-    /// How often each intensity occurs.
+    /// Histogram of intensities.
     pub intensities: Vec<u64>,
-    /// Of a chunk that has been written: memory that is used again costs nothing to get.
+    /// Planes of a chunk that has been written: reused memory costs nothing to get.
     pub planes: Vec<u8>,
 }
 
 impl Worker {
-    /// Grows one chunk: `depth` bits of the code are decided, and the buckets' points lie in that cell, in Morton order of the buckets. `colors` are those of every part.
+    /// Builds one chunk: `depth` bits of the code are decided, and the buckets' points lie in that
+    /// cell, in Morton order of the buckets. `colors` are those of every part.
     pub fn grow(
         &mut self,
         tree: &TreeLayout,
@@ -138,7 +143,7 @@ struct Growth<'a, S> {
 }
 
 impl<S: Fn(u16, u16) -> u16> Growth<'_, S> {
-    /// The open nodes of a cell that leaves `left` bits of the code open.
+    /// Returns the open nodes of a cell that leaves `left` bits of the code open.
     fn grow(&mut self, order: &[u32], left: u32) -> Vec<OpenNode> {
         if order.is_empty() {
             return Vec::new();
@@ -168,7 +173,7 @@ impl<S: Fn(u16, u16) -> u16> Growth<'_, S> {
         if joined { self.parent(open) } else { open }
     }
 
-    /// Makes a leaf, and where some of its points are strays another one of these: else they would decide how wide it is.
+    /// Makes a leaf, and another one of strays, which would otherwise decide its width.
     fn leaves(&mut self, order: &[u32]) -> Vec<OpenNode> {
         let samples = self.read(order);
         let place = |i: usize| DVec3::from_array(samples.q[i].map(f64::from));
@@ -224,8 +229,8 @@ impl<S: Fn(u16, u16) -> u16> Growth<'_, S> {
     }
 }
 
-/// The parent of open nodes whose samples are `parts`: its record with its planes appended, and its samples as the planes hold them. `spacing` is that of
-/// a node.
+/// Makes the parent of open nodes with the samples `parts`. Returns its record, with its planes
+/// appended, and its samples as the planes hold them. `spacing` returns that of a node.
 pub fn parent(
     kind: &TreeSpec,
     open: &[OpenNode],
@@ -240,8 +245,8 @@ pub fn parent(
     let widest = |axis: usize| {
         kind.lattice.step[axis].abs() * 2f64.powi(morton::axis_bits(dropped)[axis] as i32)
     };
-    // Beside sparse children a dense one may have been merged further than all of them together need: it is not finer here. And an index with an infinite
-    // number would be refused.
+    // A dense child beside sparse ones may have been merged further than all of them need: the
+    // parent is not finer. And an index with an infinite number would be refused.
     let own = widest(0).max(widest(1)).max(widest(2)).min(f64::MAX);
     record.spacing = open.iter().fold(own, |coarsest, open| coarsest.max(spacing(open.node)));
     (BuiltNode { record, children: open.iter().map(|open| open.node).collect() }, samples)

@@ -1,4 +1,4 @@
-//! What all steps of a build work on, and how it is to be built.
+//! Options of a build, and the state that all its steps share.
 
 use super::build_chunk::BuiltNode;
 use super::point_record::Colors;
@@ -16,30 +16,30 @@ use crate::progress::Progress;
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex};
 
-/// How to build.
+/// Options of a build.
 #[derive(Clone, Copy, Debug)]
 pub struct Options {
-    /// Bytes, beside the program itself.
+    /// Memory limit beside the program itself [bytes].
     pub memory: u64,
     pub threads: usize,
     pub wanted: ColumnSet,
-    /// Refuse files that are cut off or lie, instead of indexing what is readable.
+    /// Whether truncated or inconsistent files are errors, instead of indexing what is readable.
     pub strict: bool,
-    /// How text files are read.
+    /// Options of text files.
     pub text: TextOptions,
-    /// As [`ReadOptions::rgb_range`].
+    /// See [`ReadOptions::rgb_range`].
     pub rgb_range: Option<RgbRange>,
-    /// What is found out of the points beside what the files say.
+    /// Planes to derive.
     pub derive: DerivedPlanes,
 }
 
 impl Options {
-    /// As `index` does it when nothing is asked for but how to read.
+    /// Returns default options with these read options.
     pub fn reading(read: &ReadOptions) -> Options {
         Options { text: read.text, rgb_range: read.rgb_range, ..Options::usual(read.strict) }
     }
 
-    /// As `index` does it when nothing is asked for.
+    /// Returns the default options of `index`.
     pub fn usual(strict: bool) -> Options {
         let threads = std::thread::available_parallelism().map_or(1, usize::from);
         let wanted = ColumnSet { gps_time: false, ..ColumnSet::ALL };
@@ -56,23 +56,24 @@ impl Options {
 }
 
 impl Options {
-    /// The most points that a chunk may have.
+    /// Returns the most points of a chunk.
     pub(super) fn chunk_points(&self) -> u64 {
         let points = self.memory / 4 / self.threads as u64 / CHUNK_BYTES_PER_POINT;
         points.clamp(*CHUNK_POINTS.start(), *CHUNK_POINTS.end())
     }
 
-    /// What buckets may take: what growing chunks leaves, and where memory is short a good part of it.
+    /// Returns the memory for buckets: what building chunks leaves, or a good part of the total if
+    /// memory is short [bytes].
     pub(super) fn bucket_bytes(&self) -> u64 {
         let chunks = 2 * self.threads as u64 * self.chunk_points() * CHUNK_BYTES_PER_POINT + BESIDE;
         self.memory.saturating_sub(chunks).max(self.memory * 3 / 8)
     }
 }
 
-/// Bytes that a thread needs for each point of the chunk it grows: record, sorting, planes.
+/// Bytes per point of a chunk that a thread needs: record, sorting, planes.
 const CHUNK_BYTES_PER_POINT: u64 = 96;
 
-/// The program, what readers hold, what waits to be written.
+/// Memory of the program, readers, and planes to be written [bytes].
 const BESIDE: u64 = 192 << 20;
 const CHUNK_POINTS: std::ops::RangeInclusive<u64> = (1 << 17)..=(1 << 19);
 
@@ -83,20 +84,20 @@ pub(super) struct Builder<'a> {
     pub writer: &'a Writer,
     pub spill: &'a Spill,
     pub contents: Contents,
-    /// By the numbers of their sources.
+    /// Parts by source number.
     pub parts: Vec<Option<IndexedPart>>,
     pub colors: Vec<Colors>,
     pub intensities: Vec<u64>,
     pub tally: Tally,
-    /// Of the planes written so far.
+    /// End of the planes written so far.
     pub end: u64,
     pub nodes: Vec<BuiltNode>,
     pub roots: Vec<u32>,
-    /// The same of trees of strays.
+    /// Roots of trees of strays.
     pub far_roots: Vec<u32>,
-    /// Of every lattice, where its tree starts, steps.
+    /// Corner of the tree of every lattice [steps].
     pub corners: Vec<[i64; 3]>,
-    /// Of the stations, by part and source.
+    /// Station numbers by part and source.
     pub numbers: BTreeMap<(u16, u16), u16>,
     pub gains: Option<Arc<Gains>>,
 }

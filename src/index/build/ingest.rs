@@ -1,4 +1,5 @@
-//! Files in, chunks of points that lie together out, the stations that they are of, and what gives those one exposure: all that is known before the first node is grown.
+//! Reads files into chunks of neighbouring points, and finds stations and their exposure gains: all
+//! that is known before the first node is built.
 
 use super::build_chunk::{TreeLayout, TreeSpec};
 use super::builder::{Builder, lock};
@@ -20,11 +21,11 @@ use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 /// Sources on one lattice.
 pub struct Group {
     lattice: Lattice,
-    /// Number of the source, and what to add to its coordinates.
+    /// Source numbers, and offsets of their coordinates.
     members: Vec<(usize, [i64; 3])>,
 }
 
-/// Sources go together where steps are equal and offsets differ by whole steps, to a thousandth of one.
+/// Groups sources with equal steps whose offsets differ by whole steps, to a thousandth of one.
 pub fn group(sources: &[Source]) -> Vec<Group> {
     let mut groups: Vec<Group> = Vec::new();
     for (number, source) in sources.iter().enumerate() {
@@ -45,33 +46,34 @@ pub fn group(sources: &[Source]) -> Vec<Group> {
     groups
 }
 
-/// What distributing a group found.
+/// A distributed group.
 pub struct Ingested {
     group: Group,
     pub tree: TreeLayout,
     pub chunks: Vec<Chunk>,
     pub points: u64,
-    /// Points of every part and source.
+    /// Points by part and source.
     stations: BTreeMap<(u16, u16), u64>,
 }
 
 impl Ingested {
-    /// Says whether its points lie far outside of all others.
+    /// Returns whether its points are strays.
     pub fn is_of_strays(&self, sources: &[Source]) -> bool {
         self.group.members.iter().all(|&(number, _)| sources[number].header().strays)
     }
 }
 
-/// Points of one kd-cell, few enough to be grown at once.
+/// Points of one kd-cell, few enough to be built at once.
 pub struct Chunk {
-    /// Bits of the code that the cell decides, and their value.
+    /// Number and value of the code bits that the cell decides.
     pub depth: u32,
     pub prefix: u128,
     pub buckets: Vec<Bucket>,
 }
 
 impl Builder<'_> {
-    /// All points of a group into a grid of buckets, within the stated box; where points lie outside of it, again within their own.
+    /// Distributes all points of a group to a grid of buckets within the stated box; if points lie
+    /// outside, again within their own box.
     pub fn ingest(&mut self, group: Group) -> Result<Ingested> {
         let union = |boxes: &mut dyn Iterator<Item = ([[i32; 3]; 2], [i64; 3])>| {
             boxes.fold(([i64::MAX; 3], [i64::MIN; 3]), |(low, high), (own, shift)| {
@@ -89,7 +91,7 @@ impl Builder<'_> {
         let has = group.members.iter().fold(ColumnSet::default(), |has, &(number, _)| {
             has.and(self.sources[number].available())
         });
-        // Several stations need a number a point, even where no file names them.
+        // Several stations need a number per point, even if no file names them.
         let has = ColumnSet {
             source: has.source || group.members.len() > 1 || self.sources.len() > 1,
             ..has
@@ -104,7 +106,7 @@ impl Builder<'_> {
                 .unwrap_or(0) as u64;
             let bits = (64 - extent.leading_zeros()).max(1);
             if bits > 32 && !is_true {
-                // Headers that lie: no box, which all points lie outside of, until their own is known.
+                // Wrong headers: an empty box, which no point lies in, until the true one is known.
                 cube = union(&mut std::iter::empty());
                 continue;
             }
@@ -198,7 +200,7 @@ impl Builder<'_> {
             self.tally.join(&lock(&tally));
             worlds.into_iter().for_each(|own| self.widen(own));
             let lattice_number = self.lattice(&group.lattice, corner)?;
-            // Colours that are all black are none, which only the points can tell.
+            // All-black colours count as none, which only the points can tell.
             let has = ColumnSet { rgb: found.rgb, ..has };
             // Without colours there is no luminance.
             let derive = DerivedPlanes {
@@ -230,10 +232,10 @@ impl Builder<'_> {
         }
     }
 
-    /// Numbers the lattice of a tree that starts at a corner, and the next one, which starts there.
+    /// Adds the lattice of a tree, and the one that starts at its corner. Returns the first number.
     pub fn lattice(&mut self, lattice: &Lattice, corner: [i64; 3]) -> Result<u16> {
         let number = self.contents.lattices.len();
-        // Two more are for what trees have in common.
+        // Two more are reserved for nodes above several trees.
         if number + 4 > 1 << 16 {
             return Err(Error::Request(format!(
                 "files on more than {} different lattices are more than one index takes",
@@ -250,7 +252,7 @@ impl Builder<'_> {
     fn part(&mut self, number: usize, group: &Group, streamed: &stream::Streamed) {
         let source = &self.sources[number];
         let mut header = source.header().clone();
-        // A note has said what is wrong about bounds that are no numbers.
+        // A note has reported bounds that are not finite.
         header.bounds.take_if(|corners| !corners.as_flattened().iter().all(|v| v.is_finite()));
         self.parts[number] = Some(IndexedPart {
             path: source.path().to_owned(),
@@ -272,7 +274,7 @@ impl Builder<'_> {
         );
     }
 
-    /// Numbers the stations, those of one part after those of the other.
+    /// Numbers the stations, part by part.
     pub fn stations(&mut self, trees: &[Ingested]) -> Result<()> {
         let all: BTreeMap<(u16, u16), u64> = trees
             .iter()
@@ -304,7 +306,8 @@ impl Builder<'_> {
         Ok(())
     }
 
-    /// The number of the station of a part and a source; who asks for many asks for the same one again and again.
+    /// Returns a function that numbers the station of a part and a source; repeated requests are
+    /// cached.
     pub fn numbered(&self) -> impl Fn(u16, u16) -> u16 {
         let last = std::cell::Cell::new(((u16::MAX, u16::MAX), 0));
         move |part: u16, source: u16| {
@@ -315,12 +318,13 @@ impl Builder<'_> {
         }
     }
 
-    /// What gives all stations one exposure, where that can be known.
+    /// Finds the exposure gains of the stations, if possible.
     pub fn balance(&self, trees: &[Ingested]) -> Result<Option<Balance>> {
         let Contents { stations, points, bounds, .. } = &self.contents;
         let Some([low, high]) = bounds.filter(|_| stations.len() > 1) else { return Ok(None) };
         let sample = exposure::Sample::new((low, high), *points);
-        // As files count, so that points are where they are in a cloud in memory, to the last bit.
+        // On the files' own lattices, so that points are bit-identical to those of a cloud in
+        // memory.
         let mut own: Vec<_> =
             self.sources.iter().map(|source| (source.lattice(), [0; 3])).collect();
         for Ingested { group, tree: TreeLayout { kind, layout }, chunks, .. } in
@@ -355,7 +359,8 @@ impl Builder<'_> {
     }
 }
 
-/// Cuts a grid's buckets into chunks, in Morton order. The grid covers the cell that `depth` bits of the code with the value `prefix` decide.
+/// Cuts a grid's buckets into chunks, in Morton order. The grid covers the cell decided by `depth`
+/// bits of the code with the value `prefix`.
 fn cut(grid: Grid, depth: u32, prefix: u128, limit: u64, chunks: &mut Vec<Chunk>) {
     let levels = grid.levels;
     let (points, buckets): (Vec<u64>, Vec<spill_bucket::Contents>) =
@@ -389,7 +394,8 @@ fn cut(grid: Grid, depth: u32, prefix: u128, limit: u64, chunks: &mut Vec<Chunk>
     }
 }
 
-/// The largest runs of cells with at most `limit` points, or single cells, that cover all occupied ones.
+/// Finds the largest runs of cells with at most `limit` points, or single cells, that cover all
+/// occupied ones.
 fn largest(
     starts: &[u64],
     cells: std::ops::Range<usize>,

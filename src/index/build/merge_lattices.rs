@@ -1,11 +1,14 @@
-//! Trees on lattices of their own in, what stands above them out: one lattice for all, and which of them get a parent together.
+//! Common nodes above trees on different lattices: one lattice for all, and which trees get a
+//! parent together.
 //!
-//! Leaves stay on the lattices of their files, to the last bit. Above the trees nothing is exact: samples are means of many points. So there a lattice will do that spans all of
-//! the cloud in 2^30 steps, finer than anything that is drawn from so far away, and whatever stands above the trees is made as inner nodes are. Without it a view of a thousand files
-//! that were each given an offset of their own shows a thousand roots, however small it is.
+//! Leaves stay on the lattices of their files, to the last bit. Above the trees nothing is exact,
+//! since samples are means of many points: a lattice that spans the cloud in 2^30 steps is finer
+//! than anything drawn from so far away. Without common nodes, a view of a thousand files with
+//! different offsets shows a thousand roots, however small it is.
 //!
 //! ```text
-//! roots in the Morton order of the middles of their boxes; as many of them, one after the other, as hold G samples get a parent; the same of those parents, until there is one
+//! roots in the Morton order of their boxes' centres; consecutive ones that hold G samples together
+//! get a parent; the same for those parents, until there is one
 //! ```
 
 use super::build_chunk::{self, OpenNode, TreeSpec};
@@ -16,25 +19,27 @@ use crate::index::format::samples::{Cell, DerivedPlanes};
 use crate::index::format::schema::{self, Contents, NodeRecord, Plane};
 use glam::DVec3;
 
-/// Steps of the common lattice, as a power of two: samples of all of the cloud fit their planes.
+/// Bits of the common lattice: samples of the whole cloud fit their planes.
 const BITS: u32 = BITS_PER_PLANE * POSITION_PLANES;
 
-/// What nodes above these roots are like, but for the number of their lattice and what their stations have in common, and the order of the roots; none where there is one root, or where no lattice of finite numbers holds them all.
+/// Returns the properties of nodes above these roots, except the number of their lattice and the
+/// gains, and the order of the roots. `None` if there is one root, or if no finite lattice holds
+/// them all.
 pub fn over(
     roots: &[&NodeRecord],
     contents: &Contents,
     derive: DerivedPlanes,
 ) -> Option<(TreeSpec, Vec<usize>)> {
-    // Without what lies far outside, which has roots of its own.
+    // Without strays, which have roots of their own.
     let boxes = || roots.iter().map(|root| schema::bounds(root, &contents.lattices));
     let (low, high) = boxes()
         .reduce(|(low, high), (a, b)| (low.min(a), high.max(b)))
         .filter(|_| roots.len() > 1)?;
     let widest =
         contents.lattices.iter().map(|[step, _]| step.abs().max_element()).fold(0.0, f64::max);
-    // Without an extent of its own a cloud has at least a step of its files.
+    // A cloud without extent is at least a step of its files wide.
     let side = (high - low).max_element().max(widest);
-    // A step more than the cloud is wide, so that what is rounded up is still below 2^30.
+    // A step more than the cloud is wide, so that values rounded up are still below 2^30.
     let step = side / ((1u64 << BITS) - 2) as f64;
     if !step.is_normal() || !(low.abs().max(high.abs()) + side).is_finite() {
         return None;
@@ -57,7 +62,7 @@ pub fn over(
         normal: some(Plane::Normal),
         gps_time: some(Plane::GpsTime),
     };
-    // Nobody knows the luminance of what has no colours.
+    // Without colours there is no luminance.
     let derive = DerivedPlanes {
         luminance: derive.luminance && roots.iter().all(|root| root.has(Plane::Corrected)),
         ..derive
@@ -76,7 +81,7 @@ pub fn over(
     ))
 }
 
-/// OpenNode nodes, in their order, that are to get a parent together.
+/// Groups open nodes, in their order, that get a parent together.
 pub fn lists(open: Vec<OpenNode>) -> Vec<Vec<OpenNode>> {
     let mut lists: Vec<Vec<OpenNode>> = vec![Vec::new()];
     for open in open {

@@ -1,21 +1,28 @@
-//! FILES -> NAME.pnti, out of core, on all cores, in bounded memory.
+//! Builds NAME.pnti from files, out of core, on all cores, in bounded memory.
 //!
 //! ```text
-//! files whose lattices agree become one tree; others become trees of their own: no point is moved
+//! files whose lattices agree form one tree; others form trees of their own: no point is moved
 //! of every tree:
-//!   distribute the points to a grid of buckets over the stated box        (`bucket`; a header that lies about its box costs a second pass)
+//!   distribute the points to a grid of buckets over the stated box (`spill_bucket`; a header with
+//!     a wrong box costs a second pass)
 //!   cut the grid into chunks, the largest kd-cells with at most C points
-//! number the stations; what gives all of them one exposure, from some of the points          (`exposure`), before any colours of several stations are merged
+//! number the stations; find their exposure gains from a sample of points (`exposure`), before
+//!   colours of several stations are merged
 //! of every tree:
-//!   grow every chunk, on all cores: leaves and inner nodes                (`grow`); write in the order of the chunks
-//!   above the chunks, from the deepest kd-level up: bring open nodes of sibling cells together, give them parents, read samples back from the file
-//! above the trees, where there are several: what they have in common, on a lattice of their own                                              (`unite`)
+//!   build every chunk, on all cores: leaves and inner nodes (`build_chunk`); write them in order
+//!   above the chunks, from the deepest kd-level up: join open nodes of sibling cells, make their
+//!     parents, read samples back from the file
+//! above several trees: common nodes, on a lattice of their own (`merge_lattices`)
 //! number the nodes, roots first, siblings side by side
-//! derive what depends on the points around, if it is asked for                                                            (`derive`)
-//! directory; header                                                                                                       (`file`)
+//! derive what depends on neighbours, if requested (`attributes::derive`)
+//! directory; header (`format`)
 //! ```
-//! The input is read once, so that decoding LAZ is paid for once. Chunks are cells of the same kd-tree whatever their size, so the same files give the
-//! same nodes with any number of threads and any memory; only where in the file they lie depends on the chunks' size.
+//!
+//! The input is read once, so that LAZ is decoded once. Chunks are cells of the same kd-tree
+//! whatever their size, so that the same files give the same nodes with any number of threads and
+//! any memory; only their places in the file depend on the chunk size.
+//!
+//! In memory, `partition` cuts a part into nodes, and `pack` packs a node for the GPU.
 
 mod build_chunk;
 mod builder;
@@ -52,30 +59,31 @@ use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
 use std::sync::{Arc, Condvar, Mutex};
 use std::time::Instant;
 
-/// What became of it.
+/// Summary of a build.
 #[derive(Clone, Debug, Default, serde::Serialize, serde::Deserialize)]
 pub struct Summary {
     pub points: u64,
     pub nodes: usize,
     pub leaves: usize,
-    /// Of the whole file.
+    /// Length of the file.
     pub bytes: u64,
-    /// Of position, colour, intensity, class and weight, over all nodes.
+    /// Bytes of position, colour, intensity, class and weight, over all nodes.
     pub core_bytes: u64,
     pub spilled_bytes: u64,
     pub seconds: f64,
-    /// Of these, until all points were read and distributed.
+    /// Seconds until all points were read and distributed.
     pub read_seconds: f64,
-    /// And those that deriving took.
+    /// Seconds of deriving.
     pub derive_seconds: f64,
-    /// Memory that grows with the cloud, beyond `Options::memory`: nodes' records are held until all are known.
+    /// Memory that grows with the cloud, beyond `Options::memory`: node records are held until all
+    /// are known.
     pub held_bytes_per_point: f64,
-    /// The most memory that this process has used so far, where the system tells (Linux).
+    /// Peak memory of this process so far [MiB], on Linux.
     pub peak_mib: f64,
     pub notes: Vec<String>,
 }
 
-/// A node as it was built, then as the directory has it, with its numbers in between.
+/// A built node, then its record, with its number in between.
 const HELD_BYTES_PER_NODE: usize = size_of::<BuiltNode>() + size_of::<NodeRecord>() + 16;
 
 pub fn build(
@@ -134,7 +142,7 @@ pub fn build(
             builder.contents.balance.as_ref().map(|balance| Arc::new(Gains::new(balance)));
         trees.into_iter().try_for_each(|tree| builder.tree(tree))?;
         builder.unite()?;
-        // What lies far outside has no parent in common with the others: it would show them as one place.
+        // Strays have no parent in common with the others, which would show them as one place.
         builder.roots.append(&mut builder.far_roots);
         let Builder { mut contents, parts, nodes, roots, end, intensities, tally, corners, .. } =
             builder;
@@ -170,7 +178,7 @@ pub fn build(
     })
 }
 
-/// "VmHWM" of /proc/self/status.
+/// Returns "VmHWM" of /proc/self/status [MiB].
 fn peak_mib() -> f64 {
     let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
     let kib = status.lines().find_map(|line| {
@@ -186,7 +194,7 @@ fn core_bytes(node: &NodeRecord) -> u64 {
 }
 
 impl Builder<'_> {
-    /// Grows and writes one group's tree.
+    /// Builds and writes one group's tree.
     fn tree(&mut self, ingested: Ingested) -> Result<()> {
         let is_of_strays = ingested.is_of_strays(self.sources);
         let Ingested { mut tree, chunks, points, .. } = ingested;
@@ -204,7 +212,8 @@ impl Builder<'_> {
         Ok(())
     }
 
-    /// Grows the chunks on all threads and writes their planes in the chunks' order; the open nodes of each chunk's cell.
+    /// Builds the chunks on all threads and writes their planes in the chunks' order. Returns the
+    /// open nodes of each chunk's cell.
     fn grow(
         &mut self,
         tree: &TreeLayout,
@@ -241,7 +250,7 @@ impl Builder<'_> {
                     &station,
                     this.spill,
                 )?;
-                // Chunks that are ready before their turn wait here, not many of them.
+                // Chunks that are ready before their turn wait here, but not many of them.
                 let mut state = lock(&placing);
                 while state.next != number && state.waiting.len() > 2 * threads && !state.failed {
                     state = placed.wait(state).unwrap_or_else(|poisoned| poisoned.into_inner());
@@ -269,7 +278,7 @@ impl Builder<'_> {
         };
         let outcomes: Vec<Result<Vec<u64>>> = std::thread::scope(|scope| {
             let guarded = || {
-                // Also where it panics: whoever waits for its chunk would wait for ever.
+                // On a panic as well, since other threads would wait for its chunk forever.
                 let alarm = Alarm { placing: &placing, placed: &placed };
                 let outcome = work();
                 if outcome.is_ok() {
@@ -277,7 +286,7 @@ impl Builder<'_> {
                 }
                 outcome
             };
-            // Where the system starts fewer threads, those do all the work.
+            // If the system starts fewer threads, those do all the work.
             let started = (0..threads)
                 .map_while(|_| std::thread::Builder::new().spawn_scoped(scope, guarded).ok());
             let handles: Vec<_> = started.collect();
@@ -291,7 +300,7 @@ impl Builder<'_> {
                 })
                 .collect()
         });
-        // The error that stopped the others, rather than theirs.
+        // Returns the error that stopped the others, not theirs.
         let (mut first, mut interrupted) = (None, None);
         for outcome in outcomes {
             match outcome {
@@ -311,7 +320,8 @@ impl Builder<'_> {
         Ok(open)
     }
 
-    /// From the deepest level up: open nodes of sibling cells come together and get parents, until one is left at the top.
+    /// Joins open nodes of sibling cells and makes their parents, from the deepest level up, until
+    /// one is left.
     fn join(
         &mut self,
         kind: &TreeSpec,
@@ -339,7 +349,7 @@ impl Builder<'_> {
                 )?;
             }
             for (cell, nodes) in joined {
-                // A cell is above its chunks, so it holds none itself.
+                // A cell above chunks holds none itself.
                 open.insert(cell, nodes);
             }
         }
@@ -350,7 +360,8 @@ impl Builder<'_> {
         Ok(top[0].node)
     }
 
-    /// One root above those of several trees, so that a view from afar need not show one of each.
+    /// Makes one root above those of several trees, so that a distant view need not show one of
+    /// each.
     fn unite(&mut self) -> Result<()> {
         let records: Vec<_> =
             self.roots.iter().map(|&root| &self.nodes[root as usize].record).collect();
@@ -430,7 +441,7 @@ impl Builder<'_> {
     }
 }
 
-/// GrownChunk chunks on their way into the file, in order.
+/// Built chunks being placed in the file, in order.
 #[derive(Default)]
 struct Placing {
     next: usize,
@@ -442,7 +453,7 @@ struct Placing {
     failed: bool,
 }
 
-/// Dropped, it ends the work of all threads.
+/// Stops all threads when dropped.
 struct Alarm<'a> {
     placing: &'a Mutex<Placing>,
     placed: &'a Condvar,
@@ -456,7 +467,7 @@ impl Drop for Alarm<'_> {
 }
 
 impl Placing {
-    /// Gives the next chunk's nodes their numbers and its planes their place.
+    /// Numbers the next chunk's nodes and places its planes.
     fn place(&mut self, depth: u32, prefix: u128, grown: GrownChunk) -> (u64, Vec<u8>) {
         let (at, first) = (self.end, self.nodes.len() as u32);
         for BuiltNode { mut record, mut children } in grown.nodes {
@@ -477,7 +488,7 @@ impl Placing {
     }
 }
 
-/// Numbers nodes so that roots come first and siblings lie side by side behind them.
+/// Numbers nodes, roots first and siblings side by side behind them.
 fn number(built: Vec<BuiltNode>, roots: &[u32]) -> (Vec<NodeRecord>, u32) {
     let mut order: Vec<u32> = roots.to_vec();
     let mut records: Vec<NodeRecord> = Vec::with_capacity(built.len());
@@ -504,7 +515,8 @@ fn number(built: Vec<BuiltNode>, roots: &[u32]) -> (Vec<NodeRecord>, u32) {
     (records, roots.len() as u32)
 }
 
-/// Heights at the ends of a ramp, from the roots' samples and their weights: right to the size of their cells.
+/// Returns the heights at the ends of the colour ramp, from the roots' samples and weights: exact
+/// to the size of their cells.
 fn elevations(directory: &Directory, writer: &Writer) -> Result<[u32; 2]> {
     let Some([low, high]) = directory.contents.bounds else { return Ok([0, 255]) };
     let mut counts = vec![0u64; 1 << 16];

@@ -1,12 +1,14 @@
-//! One bucket's records in any order -> their numbers in Morton order, those at one place by what else they are.
+//! Sorts a bucket's records in Morton order, and those at one place by content.
 //!
 //! ```text
-//! key = the 11 highest bits of each axis in which positions differ at all, interleaved        (a bucket of a surface: hardly two points share one)
-//! radix sort of key and number of the record, together one u64, 11 bits at a time
-//! runs of equal keys: by whole code, then by content
+//! key = the 11 highest bits of each axis in which positions differ, interleaved (in a bucket of a
+//!   surface hardly two points share one)
+//! radix sort of key and record number, together one u64, 11 bits at a time
+//! runs of equal keys: by full code, then by content
 //! ```
-//! So the order depends on the points alone, not on the order in which they came. A bucket at a time, because most fit the cache, where a chunk of many
-//! buckets does not.
+//!
+//! So the order depends on the points alone, not on their arrival. Buckets are sorted one at a
+//! time, because most fit the cache, where a chunk of many buckets does not.
 
 use super::point_record::Layout;
 use crate::error::{Error, Result};
@@ -14,14 +16,14 @@ use crate::index::format::morton;
 use crate::index::format::samples::Cell;
 use std::cmp::Ordering;
 
-/// Of a key, from each axis: of the three, and 31 bits for the number of a record, comes a u64.
+/// Key bits per axis; three axes and 31 bits of record number make a u64.
 const AXIS_BITS: u32 = 11;
 const NUMBER_BITS: u32 = 64 - 3 * AXIS_BITS;
 const DIGIT_BITS: u32 = 11;
-/// Counting 2^11 digits takes longer than to compare so few.
+/// Counting 2^11 digits takes longer than comparing this few.
 const FEW: usize = 256;
 
-/// What a thread keeps from bucket to bucket.
+/// Memory that a thread reuses for every bucket.
 #[derive(Default)]
 pub struct RadixSorter {
     items: Vec<u64>,
@@ -74,12 +76,12 @@ impl RadixSorter {
     }
 }
 
-/// By code, then by content.
+/// Compares by code, then by content.
 fn compare(layout: &Layout, a: &[u8], b: &[u8]) -> Ordering {
     morton::order(layout.cell(a), layout.cell(b)).then_with(|| layout.rest(a).cmp(layout.rest(b)))
 }
 
-/// Sorts by the bits from `from` on (least significant digit first).
+/// Sorts by the bits from `from` on, least significant digit first.
 fn radix_sort(items: &mut Vec<u64>, other: &mut Vec<u64>, from: u32) {
     if items.len() < FEW {
         return items.sort_unstable();

@@ -1,8 +1,10 @@
-//! One node's points in, the words of its planes out.
+//! Packs a node's points into the words of its planes.
 //!
-//! Position planes hold 10 + 10 + 10 bits a point, the coarsest first: a node drawn small reads one plane, a node drawn large reads the next, and the
-//! last one makes it lossless. Points are in Morton order of the coarse plane; within a coarse cell they are ordered by their whole position and then by
-//! what they show, so that the same points give the same picture in whatever order a file has them (HARD_CASES 0.4, M3).
+//! Position planes hold 10 + 10 + 10 bits per point, the coarsest first: a node drawn small reads
+//! one plane, a larger one the next, and the last plane makes it lossless. Points are in Morton
+//! order of the coarse plane; within a coarse cell they are sorted by full position and then by
+//! what they show, so that the same points give the same picture in any file order (guide:
+//! numerics).
 
 use super::partition::Arrangement;
 use crate::cloud::Columns;
@@ -13,20 +15,21 @@ use crate::index::format::spacing::spacing;
 
 const MASK: u32 = (1 << BITS_PER_PLANE) - 1;
 
-/// A node's own lattice: a point at cells q of the finest plane lies at `origin + q * 2^(bits - 10 * planes)` lattice steps.
+/// A node's own lattice: a point at cells q of the finest plane lies at `origin + q * 2^(bits - 10
+/// * planes)` lattice steps.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Frame {
-    /// Least coordinates, lattice steps of the part.
+    /// Least coordinates, in lattice steps of the part.
     pub origin: [i64; 3],
-    /// Bits that the longest side needs.
+    /// Bits of the longest side.
     pub bits: u32,
     /// Extent in lattice steps, inclusive.
     pub extent: [u32; 3],
-    /// Position planes that hold all bits.
+    /// Number of position planes.
     pub planes: u32,
 }
 
-/// The tight frame of the points `order` of `columns`; at least one point.
+/// Returns the tight frame of the points `order` of `columns`; at least one point.
 pub fn frame(columns: &Columns, order: &[u32]) -> Frame {
     let side = |column: &[i32]| {
         let mut values = order.iter().map(|&i| column[i as usize] as i64);
@@ -41,8 +44,8 @@ pub fn frame(columns: &Columns, order: &[u32]) -> Frame {
     Frame { origin: sides.map(|(lo, _)| lo), bits, extent, planes: bits.div_ceil(BITS_PER_PLANE) }
 }
 
-/// Sorts the points (unless they are to stay shuffled) and writes `frame.planes` pages of positions, then as many pages of their other words as there are.
-/// How far apart the points are, in cells of the coarsest plane, is what it gives back ([`spacing`]).
+/// Sorts the points, unless shuffled, and writes `frame.planes` pages of positions, then the pages
+/// of their attribute words. Returns the point spacing [cells of the coarsest plane] ([`spacing`]).
 pub fn pack(
     columns: &Columns,
     frame: &Frame,
@@ -80,7 +83,7 @@ pub fn pack(
     for (k, page) in others.iter_mut().enumerate() {
         page.iter_mut().zip(&keys).for_each(|(place, &key)| *place = words(key as u32 as usize)[k]);
     }
-    // Not read back from the pages: mapped device memory may be slow to read.
+    // Not read back from the pages, since mapped device memory may be slow to read.
     spacing(keys.len(), |i| word(keys[i], coarse))
 }
 
@@ -90,7 +93,7 @@ mod tests {
     use proptest::prelude::*;
 
     proptest! {
-        /// All planes together give back the very lattice points, whatever the order they came in.
+        /// All planes together restore the lattice points, whatever their order.
         #[test]
         fn planes_are_lossless_and_their_order_is_by_content(
             points in prop::collection::vec((prop::array::uniform3(-(1i32 << 28)..1 << 28), any::<u32>()), 1..200),

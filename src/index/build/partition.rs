@@ -1,11 +1,18 @@
-//! Columns in, nodes out: a coarse kd-tree cut of one part, in memory (papers/README.md, Pintus 7: leaves below M samples, midpoint split of the longest axis).
+//! Partitions one part into nodes in memory by a coarse kd-tree (Pintus, section 7; guide: papers:
+//! leaves below M samples, midpoint split of the longest axis).
 //!
-//! Splitting a cube at the midpoint of its longest axis, x after y after z, is taking one more bit of the Morton code. So:
-//!   split(points, cube): count the points on a grid of 64 x 64 x 64 cells, sort them by cell (a counting sort),
-//!     and cut the cells, in Morton order, into the largest kd-cells that hold at most M points;
-//!   a single grid cell with more than M is split again by itself;
-//!   a cell of one lattice step with more than M (coincident points) is cut into full nodes: it cannot be split (HARD_CASES 27).
-//! Strays are split by themselves. Every point is in exactly one node. The order of points within a node is made by `pack`.
+//! Splitting a cube at the midpoint of its longest axis, x after y after z, takes one more bit of
+//! the Morton code. So:
+//!
+//! - split(points, cube): count the points on a grid of 64 x 64 x 64 cells, sort them by cell (a
+//!   counting sort), and cut the cells, in Morton order, into the largest kd-cells with at most M
+//!   points
+//! - a single grid cell with more than M is split again by itself
+//! - a cell of one lattice step with more than M coincident points cannot be split, and is cut into
+//!   full nodes (guide: numerics, case 27)
+//!
+//! Strays are split separately. Every point is in exactly one node. `pack` orders the points within
+//! a node.
 
 use crate::cloud::Columns;
 use crate::cloud::strays::Extent;
@@ -17,18 +24,18 @@ use rayon::prelude::*;
 use std::ops::Range;
 use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
 
-/// A run of [`Partition::order`].
+/// A node: a run of [`Partition::order`].
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Node {
     pub points: Range<usize>,
 }
 
-/// How points are to lie in memory. All but benchmarks want `Morton`.
+/// Arrangement of points; all but benchmarks use `Morton`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Arrangement {
     #[default]
     Morton,
-    /// Every node a random sample of the whole part: what a renderer without an index would meet at worst.
+    /// Every node is a random sample of the part: the worst case of a renderer without an index.
     Shuffled,
 }
 
@@ -40,19 +47,19 @@ pub struct Partition {
     pub arrangement: Arrangement,
 }
 
-/// A grid has 2^6 cells along each axis: 262,144 counters, which fit the cache.
+/// A grid has 2^6 cells per axis: 262,144 counters, which fit the cache.
 const GRID_BITS: u32 = 6;
-/// Wider nodes than this many lattice steps do not fit the position planes.
+/// Nodes wider than 2^this lattice steps do not fit the position planes.
 const MAX_NODE_BITS: u32 = BITS_PER_PLANE * POSITION_PLANES;
 
-/// Points that are counted or sorted between two looks at whether somebody still waits.
+/// Points counted or sorted between checks for cancellation.
 const AT_ONCE: usize = 1 << 18;
 
 pub fn partition(columns: &Columns, progress: &dyn Progress) -> Result<Partition> {
     let mut partition = Partition::default();
     let Some(&Extent { low, high, core, .. }) = columns.extent() else { return Ok(partition) };
     partition.order = (0..columns.len() as u32).collect();
-    // Strays have nodes of their own: those of all other points are as they would be without.
+    // Strays have nodes of their own: the nodes of all other points do not depend on them.
     let inside = core.map_or(partition.order.len(), |core| {
         let (inside, strays): (Vec<u32>, Vec<u32>) =
             partition.order.iter().partition(|&&i| core.has(columns.place(i as usize)));
@@ -71,10 +78,11 @@ pub fn partition(columns: &Columns, progress: &dyn Progress) -> Result<Partition
     Ok(partition)
 }
 
-/// The same, but with nodes that are random samples of the whole part.
+/// Partitions a part into random nodes.
 pub fn shuffled_partition(columns: &Columns, _progress: &dyn Progress) -> Result<Partition> {
     let mut order: Vec<u32> = (0..columns.len() as u32).collect();
-    // Fisher and Yates, with a generator of one line (xorshift64, Marsaglia 2003): the bench needs disorder, not quality.
+    // Fisher and Yates, with xorshift64 (Marsaglia 2003): the benchmark needs disorder, not
+    // quality.
     let mut state = 0x9E37_79B9_7F4A_7C15u64;
     for i in (1..order.len()).rev() {
         state ^= state << 13;
@@ -118,7 +126,8 @@ impl Splitting<'_> {
         self.split(points, first, low, 64 - (extent as u64).leading_zeros())
     }
 
-    /// `points` lie in the cube of 2^bits steps at `min`; they start at `first` of the whole order.
+    /// Splits points in the cube of 2^bits steps at `min`; they start at `first` of the whole
+    /// order.
     fn split(&mut self, points: &mut [u32], first: usize, min: [i64; 3], bits: u32) -> Result<()> {
         let limit = POINTS_PER_PAGE as usize;
         if points.len() <= limit && bits <= MAX_NODE_BITS {
@@ -157,7 +166,8 @@ impl Splitting<'_> {
     }
 }
 
-/// The largest kd-cells with at most M points, or single grid cells, that cover the occupied cells of `cells`.
+/// Finds the largest kd-cells with at most M points, or single grid cells, that cover the occupied
+/// cells of `cells`.
 fn cut(
     starts: &[u32],
     cells: Range<usize>,
@@ -172,13 +182,14 @@ fn cut(
         return emit(cells);
     }
     let middle = cells.start + cells.len() / 2;
-    // Three halvings make a cube of half the side; the cells between are counted by their longest side.
+    // Three halvings make a cube of half the side; cells in between count by their longest side.
     let half = if cells.len().trailing_zeros() % 3 == 1 { bits - 1 } else { bits };
     cut(starts, cells.start..middle, half, emit)?;
     cut(starts, middle..cells.end, half, emit)
 }
 
-/// Counting sort in place (through a copy); returns where each cell starts, and the end. Ends where `look` says so.
+/// Sorts by cell (counting sort through a copy); returns where each cell starts, and the end. Stops
+/// if `look` fails.
 fn sort_by_cell(
     points: &mut [u32],
     cells: usize,
@@ -207,7 +218,8 @@ fn sort_by_cell(
         }
     }
     starts.push(sum);
-    // Relaxed atomics cost as much as plain stores, and let both threads write one array without unsafe code; no slot is written twice.
+    // Relaxed atomics cost as much as plain stores, and let threads write one array without unsafe
+    // code; no slot is written twice.
     let sorted: Vec<AtomicU32> = (0..points.len()).map(|_| AtomicU32::new(0)).collect();
     points.par_chunks(chunk).zip(&mut next).try_for_each(|(chunk, next)| {
         for some in chunk.chunks(AT_ONCE) {
@@ -224,7 +236,7 @@ fn sort_by_cell(
     Ok(starts)
 }
 
-/// The three numbers of a Morton code.
+/// Returns the three numbers of a Morton code.
 fn compact(code: u32) -> [u32; 3] {
     [0, 1, 2].map(|axis| (0..GRID_BITS).map(|b| (code >> (3 * b + axis) & 1) << b).sum())
 }
@@ -311,7 +323,7 @@ mod tests {
         ));
     }
 
-    /// Looks until nobody waits any more.
+    /// Cancels after a number of checks.
     struct Looks {
         left: AtomicU32,
     }

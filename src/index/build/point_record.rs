@@ -1,33 +1,33 @@
-//! Points as records of fixed width, on their way through buckets, and back.
+//! Points as records of fixed width, for buckets.
 //!
-//! In: columns. Out: bytes that can be moved as a whole, in memory or through a file, and the columns again, of any records in any order. A record has no
-//! room for what no file has; memory, and what goes through the disk, shrink by as much.
+//! Records can be moved as a whole, in memory or through a file, and converted back to columns in
+//! any order. They have no room for columns that no file has.
 
 use crate::cloud::{ColumnSet, Columns};
 use crate::index::format::samples::{Cell, DerivedColumns, Samples};
 use std::ops::Range;
 
-/// Points of one file.
+/// A batch of points of one file.
 pub struct Batch<'a> {
-    /// Where they lie on the tree's lattice.
+    /// Positions on the tree's lattice.
     pub cells: &'a [Cell],
     pub columns: &'a Columns,
     pub part: u16,
 }
 
-/// Where a record keeps what; columns that no file has take no room.
+/// Layout of a record; columns that no file has take no room.
 #[derive(Clone, Copy, Debug)]
 pub struct Layout {
     pub bytes: usize,
     at: Offsets,
-    /// Of all points, where records name none.
+    /// Part of all points, if records name none.
     part: u16,
 }
 
-/// Bytes of a record before each column; none where it has none.
+/// Offset of each column in a record; `None` if it has none.
 #[derive(Clone, Copy, Debug)]
 struct Offsets {
-    /// The least byte behind the position.
+    /// Offset behind the position.
     rest: usize,
     rgb: Option<usize>,
     intensity: Option<usize>,
@@ -39,12 +39,12 @@ struct Offsets {
     part: Option<usize>,
 }
 
-/// Three coordinates of so many bits fit a u64.
+/// Bits of three coordinates that fit a u64.
 const PACKED_BITS: u32 = 21;
 const PACKED_BYTES: usize = size_of::<u64>();
 
 impl Layout {
-    /// For points of a cube of 2^`bits` steps, of these parts.
+    /// Creates the layout for points of these parts in a cube of 2^`bits` steps.
     pub fn new(has: ColumnSet, bits: u32, parts: &[u16]) -> Layout {
         let rest = if bits <= PACKED_BITS { PACKED_BYTES } else { size_of::<Cell>() };
         let mut bytes = rest;
@@ -66,8 +66,8 @@ impl Layout {
         self.at.rest == PACKED_BYTES
     }
 
-    /// Writes a batch, point `i` as record `slots[i]`, a column at a time over as many points as the cache keeps. What a file lacks is what a renderer
-    /// would show for it: white, and 0 everywhere else.
+    /// Writes a batch, point `i` as record `slots[i]`, a column at a time over as many points as
+    /// fit the cache. Missing columns get what a renderer would show: white, and 0 for all else.
     pub fn write(&self, records: &mut [u8], slots: &[u32], batch: &Batch) {
         const POINTS: usize = 2048;
         let (at, columns) = (self.at, batch.columns);
@@ -116,13 +116,13 @@ impl Layout {
         bytemuck::cast::<_, Cell>(cell).map(u32::from_le)
     }
 
-    /// One of many records.
+    /// Returns one of many records.
     #[inline]
     pub fn record<'a>(&self, records: &'a [u8], number: u32) -> &'a [u8] {
         &records[number as usize * self.bytes..][..self.bytes]
     }
 
-    /// Everything behind the position, for an order by content.
+    /// Returns everything behind the position, for an order by content.
     pub fn rest<'a>(&self, record: &'a [u8]) -> &'a [u8] {
         &record[self.at.rest..]
     }
@@ -132,18 +132,18 @@ impl Layout {
         self.at.part.map_or(self.part, |at| u16::from_le_bytes(first(&record[at..])))
     }
 
-    /// As the file names it; 0 where it does not.
+    /// Returns the source as the file names it, or 0.
     pub fn source(&self, record: &[u8]) -> u16 {
         self.at.source.map_or(0, |at| u16::from_le_bytes(first(&record[at..])))
     }
 
-    /// As [`Layout::settle`] would leave it.
+    /// Returns a colour as after [`Layout::settle`].
     pub fn color(&self, record: &[u8], found: &[Colors]) -> [u8; 3] {
         let color = self.at.rgb.map_or([255; 3], |at| first(&record[at..]));
         found[self.part(record) as usize].settled(color)
     }
 
-    /// Brings the colours of records to what those of their whole part turned out to be.
+    /// Corrects colours once those of their whole part are known.
     pub fn settle(&self, records: &mut [u8], found: &[Colors]) {
         let Some(at) = self.at.rgb.filter(|_| found.iter().any(|&colors| colors != Colors::Bytes))
         else {
@@ -155,8 +155,8 @@ impl Layout {
         }
     }
 
-    /// The points of some settled records, in this order. `station` numbers the station of a part and a source. A column at a time over as many records as
-    /// the cache keeps.
+    /// Returns the points of settled records, in this order, a column at a time over as many
+    /// records as fit the cache. `station` numbers the station of a part and a source.
     pub fn read(
         &self,
         records: &[u8],
@@ -217,26 +217,26 @@ impl Layout {
     }
 }
 
-/// What the colours of a part were found to be, once all were read.
+/// Kind of a part's colours, known once all were read.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Colors {
     Bytes,
-    /// All 0, which is none.
+    /// All 0, which counts as no colours.
     Black,
 }
 
 impl Colors {
-    /// Of a colour.
+    /// Returns the colour to store.
     fn settled(self, color: [u8; 3]) -> [u8; 3] {
         match self {
-            // As if the file had no such field.
+            // As if the file had no colours.
             Colors::Black => [255; 3],
             Colors::Bytes => color,
         }
     }
 }
 
-/// Records that a batch's points are written to.
+/// Records to which a batch is written.
 struct Rows<'a> {
     records: &'a mut [u8],
     stride: usize,

@@ -1,9 +1,10 @@
-//! Points in any order -> BUCKETS of points that lie together, in bounded memory.
+//! Buckets of neighbouring points, from points in any order, in bounded memory.
 //!
-//! In: batches of columns, from any thread. Out: for each cell of a Morton-ordered grid its points as `record`s, in blocks. Blocks stay in
-//! memory up to a limit; beyond it full blocks go to one nameless temporary file, which the system removes with the process, however that ends.
-//! A batch is first sorted by cell, so that a bucket is locked once a batch and not once a point. A bucket that gets more points than a chunk may have
-//! becomes a grid of finer buckets there and then, so that hardly any point is moved twice.
+//! Batches of columns come from any thread. Each cell of a Morton-ordered grid collects its points
+//! as `point_record`s, in blocks. Blocks stay in memory up to a limit; beyond it full blocks go to
+//! one unnamed temporary file, which the system removes with the process. A batch is first sorted
+//! by cell, so that a bucket is locked once per batch. A bucket with more points than a chunk may
+//! have turns into a grid of finer buckets at once, so that hardly any point is moved twice.
 
 use super::point_record::{Batch, Layout};
 use crate::atomic_file::temporary_file;
@@ -17,13 +18,13 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 use std::sync::{Arc, Mutex};
 
-/// The first grid has 2^5 cells along each axis, those within a bucket that got too full 2^3: there may be many.
+/// The first grid has 2^5 cells per axis, those within a full bucket 2^3: there may be many.
 const FIRST_LEVELS: u32 = 5;
 const FINER_LEVELS: u32 = 3;
 
-/// A block in memory, or on the disk once memory is full.
+/// Block size in memory, or on the disk once memory is full.
 const BLOCK_BYTES: usize = 64 << 10;
-/// A page: every bucket of a grid may hold as much in memory, 128 MiB together.
+/// Block size once memory is full, a page: every bucket of a grid may hold one, 128 MiB together.
 const SPILLED_BYTES: usize = 4 << 10;
 
 #[derive(Debug)]
@@ -38,13 +39,13 @@ pub struct Bucket {
     points: u64,
     blocks: Vec<Block>,
     tail: Vec<u8>,
-    /// Where its points are once it has been too full.
+    /// The finer grid that has its points once it has been full.
     finer: Option<Arc<Grid>>,
 }
 
-/// Memory and disk that all buckets share.
+/// Memory and disk of all buckets.
 pub struct Spill {
-    /// That it lies beside, for errors.
+    /// Path of the output, for errors.
     path: PathBuf,
     file: File,
     end: AtomicU64,
@@ -53,18 +54,18 @@ pub struct Spill {
 }
 
 impl Spill {
-    /// A nameless file beside `output`, empty until `limit` bytes of memory are full.
+    /// Creates an unnamed file beside `output`, empty until `limit` bytes of memory are full.
     pub fn new(output: &Path, limit: u64) -> Result<Spill> {
         let (path, file) = (output.to_owned(), temporary_file(output)?);
         Ok(Spill { path, file, end: AtomicU64::new(0), used: AtomicU64::new(0), limit })
     }
 
-    /// What is taken of the disk and of memory.
+    /// Returns the used bytes of disk and memory.
     pub fn taken(&self) -> [u64; 2] {
         [&self.end, &self.used].map(|taken| taken.load(Relaxed))
     }
 
-    /// Forgets what was taken since then, once no bucket is left that took it.
+    /// Resets the used bytes, once no bucket is left that used more.
     pub fn forget(&self, [end, used]: [u64; 2]) {
         self.end.store(end, Relaxed);
         self.used.store(used, Relaxed);
@@ -78,7 +79,7 @@ impl Spill {
         self.used.load(Relaxed) >= self.limit
     }
 
-    /// Puts away a full tail.
+    /// Stores a full tail.
     fn keep(&self, tail: &mut Vec<u8>) -> Result<Block> {
         if !self.is_full() {
             return Ok(Block::Memory(std::mem::take(tail)));
@@ -115,7 +116,7 @@ impl Bucket {
             let (now, later) = records.split_at(records.len().min(room - self.tail.len()));
             let before = self.tail.capacity();
             if is_full {
-                // Not twice of it, as a vector grows by itself.
+                // Exactly, where a vector would double.
                 self.tail.reserve_exact(room - self.tail.len());
             }
             self.tail.extend_from_slice(now);
@@ -125,7 +126,8 @@ impl Bucket {
         Ok(())
     }
 
-    /// Gets no more points: where memory is full, leaves nothing in it, so that grids that wait for others take none.
+    /// Ends adding points. If memory is full, moves the tail to the disk, so that waiting grids use
+    /// no memory.
     pub fn close(&mut self, spill: &Spill) -> Result<()> {
         if spill.is_full() && !self.tail.is_empty() {
             let tail = std::mem::take(&mut self.tail);
@@ -135,7 +137,7 @@ impl Bucket {
         Ok(())
     }
 
-    /// Shows every block's records to `look`.
+    /// Passes every block's records to `look`.
     pub fn look(&self, spill: &Spill, look: &mut dyn FnMut(&[u8])) -> Result<()> {
         let mut read = Vec::new();
         for block in &self.blocks {
@@ -152,7 +154,7 @@ impl Bucket {
         Ok(())
     }
 
-    /// Hands every block's records to `take`, and forgets them.
+    /// Passes every block's records to `take`, and frees them.
     pub fn drain(self, spill: &Spill, take: &mut dyn FnMut(&[u8]) -> Result<()>) -> Result<()> {
         let mut read = Vec::new();
         for block in self.blocks {
@@ -174,33 +176,33 @@ impl Bucket {
     }
 }
 
-/// A grid of buckets over the cube of 2^`bits` steps at `corner`; the buckets in Morton order.
+/// A grid of buckets over the cube of 2^`bits` steps at `corner`, in Morton order.
 #[derive(Debug)]
 pub struct Grid {
     corner: Cell,
     bits: u32,
-    /// It has 2^levels cells along each axis.
+    /// It has 2^levels cells per axis.
     pub levels: u32,
-    /// Points that a bucket may have.
+    /// Most points of a bucket.
     limit: u64,
     layout: Layout,
     buckets: Vec<Mutex<Bucket>>,
 }
 
-/// What a thread sorts its batches in.
+/// Memory in which a thread sorts its batches.
 #[derive(Default)]
 pub struct Sorter {
     numbers: Vec<u16>,
     starts: Vec<u32>,
-    /// Where each point goes, as a record.
+    /// Record number of each point.
     slots: Vec<u32>,
-    /// The bucket of each run of records.
+    /// Bucket of each run of records.
     runs: Vec<(u16, Range<usize>)>,
     records: Vec<u8>,
 }
 
 impl Sorter {
-    /// A counting sort by bucket, of so many.
+    /// Sorts by bucket (counting sort).
     fn sort(&mut self, numbers: impl Iterator<Item = u16>, buckets: usize) {
         let Sorter { numbers: kept, starts, slots, runs, .. } = self;
         kept.clear();
@@ -227,7 +229,7 @@ impl Sorter {
 }
 
 impl Grid {
-    /// Over a whole tree, whose lattice starts at 0.
+    /// Creates the grid of a whole tree, whose lattice starts at 0.
     pub fn new(bits: u32, layout: Layout, limit: u64) -> Grid {
         Grid::over([0; 3], bits, FIRST_LEVELS, layout, limit)
     }
@@ -258,7 +260,7 @@ impl Grid {
         self.append_runs(sorter, spill)
     }
 
-    /// Records that were in a coarser bucket.
+    /// Distributes records of a coarser bucket.
     fn add_records(&self, from: &[u8], spill: &Spill) -> Result<()> {
         let mut sorter = Sorter::default();
         sorter.sort(
@@ -302,12 +304,12 @@ impl Grid {
             &mut *bucket,
             Bucket { finer: Some(finer.clone()), ..Bucket::default() },
         );
-        // Others may fill the finer grid while this thread moves what the bucket had.
+        // Other threads may fill the finer grid while this one moves the bucket's records.
         drop(bucket);
         full.drain(spill, &mut |records| finer.add_records(records, spill))
     }
 
-    /// Points and contents of every bucket, in Morton order.
+    /// Returns points and contents of every bucket, in Morton order.
     pub fn into_buckets(self) -> Vec<(u64, Contents)> {
         let inner = |bucket: Mutex<Bucket>| {
             bucket.into_inner().unwrap_or_else(|poisoned| poisoned.into_inner())
@@ -328,9 +330,9 @@ impl Grid {
     }
 }
 
-/// What a cell of a grid turned out to hold.
+/// Contents of a grid's cell.
 pub enum Contents {
     Points(Bucket),
-    /// More than a chunk may have.
+    /// More points than a chunk may have.
     Finer(Grid),
 }

@@ -1,9 +1,10 @@
-//! An inner node in, what its samples have in common with those of its children that they stand for out.
+//! Derived attributes of an inner node's samples, from those of its children.
 //!
 //! ```text
-//! normal      oriented ones: their mean; others, which may be either of two: the axis that they are nearest to together (Sum n n^T, its largest eigenvector)
-//! stroke      covers what those that it stands for cover: the root of the sum of their radii's squares; along the way of the heaviest one, whose brush it has
-//! luminance   mean in linear light, as of other colours
+//! normal      oriented: mean; otherwise the axis nearest to all (Sum n n^T, its largest eigenvector)
+//! stroke      covers what the merged strokes cover: root of the sum of squared radii; along the
+//!             heaviest one, whose brush it keeps
+//! luminance   mean in linear light, as other colours
 //! ```
 
 use super::super::leaf_cache::LeafCache;
@@ -17,7 +18,7 @@ use crate::index::format::{NodeRecord, Plane};
 use glam::DVec3;
 use std::ops::Range;
 
-/// `corners`: of every lattice where its tree starts, steps.
+/// Derives a node's attributes. `corners` has the corner of the tree of every lattice [steps].
 pub fn node(
     leaf_cache: &LeafCache,
     node: usize,
@@ -29,7 +30,8 @@ pub fn node(
     let corner_of = |record: &NodeRecord| corners[record.lattice as usize];
     let below = leaf_cache.below(node, &corner_of, &wanted, &|_, _| Ok(()))?;
     let runs = merge::runs(&below);
-    // The bits that look random are those of the heaviest one, too: it is the same stroke, wherever rounding has put it.
+    // The pseudo-random bits are the heaviest one's, too: it is the same stroke, wherever rounding
+    // has put it.
     let facing = below.derived.facing.as_deref().map(|below| {
         runs.each(|run| {
             normal(&runs, below, run.clone(), oriented)
@@ -49,7 +51,7 @@ pub fn node(
     Ok(DerivedColumns { facing, brush, corrected })
 }
 
-/// Directions that two ways are nearly equally near to are no direction.
+/// Axes with eigenvalues closer than this are undetermined.
 const SAME: f64 = 1e-6;
 
 fn normal(runs: &Runs, facing: &[u32], run: Range<usize>, oriented: bool) -> u32 {
@@ -76,7 +78,7 @@ fn normal(runs: &Runs, facing: &[u32], run: Range<usize>, oriented: bool) -> u32
     octahedral::pack(if axis.dot(first) < 0.0 { -axis } else { axis })
 }
 
-/// Of equally heavy ones, the first.
+/// Returns the heaviest of a run; of ties the first.
 fn heaviest(runs: &Runs, mut run: Range<usize>) -> usize {
     let first = run.next().expect("a cell has samples");
     run.fold(first, |most, i| if runs.weight(i) > runs.weight(most) { i } else { most })

@@ -1,4 +1,4 @@
-//! A leaf in, what the points around each of its points tell of it out.
+//! Derived attributes of a leaf's points.
 
 use super::super::axes::Moments;
 use super::super::clusters::{self, Cluster, NEAREST, NO_NEIGHBOUR};
@@ -15,19 +15,19 @@ use crate::index::format::samples::{DerivedColumns, DerivedPlanes};
 use glam::DVec3;
 use std::sync::Arc;
 
-/// Points between two looks at whether the work is still wanted.
+/// Points between checks for cancellation.
 const BATCH: usize = 1 << 12;
 
-/// Of what a leaf's points were found to be.
+/// Derived attributes of a leaf.
 pub struct LeafAttributes {
     pub derived: DerivedColumns,
-    /// From the middle of the whole cloud; where there are to be strokes.
+    /// Moments relative to the centre of the cloud, if strokes are derived.
     pub moments: Moments,
-    /// All normals are those of the file.
+    /// Whether all normals are those of the file.
     pub oriented: bool,
 }
 
-/// `found` is told of points that are looked around, by each pass over them.
+/// Derives a leaf's attributes. `found` gets the number of points that each pass processes.
 pub fn leaf(
     leaf_cache: &LeafCache,
     node: usize,
@@ -105,7 +105,7 @@ fn moments(leaf_cache: &LeafCache, node: usize, own: &Leaf) -> Moments {
     Moments::of((0..own.tree.len()).map(|place| world(place) - middle))
 }
 
-/// By their places.
+/// Fits all points of a leaf, by their places.
 fn patches(
     leaf_cache: &LeafCache,
     node: usize,
@@ -124,10 +124,12 @@ fn patches(
     Ok(patches)
 }
 
-/// Around a leaf, in radii of its middle point: clusters are found with the points there, so that one that the leaf's border cuts is not taken for a small one.
+/// Margin around a leaf [median radii] within which clusters are found, so that a cluster cut by
+/// the leaf's border does not seem small.
 const HALO: f64 = 16.0;
 
-/// The clusters that points are part of, by their places; of everything, of no shape, where there are no colours.
+/// Returns the cluster of each place; one cluster of everything, without shape, if there are no
+/// colours.
 fn clusters_around(
     leaf_cache: &LeafCache,
     node: usize,
@@ -161,7 +163,8 @@ fn clusters_around(
             let outside = |axis: usize| {
                 (-at[axis]).max(at[axis] - extent[axis] as i64).max(0) as f64 * step[axis]
             };
-            // What is as near as that to a leaf of at most 2^30 steps has coordinates of 32 bits; a radius as large as a leaf is no reason for more.
+            // Points this near to a leaf of at most 2^30 steps fit 32 bits; a radius as large as a
+            // leaf is no reason for more.
             if (0..3).all(|axis| outside(axis) <= reach && i32::try_from(at[axis]).is_ok()) {
                 add(at.map(|steps| steps as i32));
                 colors.push(leaf.colors[place]);
@@ -184,10 +187,10 @@ fn clusters_around(
     Ok(of)
 }
 
-/// Radii are the upper halves of f32.
+/// Number of radii, as upper halves of f32.
 pub const RADII: usize = 1 << 16;
 
-/// How often each radius occurs.
+/// Returns the histogram of radii.
 pub fn radii(derived: &DerivedColumns) -> Vec<(u16, u32)> {
     let mut all: Vec<u16> =
         derived.brush.iter().flatten().map(|&brush| (brush >> 16) as u16).collect();
@@ -195,7 +198,7 @@ pub fn radii(derived: &DerivedColumns) -> Vec<(u16, u32)> {
     all.chunk_by(|a, b| a == b).map(|run| (run[0], run.len() as u32)).collect()
 }
 
-/// The largest radius that strokes of these may have, as their upper halves count it.
+/// Returns the largest allowed stroke radius, as an upper half of f32.
 pub fn largest(counts: &[u64]) -> u32 {
     let rank = strokes::rank(counts.iter().sum());
     let mut sum = 0;

@@ -1,12 +1,16 @@
-//! An index whose nodes have room for them in, what depends on the points around out: normals, strokes, and colours of one luminance.
+//! Derives the planes of an index that depend on neighbours: normals, strokes, and colours of one
+//! luminance.
 //!
 //! ```text
-//! leaves, on all cores: of every point, from the points around it in whatever leaves they are (`leaves`, `surroundings`)
+//! leaves, on all cores: every point, from its neighbours in any leaves (`leaves`, `knn_query`)
 //! radii of strokes: none larger than that of all but one in a hundred of a tree's points
-//! inner nodes, from the deepest level up: of every sample, from those of its children that it stands for (`inner`)
+//! inner nodes, from the deepest level up: every sample, from those of its children that it stands
+//!   for (`inner`)
 //! ```
-//! All of it goes to where the file has room for it, before there is a directory: an index is complete or absent. What a point gets depends on the points alone, not on leaves, threads or memory: it is what a
-//! cloud that is held in memory gets.
+//!
+//! All of it is written to room that the file has for it, before there is a directory: an index is
+//! complete or absent. The results depend neither on leaves, nor on threads or memory, and are
+//! those of a cloud in memory.
 
 mod inner;
 mod leaves;
@@ -22,7 +26,7 @@ use rayon::prelude::*;
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 
-/// What to derive, and with what.
+/// What to derive, and resources for it.
 #[derive(Clone, Copy, Debug)]
 pub struct Options {
     pub derive: DerivedPlanes,
@@ -31,7 +35,7 @@ pub struct Options {
     pub threads: usize,
 }
 
-/// `corners`: of every lattice where its tree starts, steps.
+/// Derives the planes. `corners` has the corner of the tree of every lattice [steps].
 pub fn derive(
     directory: &mut Directory,
     writer: &Writer,
@@ -41,7 +45,7 @@ pub fn derive(
 ) -> Result<()> {
     let read = |at: u64, bytes: &mut [u8]| writer.get(at, bytes);
     let work = Work { writer, corners, options, progress };
-    // Checksums are known before anything is read again: a write that the disk has lost is found.
+    // Checksums are stored before anything is read again: a write that the disk has lost is found.
     let keep = |directory: &mut Directory, crcs: Vec<Crc>| {
         crcs.into_iter()
             .for_each(|Crc { node, plane, crc }| directory.nodes[node].crc[plane as usize] = crc);
@@ -64,21 +68,21 @@ pub fn derive(
     Ok(())
 }
 
-/// Of a plane that has been written.
+/// Checksum of a plane that has been written.
 struct Crc {
     node: usize,
     plane: Plane,
     crc: u32,
 }
 
-/// What looking around the points of all leaves found.
+/// Results of all leaves.
 struct Leaves {
     crcs: Vec<Crc>,
-    /// How often each radius of a stroke occurs, of every tree by its lattice.
+    /// Histogram of stroke radii, per tree by its lattice.
     radii: BTreeMap<u16, Vec<u64>>,
-    /// Of all points, where there are to be strokes.
+    /// Moments of all points, if strokes are derived.
     moments: Moments,
-    /// All normals are those of files.
+    /// Whether all normals are those of files.
     oriented: bool,
 }
 
@@ -91,7 +95,8 @@ struct Work<'w> {
 
 impl Work<'_> {
     fn leaf_cache<'f>(&self, directory: &'f Directory, read: &'f Read<'f>) -> LeafCache<'f> {
-        // Half of the memory for leaves that are kept, a quarter for those that threads have at hand, the rest for what they find.
+        // Half of the memory for cached leaves, a quarter for those that threads hold, the rest for
+        // results.
         let Options { memory, threads, derive, .. } = *self.options;
         LeafCache::new(
             directory,
@@ -102,7 +107,7 @@ impl Work<'_> {
         )
     }
 
-    /// The planes that a node has room for, of those that are derived.
+    /// Returns the derived planes that a node has room for.
     fn planes(&self, record: &NodeRecord) -> Vec<Plane> {
         self.options.derive.planes().into_iter().filter(|&plane| record.has(plane)).collect()
     }
@@ -126,7 +131,8 @@ impl Work<'_> {
             .collect()
     }
 
-    /// From the roots down, siblings one after the other: who works on one has what is beside it in memory.
+    /// Lists the leaves from the roots down, siblings consecutively, so that neighbours are in
+    /// memory.
     fn leaves_in_order(directory: &Directory) -> Vec<usize> {
         let nodes = &directory.nodes;
         let mut open: Vec<usize> = (0..directory.roots as usize).rev().collect();
@@ -170,7 +176,7 @@ impl Work<'_> {
             moments: Moments::default(),
             oriented: !leaves.is_empty(),
         };
-        // Counts of one leaf are as many numbers as it has radii: they are added up soon.
+        // A leaf's histogram has as many entries as radii: summed up early.
         for some in leaves.chunks(8 * self.options.threads) {
             for (own, (lattice, counts), moments, is_oriented) in
                 some.par_iter().map(of_leaf).collect::<Result<Vec<_>>>()?
@@ -187,7 +193,7 @@ impl Work<'_> {
         Ok(all)
     }
 
-    /// As [`strokes::capped`]: by the radius of all but some of a tree's points.
+    /// Limits the strokes of leaves, see [`strokes::capped`].
     fn cap(&self, leaf_cache: &LeafCache, radii: &BTreeMap<u16, Vec<u64>>) -> Result<Vec<Crc>> {
         let nodes = &leaf_cache.directory.nodes;
         let largest: BTreeMap<u16, u32> =

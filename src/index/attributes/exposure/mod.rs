@@ -1,9 +1,13 @@
-//! How bright stations are, how much brighter one is than another where both have seen the same, and what would make them equal.
+//! Exposure of stations: brightness of each, differences where they overlap, and gains that
+//! equalise them.
 //!
-//! In: a cloud with colours. Out: the mean value of each station's points; of every two that overlap the step between them and the gain that would remove it; and one gain a station that removes all
-//! of them as well as one can. Both have seen the same in cells that hold points of both, some spacings wide. A gain is a factor on light, so ratios are of linear values; the median over the cells leaves
-//! out those that a shadow, a passer-by or a wall's other side made different (after Kanzok, Linsen and Rosenthal 2012, sec. 1 and 6; factors that best agree with all overlaps, as panoramas are
-//! stitched: Brown and Lowe 2007, sec. 6).
+//! Returned are the mean value of each station's points; for every two overlapping stations the
+//! step between them and the gain that would remove it; and one gain per station that best removes
+//! all steps. Stations overlap in cells, some spacings wide, that hold points of both. A gain is a
+//! factor on light, so ratios are of linear values; the median over the cells rejects those that a
+//! shadow, a passer-by or a wall's other side made different (after Kanzok, Linsen and Rosenthal
+//! 2012, sec. 1 and 6; factors that best agree with all overlaps, as in panorama stitching: Brown
+//! and Lowe 2007, sec. 6).
 
 mod sample;
 
@@ -17,44 +21,46 @@ use std::collections::BTreeMap;
 
 #[derive(Debug, PartialEq, Serialize)]
 pub struct Exposures {
-    /// By number of the station, the mean V of HSV of its points, 0 to 255; none of one without colours.
+    /// Mean V of HSV of each station's points, 0 to 255; `None` without colours.
     pub values: Vec<Option<f64>>,
     pub overlaps: Vec<Overlap>,
-    /// None where no two stations overlap.
+    /// `None` if no two stations overlap.
     pub balance: Option<Balance>,
 }
 
 #[derive(Debug, PartialEq, Serialize)]
 pub struct Overlap {
-    /// Numbers of two stations.
+    /// Numbers of the two stations.
     pub stations: [usize; 2],
-    /// Cells that both have points in.
+    /// Number of common cells.
     pub cells: u64,
-    /// By how much the second's V is above the first's there, of 255; mean.
+    /// Mean difference of V there, second minus first, of 255.
     pub step: f64,
-    /// The factor on the second's light that gives it the first's.
+    /// Gain on the second's light that gives it the first's.
     pub gain: f64,
 }
 
-/// Points that occupied cells have in the mean: of a station that sees a cell well, dozens. In larger ones stations see other parts of what differs in itself.
+/// Mean number of points per occupied cell: of a station that sees a cell well, dozens. In larger
+/// cells stations see different things.
 const POINTS: usize = 16;
-/// Cells twice as wide, and so on, are tried until all stations are connected: far from a station its points lie apart.
+/// Number of times that cells are doubled until all stations are connected: far from a station its
+/// points are sparse.
 const WIDER: u32 = 4;
-/// Points of a station that say how bright it is in a cell.
+/// Fewest points of a station in a common cell.
 const ENOUGH: u32 = 4;
-/// Cells that say by how much two stations differ.
+/// Fewest common cells of two stations.
 const ENOUGH_CELLS: usize = 16;
-/// What eyes see of a step, stops; and how many standard errors a mean may be off.
+/// Visible step [stops], and tolerance in standard errors.
 const UNEVEN_STOPS: f64 = 0.25;
 const SURE: f64 = 3.0;
 
-/// What one station has in one cell.
+/// Statistics of one station in one cell.
 #[derive(Clone, Copy, Default)]
 struct Seen {
     count: u32,
     value: f64,
     light: f64,
-    /// Of the light, squared.
+    /// Sum of squared light.
     squares: f64,
 }
 
@@ -78,26 +84,26 @@ impl Seen {
         }
     }
 
-    /// Variance of the mean light, of that squared.
+    /// Returns the variance of the mean light, relative to its square.
     fn doubt(self) -> f64 {
         let (count, mean) = (self.count as f64, self.light / self.count as f64);
         ((self.squares / count - mean * mean) / (count - 1.0)).max(0.0) / (mean * mean)
     }
 }
 
-/// What two stations have in a cell that they share.
+/// Difference of two stations in a common cell.
 #[derive(Clone, Copy)]
 struct Shared {
-    /// By how much the second's V is above the first's.
+    /// Difference of V, second minus first.
     step: f64,
-    /// The first's light over the second's, and its standard error, both in stops.
+    /// Ratio of the first's light to the second's, and its standard error [stops].
     stops: f64,
     error: f64,
 }
 
 type Pairs = BTreeMap<[usize; 2], Vec<Shared>>;
 
-/// Of all points. None where fewer than two stations have colours.
+/// Measures the exposures from all points. `None` if fewer than two stations have colours.
 pub fn exposures(cloud: &Cloud) -> Option<Exposures> {
     let points = sample::all(cloud)?;
     let (totals, pairs) = compare(&points, dropped(&points), cloud.stations.len());
@@ -117,12 +123,13 @@ pub fn exposures(cloud: &Cloud) -> Option<Exposures> {
     })
 }
 
-/// Of some of the points, so many that a moment is enough; which ones, their order does not tell. None where no two stations overlap.
+/// Finds the gains from a sample of the points that is quick to process and independent of their
+/// order. `None` if no two stations overlap.
 pub fn balance(cloud: &Cloud) -> Option<Balance> {
     (cloud.stations.len() > 1).then(|| of_points(&sample::some(cloud)?, &cloud.stations))?
 }
 
-/// As [`balance`], of points that came in any order.
+/// As [`balance`], from points that came in any order.
 pub fn of_sample(sample: Sample, stations: &[Station]) -> Option<Balance> {
     of_points(&sample.into_points(), stations)
 }
@@ -159,16 +166,16 @@ fn of_points(points: &[Point], stations: &[Station]) -> Option<Balance> {
     Some(Balance { gains, uneven })
 }
 
-/// Of stops.
+/// Returns the median of the differences [stops].
 fn median(cells: &[Shared]) -> f64 {
     let mut stops: Vec<f64> = cells.iter().map(|shared| shared.stops).collect();
     stops.sort_by(f64::total_cmp);
     stops[stops.len() / 2]
 }
 
-/// Bits of the codes that cells drop so that occupied ones have enough points.
+/// Returns the low code bits that cells drop so that occupied ones have enough points.
 fn dropped(points: &[Point]) -> u32 {
-    // For every pair of neighbours the highest bit in which their codes differ, counted from 1.
+    // For all neighbours the highest bit in which their codes differ, counted from 1.
     let mut differ = [0usize; 65];
     points
         .windows(2)
@@ -180,7 +187,7 @@ fn dropped(points: &[Point]) -> u32 {
         .unwrap_or(3 * AXIS_BITS)
 }
 
-/// What stations have, in all and in the cells that they share.
+/// Returns the statistics of stations, in total and for pairs in common cells.
 fn compare(points: &[Point], dropped: u32, stations: usize) -> (Vec<Seen>, Pairs) {
     let light: Vec<f64> = (0..256).map(|v| srgb_to_linear(v as f64 / 255.0)).collect();
     let cell = |point: &Point| point.0.checked_shr(dropped).unwrap_or(0);
@@ -213,7 +220,7 @@ fn compare(points: &[Point], dropped: u32, stations: usize) -> (Vec<Seen>, Pairs
     (totals, pairs)
 }
 
-/// Which stations a chain of overlaps connects.
+/// Groups of stations connected by overlaps.
 struct Groups(Vec<usize>);
 
 impl Groups {
@@ -235,15 +242,17 @@ impl Groups {
     }
 }
 
-/// The gains x whose logarithms least disagree with those of the overlaps, sum over overlaps of cells * (x_b - x_a - gain)^2. Overlaps say nothing of how bright all stations of a group should be
-/// together: the mean logarithm, of as many `points` as each has, is 0.
+/// Returns the gains whose logarithms x best agree with the overlaps: least sum over overlaps of
+/// cells * (x_b - x_a - gain)^2. The overlaps leave the mean brightness of a group open: its mean
+/// logarithm, weighted by `points`, is 0.
 fn gains(pairs: &Pairs, groups: &mut Groups, points: &[u64]) -> Vec<f64> {
     let overlaps: Vec<([usize; 2], f64, f64)> = pairs
         .iter()
         .map(|(stations, cells)| (*stations, cells.len() as f64, median(cells)))
         .collect();
     let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
-    // The normal equations, whose matrix is the Laplacian of the overlaps, by conjugate gradients (Hestenes and Stiefel 1952).
+    // The normal equations, whose matrix is the Laplacian of the overlaps, by conjugate gradients
+    // (Hestenes and Stiefel 1952).
     let mut rest = vec![0.0; points.len()];
     for &([a, b], cells, gain) in &overlaps {
         rest[a] -= cells * gain;
@@ -284,7 +293,9 @@ mod tests {
     use crate::cloud::{Columns, Header, Lattice, Part};
     use glam::DVec3;
 
-    /// Two stations of two square metres each, 0.8 of them the same, the second with half the light. Fewer than half of all points have one of the other station beside them, so that the spacing is a station's own.
+    /// Two stations of two square metres each, 0.8 of them shared, the second with half the light.
+    /// Fewer than half of all points have a point of the other station beside them, so that the
+    /// spacing is a station's own.
     #[test]
     fn half_the_light_is_a_gain_of_two() {
         let mut columns = Columns::default();
@@ -331,7 +342,8 @@ mod tests {
         // 188 is half of white's light, 137 a quarter.
         assert!(cells > 100 && step == -51.0 && (gain - 2.0).abs() < 0.03, "{found:?}");
     }
-    /// Overlaps that contradict each other by noise, a station that nobody else has seen, and two that have only seen each other.
+    /// Overlaps with contradictory noise, a station without overlaps, and two that overlap only
+    /// with each other.
     #[test]
     fn gains_best_agree_with_all_overlaps() {
         let truth: [f64; 6] = [0.3, -0.9, 1.1, -0.5, 0.7, 0.2];

@@ -1,6 +1,8 @@
-//! Points in any order in, those that exposures are found from out: all, or where they are many those of some blocks of space, whole, so that what stations share stays together.
+//! Sample of points for exposures: all, or, if they are many, those of some blocks of space, whole,
+//! so that overlaps stay together.
 //!
-//! Which ones depends on where the cloud lies and how many points it has, and on nothing else: an index that is being made finds those that are found of its files in memory.
+//! The choice depends only on the cloud's bounds and number of points: building an index chooses
+//! the same points as a cloud in memory.
 
 use crate::cloud::{Cloud, Part};
 use crate::index::format::morton;
@@ -9,29 +11,29 @@ use rayon::prelude::*;
 use std::ops::Range;
 use std::sync::{Mutex, PoisonError};
 
-/// Points that one task looks at.
+/// Points per task.
 const RUN: usize = 1 << 16;
-/// Finest cells a side: a code has room for so many.
+/// Bits of the finest cells per axis that a code has room for.
 pub const AXIS_BITS: u32 = 21;
-/// Points that a balance is found from; of more, whole blocks are left out, of which there are 2^7 a side.
+/// Target size of the sample; beyond it whole blocks are left out, of which there are 2^7 per axis.
 const SAMPLE: u64 = 1 << 20;
 const BLOCK_BITS: u32 = 7;
-/// Where blocks beside a scanner hold many more than others, half of the blocks are left out again, until there are no more points than this.
+/// Largest sample: while blocks near a scanner make it larger, half of the blocks are left out.
 const MOST: usize = 2 * SAMPLE as usize;
 
-/// A coloured point: the Morton code of its finest cell, its station and its V.
+/// A coloured point: Morton code of its finest cell, station, and V.
 pub type Point = (u64, u16, u8);
 
 /// The finest cells over a cloud.
 #[derive(Clone, Copy)]
 struct Cells {
     lo: DVec3,
-    /// A product is found sooner than a quotient.
+    /// Reciprocal of the cell size [1/m].
     per_metre: f64,
 }
 
 impl Cells {
-    /// A little more than the box, so that its far sides are within.
+    /// Creates cells over slightly more than the box, so that its far sides are inside.
     fn over((lo, hi): (DVec3, DVec3)) -> Cells {
         Cells {
             lo,
@@ -40,7 +42,7 @@ impl Cells {
         }
     }
 
-    /// The nearest one. A number that 2^52 is added to has no other bits than those of a whole number, and needs no conversion.
+    /// Returns the nearest cell. Adding 2^52 leaves the bits of the integer, without a conversion.
     fn of(self, place: DVec3) -> [u32; 3] {
         const WHOLE: f64 = (1u64 << 52) as f64;
         ((place - self.lo) * self.per_metre + WHOLE).to_array().map(|axis| axis.to_bits() as u32)
@@ -51,12 +53,12 @@ impl Cells {
     }
 }
 
-/// All coloured points, in order.
+/// Returns all coloured points, in order.
 pub fn all(cloud: &Cloud) -> Option<Vec<Point>> {
     points(cloud, u64::MAX)
 }
 
-/// Those that a balance is found from, in order.
+/// Returns the sample of a cloud, in order.
 pub fn some(cloud: &Cloud) -> Option<Vec<Point>> {
     let most = most_of(cloud.len());
     let mut kept = Kept { most, points: points(cloud, most)? };
@@ -64,19 +66,19 @@ pub fn some(cloud: &Cloud) -> Option<Vec<Point>> {
     Some(kept.points)
 }
 
-/// The same of points that come in any order, from any thread.
+/// A sample of points that arrive in any order, from any thread.
 pub struct Sample {
     cells: Cells,
-    /// A bit for every block, x highest; none where all are wanted.
+    /// A bit per block, x highest; `None` if all are wanted.
     wanted: Option<Vec<u64>>,
     kept: Mutex<Kept>,
 }
 
 impl Sample {
-    /// Of so many points within a box.
+    /// Creates a sample of a number of points within a box.
     pub fn new(bounds: (DVec3, DVec3), points: u64) -> Sample {
         let most = most_of(points);
-        // Bits of a number as a code has them, x lowest.
+        // Bits of a number spread as in a code, x lowest.
         let spread: [u64; 1 << BLOCK_BITS] =
             std::array::from_fn(|axis| morton::code_63([axis as u32, 0, 0]));
         let word = |word: usize| {
@@ -98,7 +100,7 @@ impl Sample {
         }
     }
 
-    /// A point, where it is wanted; only then anybody asks for its station and its colour.
+    /// Returns a point if its block is wanted; only then its station and colour are read.
     #[inline]
     pub fn point(&self, place: DVec3, seen: impl FnOnce() -> (u16, [u8; 3])) -> Option<Point> {
         let cell = self.cells.of(place);
@@ -115,7 +117,7 @@ impl Sample {
         Some((morton::code_63(cell), station, value(rgb)?))
     }
 
-    /// Takes some of these points.
+    /// Adds those of these points that are wanted.
     pub fn keep(&self, points: Vec<Point>) {
         let mut kept = self.kept.lock().unwrap_or_else(PoisonError::into_inner);
         let most = kept.most;
@@ -123,7 +125,7 @@ impl Sample {
         kept.thin();
     }
 
-    /// Returns the points that were kept, in order.
+    /// Returns the sample, in order.
     pub fn into_points(self) -> Vec<Point> {
         let Kept { mut points, .. } =
             self.kept.into_inner().unwrap_or_else(PoisonError::into_inner);
@@ -132,7 +134,7 @@ impl Sample {
     }
 }
 
-/// Points of the blocks whose number, scattered, is at most `most`.
+/// Points of the blocks whose hashed number is at most `most`.
 struct Kept {
     most: u64,
     points: Vec<Point>,
@@ -158,7 +160,7 @@ fn points(cloud: &Cloud, most: u64) -> Option<Vec<Point>> {
             (0..points).step_by(RUN).map(move |start| (number, start..points.min(start + RUN)))
         })
         .collect();
-    // Counted first, so that there is one piece of memory for all, and nothing left of it.
+    // Counted first, so that one allocation fits all.
     let counts: Vec<usize> =
         runs.par_iter().map(|(number, run)| of(*number, run.clone()).count()).collect();
     let mut points: Vec<Point> = vec![(0, 0, 0); counts.iter().sum()];
@@ -174,14 +176,14 @@ fn points(cloud: &Cloud, most: u64) -> Option<Vec<Point>> {
     Some(points)
 }
 
-/// By code, then by station, then by V; compared as one number, without branches.
+/// Sorts by code, then station, then V, compared as one number without branches.
 fn sort(points: &mut [Point]) {
     points.par_sort_unstable_by_key(|&(code, station, value)| {
         (code as u128) << 24 | (station as u128) << 8 | value as u128
     });
 }
 
-/// The coloured points of a part among these.
+/// Returns the coloured points of a range of a part.
 fn coloured(
     cloud: &Cloud,
     number: usize,
@@ -205,12 +207,12 @@ fn coloured(
     })
 }
 
-/// White is what a part without colours shows, and says nothing of any exposure.
+/// Returns V; `None` for white, which parts without colours show.
 fn value(rgb: [u8; 3]) -> Option<u8> {
     (rgb != [255; 3]).then(|| rgb[0].max(rgb[1]).max(rgb[2]))
 }
 
-/// The highest number of a block whose points are wanted, of so many.
+/// Returns the highest hashed block number that is wanted for this many points.
 fn most_of(points: u64) -> u64 {
     ((SAMPLE as f64 / points as f64).min(1.0) * u64::MAX as f64) as u64
 }
@@ -219,7 +221,7 @@ fn is_wanted(code: u64, most: u64) -> bool {
     scattered(code >> (3 * (AXIS_BITS - BLOCK_BITS))) <= most
 }
 
-/// All numbers are as likely, whatever the block (the mixing step of SplitMix64, Steele, Lea and Flood 2014).
+/// Hashes a block number uniformly (the mixing step of SplitMix64, Steele, Lea and Flood 2014).
 fn scattered(block: u64) -> u64 {
     let block = (block ^ block >> 30).wrapping_mul(0xBF58_476D_1CE4_E5B9);
     let block = (block ^ block >> 27).wrapping_mul(0x94D0_49BB_1331_11EB);
