@@ -59,9 +59,12 @@
 #[doc = include_str!("../README.md")]
 struct Readme;
 
+#[cfg(feature = "app")]
 pub mod app;
 pub mod atomic_file;
+#[cfg(feature = "study")]
 pub mod bench;
+#[cfg(feature = "cli")]
 pub mod cli;
 pub mod cloud;
 pub mod config;
@@ -73,12 +76,15 @@ pub mod index;
 pub mod loader;
 pub mod output;
 pub mod passes;
+#[cfg(feature = "app")]
 pub mod present;
 pub mod progress;
 pub mod render;
 pub mod resident;
 pub mod select;
 pub mod shader;
+#[cfg(feature = "study")]
 pub mod study;
+#[cfg(feature = "study")]
 pub mod synth;
 pub mod view;

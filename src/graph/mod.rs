@@ -196,6 +196,7 @@ pub struct Gpu {
     /// See [`crate::gpu::DeviceOptions::lost_after`].
     pub(crate) lost_after: Option<u64>,
     /// See [`crate::gpu::DeviceOptions::surface_lost_after`].
+    #[cfg_attr(not(feature = "app"), expect(dead_code))]
     pub(crate) surface_lost_after: Option<u64>,
     /// Number of clouds made resident so far.
     pub residents: u64,
