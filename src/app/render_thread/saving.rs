@@ -1,10 +1,14 @@
-//! PICTURES -> FILES, while the window goes on: tile by tile, whenever there is nothing to draw in the window.
+//! Saving of pictures while the window goes on: tile by tile, when there is nothing to draw.
 //!
-//! In: what was to be seen when somebody asked, and how large. Out: the bytes that `render` writes. Between two tiles everything that is posted is handled, and on a software device, where a tile takes long,
-//! it gives way; so the window moves, fits and closes as if nothing else were done, and takes in files that are dropped: the cloud that pictures were asked for of stays beside the window's until they are there. A picture no larger than the window is there as soon as it is asked for, unless nodes are on their way. One that is under way when the window closes is
-//! not there, which is said.
+//! A request keeps the view, settings and filters of its time; its file has the bytes that `render`
+//! writes. Messages are handled between tiles, and on a software device, where a tile takes long,
+//! also interrupt one. Files that are dropped meanwhile load at once; the cloud that is being saved
+//! stays resident until its pictures are written. A picture no larger than the window is saved at
+//! once, unless nodes are arriving. Pictures that are unfinished when the window closes are
+//! reported and not written.
 
-use super::{Redraw, RenderEvent, RenderLoop, Superseded};
+use super::draw_frame::settings;
+use super::{Redraw, RenderEvent, RenderLoop};
 use crate::app::warn;
 use crate::error::{Error, Result};
 use crate::output::export;
@@ -14,34 +18,47 @@ use crate::render::source::GpuCloud;
 use crate::select::clip::Clips;
 use crate::select::opacity::Opacities;
 use crate::view::View;
+use std::collections::VecDeque;
 use std::path::{Path, PathBuf};
 
-/// Width of a tile, pixels: several times as wide as the borders that surfaces want on either side, which are drawn, too.
+/// Width of a tile [px]: several times the borders on either side that surfaces need and that are
+/// drawn, too.
 const TILE: u32 = 2048;
 
-/// A picture on its way into a file, and what it leaves out.
+/// Pictures to save, in order.
+#[derive(Default)]
+pub(super) struct SaveQueue {
+    pub queue: VecDeque<PendingSave>,
+    /// Clouds that the window no longer shows, of the first of these pictures.
+    pub retired: VecDeque<RetiredCloud>,
+    /// Whether the filters of the window's cloud are those of a saved picture.
+    pub filters_replaced: bool,
+}
+
+/// A picture to save, and its filters.
 pub(super) struct PendingSave {
-    asked: SaveTarget,
+    target: SaveTarget,
     opacities: Opacities,
     clips: Clips,
 }
 
-/// A cloud that the window no longer shows.
+/// A cloud that the window no longer shows but saves pictures of.
 pub(super) struct RetiredCloud {
     cloud: GpuCloud,
-    /// That wait, and are of it.
+    /// Number of its pictures.
     pictures: usize,
 }
 
+/// What to save, and where.
 enum SaveTarget {
     Picture(Box<TiledPicture>),
-    /// All at once.
+    /// Layers, which are written in one step.
     Layers(Box<tiled::PictureRequest>, PathBuf),
 }
 
 impl PendingSave {
     fn path(&self) -> &Path {
-        match &self.asked {
+        match &self.target {
             SaveTarget::Picture(picture) => picture.path(),
             SaveTarget::Layers(_, path) => path,
         }
@@ -49,67 +66,72 @@ impl PendingSave {
 }
 
 impl RenderLoop {
+    /// Queues a picture, or saves it at once if that is quick.
     pub(super) fn save(&mut self, path: PathBuf, size: [u32; 2], layers: bool) -> Result<()> {
         let (Some(scene), Some(cloud)) = (&self.scene, &self.cloud) else {
             (self.report)(RenderEvent::SaveFailed(
                 path,
-                Error::Request("nothing is in the window yet; ask again when something is".into()),
+                Error::Request(
+                    "there is nothing to save yet; wait until the window shows a cloud".into(),
+                ),
             ));
             return Ok(());
         };
         let wanted = tiled::PictureRequest {
             view: View::new(scene.camera, size)?,
-            settings: super::settings(scene, cloud.resident()),
+            settings: settings(scene, cloud.resident()),
             lod: scene.lod,
             piece: None,
             tile: Some(TILE),
         };
-        // Of what the window shows whole, there is nothing to wait for.
-        let is_there =
-            self.redraw == Redraw::Nothing || matches!(self.cloud, Some(GpuCloud::Whole(_)));
+        // If the window shows everything, there is nothing to wait for.
+        let is_there = self.schedule.redraw == Redraw::Nothing
+            || matches!(self.cloud, Some(GpuCloud::Whole(_)));
         let at_once = is_there
-            && self.saves.is_empty()
+            && self.saves.queue.is_empty()
             && size.map(u64::from).iter().product::<u64>() <= self.pixels();
-        let asked = match layers {
+        let target = match layers {
             true => Ok(SaveTarget::Layers(Box::new(wanted), path.clone())),
             false => TiledPicture::begin(wanted, &path)
                 .map(|picture| SaveTarget::Picture(Box::new(picture))),
         };
-        match asked {
-            Ok(asked) => self.saves.push_back(PendingSave {
-                asked,
+        match target {
+            Ok(target) => self.saves.queue.push_back(PendingSave {
+                target,
                 opacities: scene.opacities.clone(),
                 clips: scene.clips.clone(),
             }),
             Err(error) => (self.report)(RenderEvent::SaveFailed(path, error)),
         }
-        while at_once && !self.saves.is_empty() {
+        while at_once && !self.saves.queue.is_empty() {
             self.continue_save(false)?;
         }
         Ok(())
     }
 
-    /// Of the window.
+    /// Returns the number of pixels of the window.
     fn pixels(&self) -> u64 {
         self.present.as_ref().map_or(0, |present| present.size().map(u64::from).iter().product())
     }
 
-    /// One tile, where something is being saved.
+    /// Saves one more tile, if there is a picture to save.
     pub(super) fn save_step(&mut self) -> Result<()> {
-        if self.saves.is_empty() { Ok(()) } else { self.continue_save(true) }
+        if self.saves.queue.is_empty() { Ok(()) } else { self.continue_save(true) }
     }
 
-    fn continue_save(&mut self, gives_way: bool) -> Result<()> {
-        let retired = self.retired.front_mut().map(|retired| &mut retired.cloud);
-        self.filters_replaced |= retired.is_none();
-        let (Some(saving), Some(cloud)) = (self.saves.front_mut(), retired.or(self.cloud.as_mut()))
+    /// Saves one more tile of the first picture; a newer message interrupts it if `interruptible`.
+    fn continue_save(&mut self, interruptible: bool) -> Result<()> {
+        let retired = self.saves.retired.front_mut().map(|retired| &mut retired.cloud);
+        self.saves.filters_replaced |= retired.is_none();
+        let (Some(saving), Some(cloud)) =
+            (self.saves.queue.front_mut(), retired.or(self.cloud.as_mut()))
         else {
             return Ok(());
         };
         cloud.set_filters(saving.opacities.clone(), saving.clips.clone());
-        let newer = Superseded { count: &self.count, handled: self.handled };
-        let progress = if gives_way { &newer as &dyn Progress } else { &Silent };
-        let written = match &mut saving.asked {
+        let newer = self.inbox.superseded();
+        let progress = if interruptible { &newer as &dyn Progress } else { &Silent };
+        let written = match &mut saving.target {
             SaveTarget::Layers(wanted, path) => {
                 export::write(&mut self.gpu, cloud, wanted, path, progress)
             }
@@ -127,14 +149,14 @@ impl RenderLoop {
             },
         };
         match written {
-            // It is begun again when there is nothing else to do.
+            // It starts again when there is nothing else to do.
             Err(Error::Interrupted) => return Ok(()),
             Err(error) if error.is_lost_device() => return Err(error),
             _ => {}
         }
-        let saving = self.saves.pop_front().expect("it is the first");
+        let saving = self.saves.queue.pop_front().expect("it is the first");
         let path = saving.path().to_owned();
-        let finished = written.and_then(|notes| match saving.asked {
+        let finished = written.and_then(|notes| match saving.target {
             SaveTarget::Picture(picture) => picture.finish(),
             SaveTarget::Layers(..) => Ok(notes),
         });
@@ -147,10 +169,11 @@ impl RenderLoop {
             }
             Err(error) => (self.report)(RenderEvent::SaveFailed(path, error)),
         }
-        if let Some(retired) = self.retired.front_mut() {
+        if let Some(retired) = self.saves.retired.front_mut() {
             retired.pictures -= 1;
             if retired.pictures == 0 {
-                self.retired
+                self.saves
+                    .retired
                     .pop_front()
                     .into_iter()
                     .for_each(|retired| retired.cloud.free(&mut self.gpu));
@@ -159,25 +182,25 @@ impl RenderLoop {
         Ok(())
     }
 
-    /// A cloud that the window no longer shows is given back once all pictures of it are there.
+    /// Frees a cloud that the window no longer shows, once all of its pictures are saved.
     pub(super) fn retire(&mut self, cloud: GpuCloud) {
-        // Pictures are made in the order that they were asked for in, so those of clouds before it come first.
-        let pictures =
-            self.saves.len() - self.retired.iter().map(|retired| retired.pictures).sum::<usize>();
+        // Pictures are saved in order, so those of earlier clouds come first.
+        let pictures = self.saves.queue.len()
+            - self.saves.retired.iter().map(|retired| retired.pictures).sum::<usize>();
         match pictures {
             0 => cloud.free(&mut self.gpu),
-            _ => self.retired.push_back(RetiredCloud { cloud, pictures }),
+            _ => self.saves.retired.push_back(RetiredCloud { cloud, pictures }),
         }
     }
 
-    /// What is loaded is again what the window shows, for whoever asks about that.
+    /// Restores filters and nodes of the window's view after saving has replaced them.
     pub(super) fn restore_filters(&mut self) -> Result<()> {
         let (true, Some(scene), Some(cloud), Some(present)) =
-            (self.filters_replaced, &self.scene, &mut self.cloud, &self.present)
+            (self.saves.filters_replaced, &self.scene, &mut self.cloud, &self.present)
         else {
             return Ok(());
         };
-        self.filters_replaced = false;
+        self.saves.filters_replaced = false;
         cloud.set_filters(scene.opacities.clone(), scene.clips.clone());
         if let GpuCloud::Parts(residency) = cloud {
             let update = residency.update(
@@ -186,7 +209,7 @@ impl RenderLoop {
                 &scene.lod.of(present.size()),
             )?;
             if !update.is_complete() {
-                self.redraw = self.redraw.max(Redraw::NodesArriving);
+                self.schedule.redraw = self.schedule.redraw.max(Redraw::NodesArriving);
             }
             update
                 .errors
@@ -196,13 +219,14 @@ impl RenderLoop {
         Ok(())
     }
 
+    /// Drops and reports unfinished pictures.
     pub(super) fn cancel_saves(&mut self) {
-        for saving in self.saves.drain(..) {
+        for saving in self.saves.queue.drain(..) {
             warn(&format!(
-                "{} was not saved: drawing has ended before all of it was there",
+                "{} was not saved: the window closed before it was complete",
                 saving.path().display()
             ));
         }
-        self.retired.drain(..).for_each(|retired| retired.cloud.free(&mut self.gpu));
+        self.saves.retired.drain(..).for_each(|retired| retired.cloud.free(&mut self.gpu));
     }
 }

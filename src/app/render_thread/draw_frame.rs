@@ -1,0 +1,307 @@
+//! Drawing of one frame.
+
+use super::{FrameReport, FrameTimes, Loading, Redraw, RenderEvent, RenderLoop};
+use crate::app::dynamic_resolution::divided;
+use crate::app::pick_buffer::PickBuffer;
+use crate::config;
+use crate::error::{Error, Result};
+use crate::graph::{Gpu, Graph, Handle};
+use crate::passes::counts::Warned;
+use crate::passes::encode::{self, Screen};
+use crate::passes::{Switch, shadows};
+use crate::present::Present;
+use crate::progress::Progress;
+use crate::render::frame;
+use crate::render::scene::Scene;
+use crate::render::settings::{FrameConfig, RenderSettings};
+use crate::render::source::GpuCloud;
+use crate::resident::Resident;
+use crate::resident::residency::Update;
+use crate::view::View;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
+use std::time::{Duration, Instant};
+
+/// Interrupts work when a newer message has come. On a software device a whole picture takes long.
+pub(super) struct Superseded<'t> {
+    pub posted: &'t AtomicU64,
+    pub handled: u64,
+}
+
+impl Progress for Superseded<'_> {
+    fn tick(&self, _doing: &str, _done: u64, _total: u64) -> Result<()> {
+        if self.posted.load(Relaxed) > self.handled { Err(Error::Interrupted) } else { Ok(()) }
+    }
+}
+
+/// Longest time of casting samples of the light between two frames.
+const REFINE_BUDGET: Duration = Duration::from_millis(100);
+
+/// Adds samples of the light to the shadows until it is superseded. Each has a submission of its
+/// own, so that samples stay if the frame is interrupted.
+fn refine_shadows(
+    gpu: &mut Gpu,
+    view: &View,
+    resident: &Resident,
+    config: &FrameConfig,
+    newer: &Superseded,
+) -> Result<()> {
+    let (scene, began) = (config.frame_context(view, resident), Instant::now());
+    loop {
+        let mut g = Graph::new(gpu);
+        let marks = match shadows::light_visibility(
+            &mut g,
+            &scene,
+            resident,
+            &config.effects,
+            &config.decided,
+            Some(1),
+        ) {
+            Ok(marks) => marks,
+            Err(error) => {
+                g.discard();
+                // Drawing reports the same error.
+                return if let Error::Request(_) = error { Ok(()) } else { Err(error) };
+            }
+        };
+        let Some(shadows::LightVisibility { counts, saved: None, facts, .. }) = marks else {
+            return Ok(());
+        };
+        g.submit_and_wait(&[counts.resource()])?.recycle(gpu);
+        if facts.cast == facts.samples
+            || began.elapsed() >= REFINE_BUDGET
+            || newer.tick("", 0, 0).is_err()
+        {
+            return Ok(());
+        }
+    }
+}
+
+/// Returns the scene's settings; without strokes until they are computed.
+pub(super) fn settings(scene: &Scene, resident: &Resident) -> RenderSettings {
+    let mut settings = scene.settings.clone();
+    if strokes_missing(scene, resident) {
+        settings.effects.strokes.switch = Switch::Off;
+    }
+    settings
+}
+
+/// Returns whether strokes are wanted that are not computed yet.
+fn strokes_missing(scene: &Scene, resident: &Resident) -> bool {
+    scene.settings.effects.strokes.switch == Switch::On && resident.shown.strokes().is_none()
+}
+
+impl RenderLoop {
+    /// Shows the last frame under the new panel.
+    pub(super) fn show_again(&mut self) -> Result<()> {
+        self.schedule.show_due = false;
+        let present = self.present.as_mut().expect("taken at the end");
+        if !present.fit(&mut self.gpu, self.window)? || !present.show(&self.gpu)? {
+            self.schedule.change(Instant::now());
+        }
+        Ok(())
+    }
+
+    /// Draws a frame; returns false if there is nothing new to show.
+    pub(super) fn draw(&mut self) -> Result<bool> {
+        let present = self.present.as_mut().expect("taken at the end");
+        let (mut times, fitting) = (FrameTimes::default(), Instant::now());
+        if !present.fit(&mut self.gpu, self.window)? {
+            // A message comes when the window is uncovered.
+            (self.schedule.redraw, self.schedule.show_due) = (Redraw::Nothing, false);
+            return Ok(false);
+        }
+        let (Some(scene), Some(cloud)) = (&self.scene, &mut self.cloud) else {
+            self.schedule.redraw = Redraw::Nothing;
+            return self.blank().map(|()| true);
+        };
+        cloud.set_filters(scene.opacities.clone(), scene.clips.clone());
+        self.saves.filters_replaced = false;
+        times.fitting = fitting.elapsed();
+        let divisor = if self.schedule.redraw == Redraw::Changed { self.scale.divisor } else { 1 };
+        let size = divided(present.size(), divisor);
+        let view = View::new(scene.camera, size)?;
+        let (mut loading, taking_in) = (None, Instant::now());
+        if let GpuCloud::Parts(residency) = cloud {
+            let detail = scene.lod.of(size);
+            let update = match self.schedule.redraw {
+                Redraw::Changed => residency.update_moving(&mut self.gpu, &view, &detail)?,
+                _ => residency.update(&mut self.gpu, &view, &detail)?,
+            };
+            let Update { cut, budget, missing, coarse, bytes_read, errors, .. } = update;
+            loading = Some(Loading {
+                fitting: (budget < detail.budget).then_some(budget),
+                nodes: cut.nodes.len(),
+                awaited: missing + coarse,
+                largest_error_px: cut.largest_error_px,
+                pool_bytes: residency.pool_bytes(),
+                bytes_read,
+                worked: Duration::ZERO,
+            });
+            errors
+                .into_iter()
+                .for_each(|error| (self.report)(RenderEvent::Failed(Error::Request(error))));
+        }
+        let complete = loading.is_none_or(|loading| loading.awaited == 0);
+        times.taking_in = taking_in.elapsed();
+        let recording = Instant::now();
+        let resident = cloud.resident();
+        let identity = resident.identity();
+        if self.schedule.redraw == Redraw::NodesArriving
+            && identity == self.last_drawn
+            && !complete
+            && !present.is_blank()
+        {
+            return Ok(false);
+        }
+        let newer = self.inbox.superseded();
+        // A refinement of the same picture can be interrupted; another picture is finished.
+        let interruptible = self.schedule.redraw != Redraw::Changed;
+        // Decided for the full size: a smaller picture has more points per pixel, and would call
+        // for other effects.
+        let mut config = FrameConfig::new(
+            &settings(scene, resident),
+            &View::new(scene.camera, present.size())?,
+            resident,
+        );
+        if strokes_missing(scene, resident) {
+            config.decided.explain("strokes", "strokes are still being computed");
+        }
+        let mut drawn =
+            if interruptible { config.progressive() } else { config.interactive(divisor) };
+        if divisor > 1 && !drawn.overlap.is_everywhere() {
+            drawn.overlap = Arc::new(resident.overlap(&view));
+        }
+        if interruptible {
+            refine_shadows(&mut self.gpu, &view, resident, &config, &newer)?;
+        }
+        let mut g = Graph::new(&mut self.gpu);
+        if interruptible {
+            g = g.with_progress(&newer);
+        }
+        let outcome = match frame::record(&mut g, &view, resident, &drawn) {
+            Ok(outcome) => outcome,
+            Err(error) => {
+                g.discard();
+                return match error {
+                    // A newer message has come; it is handled next.
+                    Error::Interrupted => Ok(true),
+                    // The request cannot be drawn; the last frame stays until another request.
+                    Error::Request(_) => {
+                        (self.report)(RenderEvent::Failed(error));
+                        self.schedule.redraw = Redraw::Nothing;
+                        let nothing_is_there = self.present.as_ref().is_some_and(Present::is_blank);
+                        if nothing_is_there { self.blank().map(|()| true) } else { Ok(false) }
+                    }
+                    _ => Err(error),
+                };
+            }
+        };
+        let mut screen = Screen {
+            words: g.import("screen", present.screen()),
+            blue_first: present.blue_first(),
+        };
+        encode::record(&mut g, &outcome.picture, &mut screen)?;
+        let warned = Warned::ask(&mut g, &drawn.effects);
+        let [depth, index] =
+            [&outcome.gbuffer.depth, &outcome.gbuffer.index].map(|layer| g.download(layer));
+        times.recording = recording.elapsed();
+        let (began, handled) = (Instant::now(), self.inbox.handled);
+        let running = match g.submit_async(&[screen.words.resource()]) {
+            Ok(running) => running,
+            // A newer message has come; it is handled next.
+            Err(Error::Interrupted) => return Ok(true),
+            Err(error) => return Err(error),
+        };
+        (self.report)(RenderEvent::FrameStarted);
+        let frame = running.finish(&mut self.gpu)?;
+        let took = began.elapsed();
+        let reading_back = Instant::now();
+        present.holds(&mut self.gpu, size)?;
+        let pick_buffer = Arc::new(PickBuffer {
+            view,
+            depth: frame.read(&depth).to_vec(),
+            index: frame.read(&index).to_vec(),
+        });
+        let passes = frame.passes.clone();
+        let unordered = outcome.strokes.as_ref().and_then(|painted| painted.unordered.as_ref());
+        let ordered = unordered.is_none_or(|unordered| frame.read::<u32>(unordered)[0] == 0);
+        let mut notes = config.warnings(cloud.resident());
+        notes.extend(
+            warned
+                .note(&frame)
+                .into_iter()
+                .chain(outcome.strokes.as_ref().and_then(|painted| painted.facts.note())),
+        );
+        frame.recycle(&mut self.gpu);
+        self.scale = self.scale.after(divisor, took);
+        self.last_drawn = identity;
+        let lit = outcome
+            .gbuffer
+            .light_visibility
+            .as_ref()
+            .is_none_or(|marks| marks.facts.cast == marks.facts.samples);
+        let finest = divisor == 1 && drawn.effects == config.effects && lit && ordered;
+        self.schedule.redraw = match (finest, complete) {
+            (true, true) => Redraw::Nothing,
+            (true, false) => Redraw::NodesArriving,
+            _ => Redraw::FullResolution,
+        };
+        self.schedule.show_due = false;
+        self.schedule.count_due =
+            cloud.resident().leaves_out().then(|| config.drops_back_faces(cloud.resident()));
+        (times.drawing, times.reading_back) = (took, reading_back.elapsed());
+        let showing = Instant::now();
+        if !present.show(&self.gpu)? {
+            self.schedule.redraw = Redraw::Changed;
+        }
+        times.showing = showing.elapsed();
+        if let (Some(loading), GpuCloud::Parts(residency)) = (&mut loading, cloud) {
+            loading.worked = residency.loader_worked();
+        }
+        let (decided, statistics, latency) =
+            (config.decided, outcome.statistics, self.schedule.asked.elapsed());
+        let (whole, leaves_out) =
+            (finest && complete && self.uploading.is_none(), self.schedule.count_due.is_some());
+        (self.report)(RenderEvent::FrameDone(Box::new(FrameReport {
+            pick_buffer,
+            decided,
+            notes,
+            statistics,
+            leaves_out,
+            passes,
+            whole,
+            loading,
+            times,
+            latency,
+            took,
+            handled,
+        })));
+        Ok(true)
+    }
+
+    /// Shows the background without points.
+    fn blank(&mut self) -> Result<()> {
+        let present = self.present.as_mut().expect("taken at the end");
+        let [red, green, blue] = self
+            .scene
+            .as_ref()
+            .map_or(config::BACKGROUND, |scene| scene.settings.background)
+            .map(u32::from);
+        let word = if present.blue_first() {
+            blue | green << 8 | red << 16
+        } else {
+            red | green << 8 | blue << 16
+        };
+        let mut g = Graph::new(&mut self.gpu);
+        let mut screen = g.import("screen", present.screen());
+        g.fill(&mut screen, word | 255 << 24);
+        g.submit_and_wait(&[screen.resource()])?.recycle(&mut self.gpu);
+        present.holds(&mut self.gpu, present.size())?;
+        self.schedule.show_due = false;
+        if !present.show(&self.gpu)? {
+            self.schedule.redraw = Redraw::Changed;
+        }
+        Ok(())
+    }
+}

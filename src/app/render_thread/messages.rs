@@ -1,0 +1,162 @@
+//! Messages to the render thread, and its events.
+
+use crate::app::cancel::CancelToken;
+use crate::app::load_thread::{CloudInfo, ProgressReporter};
+use crate::app::pick_buffer::PickBuffer;
+use crate::app::profile::Profile;
+use crate::error::Error;
+use crate::passes::Decided;
+use crate::passes::project::Statistics;
+use crate::present::overlay::Overlay;
+use crate::render::scene::Scene;
+use crate::render::source::PreparedCloud;
+use crate::resident::Point;
+use crate::resident::slab_query::Slab;
+use glam::DVec2;
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+/// A loaded cloud to upload, between frames.
+pub struct Upload {
+    pub prepared: PreparedCloud,
+    pub info: CloudInfo,
+    pub pool_bytes: u64,
+    pub watch: ProgressReporter,
+}
+
+/// A message from the window.
+pub enum Message {
+    Scene {
+        scene: Box<Scene>,
+        /// Time of the input that changed it.
+        asked: Instant,
+    },
+    /// The window has another size [px], or was uncovered.
+    Exposed([u32; 2]),
+    /// Sets what is drawn over the picture.
+    Panel(Box<Overlay>),
+    /// Uploads a cloud, which then replaces the current one.
+    Upload(Box<Upload>),
+    /// Reads the point with an id of the last frame; `adds` it to the picked ones.
+    Pick {
+        id: u32,
+        at: DVec2,
+        adds: bool,
+    },
+    /// Reads the points of a slab, for a profile.
+    Section(Slab),
+    /// Saves the current picture with this size [px]: as PNG, or its layers as EXR.
+    Save {
+        path: PathBuf,
+        size: [u32; 2],
+        layers: bool,
+    },
+    Close,
+}
+
+impl Message {
+    /// Returns whether it changes the picture, so that a frame in progress is superseded.
+    pub fn changes_picture(&self) -> bool {
+        !matches!(self, Message::Panel(_))
+    }
+}
+
+/// An event for the window.
+pub enum RenderEvent {
+    /// A frame has started: animations may take their next step.
+    FrameStarted,
+    FrameDone(Box<FrameReport>),
+    /// Number of points in the last frame, if filters or clip boxes leave some out.
+    Counted(u64),
+    /// A cloud is on the device.
+    Uploaded(Box<CloudInfo>, CancelToken),
+    UploadFailed(Error, CancelToken),
+    Picked {
+        point: Point,
+        adds: bool,
+    },
+    /// Nodes have arrived since the frame that was picked from; pick again from the next one.
+    PickLater {
+        at: DVec2,
+        adds: bool,
+    },
+    Profile(Box<Profile>),
+    /// Progress of work, to show.
+    Status(String),
+    Saved(PathBuf),
+    SaveFailed(PathBuf, Error),
+    /// An error that does not end the thread.
+    Failed(Error),
+    /// The thread has ended.
+    Ended(Error),
+}
+
+/// A frame on the screen.
+pub struct FrameReport {
+    pub pick_buffer: Arc<PickBuffer>,
+    pub decided: Decided,
+    /// Settings without effect, and limits that were reached.
+    pub notes: Vec<String>,
+    pub statistics: Statistics,
+    /// Whether filters or clip boxes may leave some of its points out.
+    pub leaves_out: bool,
+    /// Device time of every pass [ms].
+    pub passes: Vec<(String, f64)>,
+    /// Whether it has the window's size and all points of the view, and no other cloud is being
+    /// uploaded.
+    pub whole: bool,
+    /// Loading of an index; None for files.
+    pub loading: Option<Loading>,
+    /// Times of the steps until it was on the screen.
+    pub times: FrameTimes,
+    /// Time from its request until it was done.
+    pub latency: Duration,
+    /// Time on the device.
+    pub took: Duration,
+    /// Number of messages handled before it started ([`super::RenderThread::is_newest`]).
+    pub handled: u64,
+}
+
+/// How much of an index a frame shows.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Loading {
+    /// Number of points that fit the device's memory, if that is less than the point budget.
+    pub fitting: Option<u64>,
+    /// Nodes of the LOD cut.
+    pub nodes: usize,
+    /// Nodes of the cut that are being loaded, or have planes that are.
+    pub awaited: usize,
+    /// Largest distance on the screen between samples that are drawn [px].
+    pub largest_error_px: f64,
+    /// Size of the pool, and bytes in use.
+    pub pool_bytes: [u64; 2],
+    /// Bytes read since the last frame.
+    pub bytes_read: u64,
+    /// Processor time of the loader thread until the frame was on the screen.
+    pub worked: Duration,
+}
+
+/// Times of the steps of a frame.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct FrameTimes {
+    /// Making the swapchain fit the window.
+    pub fitting: Duration,
+    /// Uploading loaded nodes and requesting others: the loader's cost to this thread.
+    pub taking_in: Duration,
+    /// Choosing effects and recording passes.
+    pub recording: Duration,
+    /// Waiting for the device.
+    pub drawing: Duration,
+    /// Copying the pick buffer.
+    pub reading_back: Duration,
+    /// Presenting.
+    pub showing: Duration,
+}
+
+impl FrameReport {
+    /// Returns whether nodes are still being loaded.
+    pub fn is_loading(&self) -> bool {
+        self.loading.is_some_and(|loading| loading.awaited > 0)
+    }
+}
