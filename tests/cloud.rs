@@ -1,6 +1,6 @@
 //! FILE -> POINTS, on real files, on hostile ones, and on files made here with known contents.
 //!
-//! Real and bad files lie in `../shared`; where that folder is missing, the tests that need it say so and pass.
+//! Real and bad files lie in `../shared`; tests that need it are skipped if it is missing.
 
 mod support;
 
@@ -14,16 +14,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 use support::made::{Las as Made, sheet};
-use support::{failed, render, run, text};
-
-fn shared(relative: &str) -> Option<PathBuf> {
-    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared").join(relative);
-    if !path.exists() {
-        println!("skipped: {} is not there", path.display());
-        return None;
-    }
-    Some(path)
-}
+use support::{failed, render, run, shared, text};
 
 fn read(path: &Path) -> Result<Cloud> {
     cloud::read(&[path.to_owned()], &ReadOptions::new(ColumnSet::ALL, false), &Silent)

@@ -1,6 +1,6 @@
 //! What colours count to is decided by those of most points, whatever a format means or a header says; and it can be said.
 //!
-//! Files are made here. Those that people have met lie in `../shared/cases`; where that folder is missing, the test that needs it says so and passes.
+//! Files are made here. Those that people have met lie in `../shared/cases`; the test that needs it is skipped if it is missing.
 
 mod support;
 

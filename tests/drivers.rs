@@ -2,6 +2,8 @@
 //!
 //! SwiftShader, in Debian's chromium package, has neither 64-bit atomics nor large texel buffers, so it takes the other way through every trunk kernel.
 
+mod support;
+
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
@@ -20,9 +22,7 @@ fn run(arguments: &[&str], driver: Option<&str>) {
 #[test]
 fn swiftshader_draws_the_same_bytes() {
     if !Path::new(SWIFTSHADER).exists() {
-        println!(
-            "skipped: there is no second driver at {SWIFTSHADER} (Debian's package chromium has one)"
-        );
+        support::skip(&format!("no driver at {SWIFTSHADER} (in Debian's package chromium)"));
         return;
     }
     let folder = tempfile::tempdir().unwrap();

@@ -137,7 +137,7 @@ fn can_trace() -> bool {
     let tried = Command::new("strace").args(["-f", "-e", "trace=close", "true"]).output();
     let can = tried.is_ok_and(|output| output.status.success());
     if !can {
-        println!("skipped: strace is not there, or may not trace");
+        support::skip("strace is missing or may not trace");
     }
     can
 }
@@ -408,7 +408,7 @@ impl Mounted {
         let tried =
             Command::new("mount").args(["-t", "tmpfs", "-o", &size, "tmpfs"]).arg(&at).output();
         if !tried.is_ok_and(|output| output.status.success()) {
-            println!("skipped: nothing may be mounted");
+            support::skip("mounting a file system is not permitted");
             return None;
         }
         Some(Mounted(at))

@@ -2,7 +2,7 @@
 //! on the points alone; and whatever becomes of the file, it is refused or read as it was written.
 //!
 //! Leaves are decoded here from the description in `index::format`, not by the code that packs them. Clouds are made here, or by `synth`, or lie in
-//! `../shared`; where that folder is missing, the tests that need it say so and pass.
+//! `../shared`; tests that need it are skipped if it is missing.
 
 mod support;
 

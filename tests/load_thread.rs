@@ -1,4 +1,4 @@
-//! OpenOptions files for the window: those that take long are there in part before.
+//! Loading files for the window: slow ones are previewed before they are complete.
 
 mod support;
 

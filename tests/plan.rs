@@ -2,6 +2,8 @@
 //!
 //! A plan that changed on purpose: `POINTILLIST_UPDATE=1 cargo test --release --test plan`, and read the difference before committing it.
 
+mod support;
+
 use pointillist::cloud::attribute::{Attribute, DisplayAttribute};
 use pointillist::error::{Error, Result};
 use pointillist::gpu::DeviceOptions;
@@ -111,9 +113,7 @@ impl Progress for Patience {
 fn a_frame_that_was_stopped_is_drawn_whole_the_next_time() {
     on_a_plane(&[], |gpu, view, resident, config| {
         if !gpu.device.is_cpu {
-            return println!(
-                "skipped: only software devices look between passes whether they are to stop"
-            );
+            return support::skip("only software devices are cancelled between passes");
         }
         let picture = |gpu: &mut Gpu, progress: Option<&dyn Progress>| {
             let mut g = Graph::new(gpu);

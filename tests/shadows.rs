@@ -390,12 +390,7 @@ fn a_light_in_a_closed_surface_lights_nothing_outside_of_it() {
 
 #[test]
 fn a_mesh_is_shaded_as_rays_say() {
-    let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR"))
-        .join("../shared/data/objects/bun_zipper.ply");
-    if !path.exists() {
-        println!("skipped: {} is not there", path.display());
-        return;
-    }
+    let Some(path) = support::shared("data/objects/bun_zipper.ply") else { return };
     // Upright, and twenty times as large.
     let mesh = Mesh::read(&path, |p| DVec3::new(p.x, -p.z, p.y) * 20.0).unwrap();
     let cloud = points((0..600_000).map(|i| mesh.sample(&mut synth::noise::Random::new(1, 0, i))));

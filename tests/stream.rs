@@ -1,6 +1,6 @@
 //! FILE -> BATCHES is FILE -> POINTS in another order: the same points, counts, notes and errors, on every file there is and on files made here.
 //!
-//! Real and bad files lie in `../shared`; where that folder is missing, the tests that need it say so and pass.
+//! Real and bad files lie in `../shared`; tests that need it are skipped if it is missing.
 
 mod support;
 

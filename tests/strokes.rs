@@ -1,6 +1,7 @@
 //! What a brush needs to know of points, against analytic truth; and the same whatever the threads and the order of the file.
 
 mod gpu;
+mod support;
 
 #[path = "strokes/tangents.rs"]
 mod tangents;
@@ -689,12 +690,7 @@ mod painted {
 
     /// The Stanford dragon's every so many points, and its surface.
     fn dragon(every: usize) -> Option<(Cloud, Mesh)> {
-        let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR"))
-            .join("../shared/data/objects/stanford_dragon_437k.ply");
-        if !path.exists() {
-            println!("skipped: {} is not there", path.display());
-            return None;
-        }
+        let path = crate::support::shared("data/objects/stanford_dragon_437k.ply")?;
         let mesh = Mesh::read(&path, |p| p).unwrap();
         let mut cloud = cloud::read(&[path], &ReadOptions::default(), &Silent).unwrap();
         let columns = &mut cloud.parts[0].columns;

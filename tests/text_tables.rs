@@ -3,6 +3,8 @@
 //! Tables are made with every choice that writers have (delimiter, decimal mark, names, units, encoding, quotes, gaps, line ends, forms of numbers)
 //! and read back, every column; damaged ones are compared with what a few obvious lines make of them. Files of `../shared` have known values.
 
+mod support;
+
 use glam::DVec3;
 use pointillist::cloud::table::{Columns, Delimiter, TextOptions};
 use pointillist::cloud::{self, Cloud, ColumnSet, Extra, ReadOptions};
@@ -13,17 +15,9 @@ use proptest::test_runner::{Config, RngAlgorithm, TestError, TestRng, TestRunner
 use std::cell::Cell;
 use std::path::{Path, PathBuf};
 use std::process::Command;
+use support::shared;
 
 const ALL: ReadOptions = ReadOptions::new(ColumnSet::ALL, false);
-
-fn shared(relative: &str) -> Option<PathBuf> {
-    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared").join(relative);
-    if !path.exists() {
-        println!("skipped: {} is not there", path.display());
-        return None;
-    }
-    Some(path)
-}
 
 fn read_as(name: &str, bytes: &[u8], options: &ReadOptions) -> Result<Cloud> {
     let folder = tempfile::tempdir().unwrap();

@@ -1,6 +1,6 @@
 //! What coordinates mean: units, systems, and degrees that are drawn in metres; and how many of their digits are printed.
 //!
-//! Files are made here. Those that people have met, and real ones in feet, lie in `../shared`; where that folder is missing, tests that need it say so and pass.
+//! Files are made here. Those that people have met, and real ones in feet, lie in `../shared`; tests that need it are skipped if it is missing.
 
 mod support;
 

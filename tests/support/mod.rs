@@ -7,7 +7,7 @@ use pointillist::progress::Silent;
 use pointillist::synth::{self, LasFile, SceneKind};
 use std::collections::BTreeMap;
 use std::ffi::OsStr;
-use std::io::{Read, Seek};
+use std::io::{Read, Seek, Write};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
 use std::time::{Duration, Instant};
@@ -61,14 +61,25 @@ pub fn failed(output: &Output, code: i32) -> String {
     said
 }
 
-/// A file or folder of `../shared`, or none and a line that says so.
+/// Returns a file or folder of `../shared`; skips the test if it is missing.
 pub fn shared(relative: &str) -> Option<PathBuf> {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared").join(relative);
     if !path.exists() {
-        println!("skipped: {} is not there", path.display());
+        skip(&format!("{} is missing", path.display()));
         return None;
     }
     Some(path)
+}
+
+/// Records that this test, or a part of it, is skipped. `tools/test` lists these lines at the end,
+/// since test runners hide the output of passing tests.
+pub fn skip(why: &str) {
+    let thread = std::thread::current();
+    let line = format!("skipped: {}: {why}\n", thread.name().unwrap_or("a test"));
+    print!("{line}");
+    let list = Path::new(env!("CARGO_TARGET_TMPDIR")).join("skipped");
+    let file = std::fs::OpenOptions::new().create(true).append(true).open(list);
+    file.and_then(|mut file| file.write_all(line.as_bytes())).expect("list a skipped test");
 }
 
 /// A scan of an analytic scene.
