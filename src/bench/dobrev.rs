@@ -1,8 +1,10 @@
-//! `bench dobrev`: what layers and shadows cost beside local illumination: the rows and columns of table 3 of Dobrev, Rosenthal and Linsen 2010, as times and as multiples of its first row,
-//! round by round.
+//! `bench dobrev`: the cost of layers and shadows relative to local illumination. Rows and columns
+//! are those of table 3 of Dobrev, Rosenthal and Linsen 2010, as times and as multiples of the
+//! first row, round by round.
 //!
-//! As there, every filter of the surface runs once. Shadows are cast anew in every frame, by a light that moves a little. All ways are interleaved round by round on the same device; times are of all
-//! passes of a frame.
+//! As in the paper, every filter of the surface runs once. Shadows are cast anew in every frame, by
+//! a light that moves a little. All ways are interleaved round by round on the same device; times
+//! are of all passes of a frame.
 
 use super::quartiles;
 use crate::cloud::attribute::{Attribute, DisplayAttribute};
@@ -23,18 +25,18 @@ use serde::Serialize;
 use std::fmt::Write;
 use std::path::PathBuf;
 
-/// What to measure.
+/// Options of the benchmark.
 pub struct Plan {
     /// Points of the nested tori.
     pub points: u64,
-    /// Other clouds.
+    /// Further clouds.
     pub models: Vec<PathBuf>,
     pub sizes: Vec<[u32; 2]>,
     pub repeat: usize,
     pub seed: u64,
 }
 
-/// One way's time.
+/// The times of one way.
 #[derive(Clone, Debug, Serialize)]
 pub struct Row {
     pub bench: &'static str,
@@ -45,11 +47,13 @@ pub struct Row {
     pub ms_median: f64,
     pub ms_q1: f64,
     pub ms_q3: f64,
-    /// Multiples of local illumination in the same round, which is what the machine's changes of speed leave alone: median and quartiles of all rounds.
+    /// Multiples of local illumination in the same round, which are robust against changes of the
+    /// machine's speed: median and quartiles of all rounds.
     pub ratio_median: f64,
     pub ratio_q1: f64,
     pub ratio_q3: f64,
-    /// The same in the paper, of its nested tori, or for other clouds of its dragon, at 512 x 512 and 1024 x 1024.
+    /// The same in the paper for its nested tori, or for its dragon for other clouds, at 512 x 512
+    /// and 1024 x 1024.
     pub paper: [f64; 2],
     pub device: String,
     pub driver: String,
@@ -59,7 +63,7 @@ struct Way {
     name: &'static str,
     layers: u32,
     samples: u32,
-    /// Frames a second: of the nested tori, and of the dragon.
+    /// Frames per second in the paper: nested tori, and dragon.
     paper: [[f64; 2]; 2],
 }
 
@@ -110,7 +114,7 @@ fn of(
     for &size in &plan.sizes {
         let view = View::new(Camera::framing(Preset::Fit, &core, size), size)?;
         let mut times = vec![Vec::new(); WAYS.len()];
-        // One round more, which warms up.
+        // The first round warms up.
         for round in 0..=plan.repeat {
             progress.tick("bench dobrev", round as u64, plan.repeat as u64)?;
             for (way, times) in WAYS.iter().zip(&mut times) {
@@ -148,7 +152,7 @@ fn of(
     Ok(rows)
 }
 
-/// Milliseconds of all passes of a frame.
+/// Returns the time of all passes of a frame [ms].
 fn draw(
     gpu: &mut Gpu,
     view: &View,
@@ -158,7 +162,7 @@ fn draw(
 ) -> Result<f64> {
     let opacity = if way.layers > 1 { 0.5 } else { 1.0 };
     resident.opacities = Opacities(vec![Rule { what: What::All, opacity }]);
-    // Never twice the same, so that no marks are kept.
+    // Never the same light twice, so that no shadows are cached.
     let mut settings = RenderSettings {
         light: Light::Direction(DVec3::new(0.5, 0.7, -0.8 - 1e-3 * round as f64)),
         ..RenderSettings::default()

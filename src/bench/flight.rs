@@ -1,8 +1,11 @@
-//! `bench flight`: a camera flies through an index with a pool that is smaller than the data, and no frame waits for anything.
+//! `bench flight`: a flight through an index with a pool smaller than the data, in which no frame
+//! may wait.
 //!
-//! In: an index. The flight: from a view of all of it down to places spread over it, past each at a small height, and up again; the same every time.
-//! Of every frame: how long `Residency::update` took, and the whole frame; nodes of the cut that were not resident; holes. That a hole could have been
-//! filled is found here by walking up and down the tree, on purpose not by the code that decides what is drawn.
+//! The flight leads from a view of the whole to places spread over it, past each at a small height,
+//! and up again, always the same. Measured per frame: the time of `Residency::update` and of the
+//! whole frame, nodes of the cut that were not resident, and holes. Whether a hole could have been
+//! filled is determined here by walking the tree, deliberately not by the code that selects what is
+//! drawn.
 
 use crate::cloud::attribute::Attribute;
 use crate::error::{Error, Result};
@@ -25,18 +28,18 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Instant;
 
-/// What to measure.
+/// Options of the benchmark.
 pub struct Plan {
     pub index: PathBuf,
     pub sizes: Vec<[u32; 2]>,
     pub frames: usize,
     pub budget: Option<u64>,
     pub lod_px: f64,
-    /// A quarter of what the whole index would take where none is asked for.
+    /// Size of the pool; a quarter of the whole index if `None`.
     pub pool_bytes: Option<u64>,
 }
 
-/// One flight. Milliseconds are wall-clock time.
+/// The results of a flight. Milliseconds are wall-clock time.
 #[derive(Clone, Debug, Serialize)]
 pub struct Flight {
     pub bench: &'static str,
@@ -44,7 +47,7 @@ pub struct Flight {
     pub frames: usize,
     pub points: u64,
     pub index_bytes: u64,
-    /// Pages of all nodes, were they resident at once.
+    /// Bytes of the pages of all nodes.
     pub whole_bytes: u64,
     pub pool_bytes: u64,
     pub budget: u64,
@@ -57,21 +60,21 @@ pub struct Flight {
     pub update_ms_worst: f64,
     pub points_drawn_median: f64,
     pub bytes_read: u64,
-    /// Nodes of a cut that were not resident, summed over the frames.
+    /// Nodes of cuts that were not resident, summed over the frames.
     pub misses: u64,
-    /// Frames whose cut was resident as a whole.
+    /// Frames whose cut was entirely resident.
     pub complete_frames: usize,
     pub evictions: u64,
     pub frames_with_holes: usize,
-    /// Holes that something resident could have filled.
+    /// Holes that a resident node could have filled.
     pub needless_holes: usize,
-    /// What could not be read.
+    /// Read errors.
     pub errors: Vec<String>,
     pub device: String,
     pub driver: String,
 }
 
-/// Places between which the camera flies.
+/// Number of places the camera visits.
 const PLACES: usize = 6;
 
 pub fn run(options: &DeviceOptions, plan: &Plan, progress: &dyn Progress) -> Result<Vec<Flight>> {
@@ -162,7 +165,7 @@ fn milliseconds(since: Instant) -> f64 {
     since.elapsed().as_secs_f64() * 1e3
 }
 
-/// Median, 99.9 % and the worst: the values nearest to those ranks.
+/// Returns median, 99.9 % and maximum: the values nearest to those ranks.
 fn ranks(values: &mut [f64]) -> [f64; 3] {
     values.sort_by(f64::total_cmp);
     [0.5, 0.999, 1.0].map(|share| {
@@ -173,7 +176,7 @@ fn ranks(values: &mut [f64]) -> [f64; 3] {
     })
 }
 
-/// Nodes of the cut of which something that can be seen is not shown, although they or something above them is resident.
+/// Returns visible nodes of the cut that are not shown although they or an ancestor are resident.
 fn holes_that_could_be_filled(residency: &Residency, view: &View, update: &Update) -> usize {
     let index = residency.index();
     let drawn: HashSet<usize> = residency.drawn().iter().copied().collect();
@@ -199,13 +202,13 @@ fn holes_that_could_be_filled(residency: &Residency, view: &View, update: &Updat
     update.cut.nodes.iter().filter(|wanted| could(wanted.node) && hole(wanted.node)).count()
 }
 
-/// Where the camera is and what it looks at, along the flight.
+/// Eye and target along the flight.
 struct Path {
     stops: Vec<[DVec3; 2]>,
     fov_y: f64,
 }
 
-/// Cameras at the stops of a flight over an index.
+/// Returns the cameras at the stops of a flight over an index.
 pub fn stops(index: &Index, size: [u32; 2]) -> Result<Vec<Camera>> {
     let path = Path::over(index, size)?;
     let last = path.stops.len() - 1;
@@ -220,7 +223,7 @@ impl Path {
         }
         let overview = Camera::framing(Preset::Fit, &samples, size);
         let away = overview.eye - overview.target;
-        // Samples are in Morton order, so evenly spaced ones are places all over.
+        // Samples are in Morton order, so evenly spaced ones are spread over the cloud.
         let places = (0..PLACES).map(|k| samples[(2 * k + 1) * samples.len() / (2 * PLACES)]);
         let above = |(k, place): (usize, DVec3)| {
             // Near enough that a node or two fill the picture, from another side each time.
@@ -234,7 +237,8 @@ impl Path {
         Ok(Path { stops, fov_y: overview.fov_y })
     }
 
-    /// `share` of the flight: 0 where it begins, 1 where it ends. Smooth between stops, and slow at them.
+    /// Returns the camera at `share` of the flight in 0..=1. The path is smooth, and slow at the
+    /// stops.
     fn camera(&self, share: f64) -> Camera {
         let at = share.clamp(0.0, 1.0) * (self.stops.len() - 1) as f64;
         let k = (at as usize).min(self.stops.len() - 2);
@@ -252,7 +256,7 @@ impl Path {
     }
 }
 
-/// The flights for reading.
+/// Formats the flights as a table.
 pub fn table(flights: &[Flight]) -> String {
     let mut text = String::new();
     for f in flights {

@@ -1,9 +1,11 @@
-//! `bench index`: how fast an index is made, and how near that is to reading the input and writing the output alone.
+//! `bench index`: the speed of indexing, relative to reading the input and writing the output
+//! alone.
 //!
-//! In: the street from `synth`, as LAS or LAZ. Each round does, one after the other: read alone (stream every point, keep none), index (a process of its
-//! own, so that its peak memory is its own), write alone (as many bytes, in pieces of 1 MiB, to the disk). The input is read once before, so it lies in
-//! the system's cache as far as that goes; the output goes to the disk each time, and takes no other file's place: giving back the pages of an index that is
-//! replaced takes the system 0.1 s for 20 million points, and has nothing to do with the new one.
+//! Input is the street of `synth`, as LAS or LAZ. Each round reads alone (streams every point,
+//! keeps none), indexes (in a process of its own, to measure its peak memory), and writes alone
+//! (the same number of bytes in pieces of 1 MiB). The input is read once before, so it lies in the
+//! system's cache as far as it fits. The output is a new file each time: freeing the pages of a
+//! replaced index takes the system 0.1 s for 20 million points, and is not part of indexing.
 
 use super::quartiles;
 use crate::cloud::stream;
@@ -18,19 +20,19 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::time::Instant;
 
-/// What to measure.
+/// Options of the benchmark.
 pub struct Plan {
     pub points: Vec<u64>,
     pub laz: bool,
     pub seed: u64,
     pub repeat: usize,
-    /// As `index --memory` takes it.
+    /// Memory as for `index --memory`.
     pub memory: String,
-    /// Where input and output lie meanwhile.
+    /// Folder of input and output.
     pub folder: PathBuf,
 }
 
-/// One cloud's index. Times are medians over the rounds.
+/// The results of a cloud. Times are medians over the rounds.
 #[derive(Clone, Debug, serde::Serialize, serde::Deserialize)]
 pub struct Row {
     pub points: u64,
@@ -39,11 +41,12 @@ pub struct Row {
     pub seconds_q1: f64,
     pub seconds_q3: f64,
     pub mpts_per_s: f64,
-    /// Of position, colour, intensity and class, weights of inner nodes among them; and of the whole file.
+    /// Bytes per point of position, colour, intensity and class, including weights of inner nodes;
+    /// and of the whole file.
     pub bytes_per_point: f64,
     pub file_bytes_per_point: f64,
     pub peak_mib: f64,
-    /// Memory that grows with the cloud: a trillion points need a trillion times as much.
+    /// Memory that grows with the cloud, per point.
     pub held_bytes_per_point: f64,
     pub read_seconds: f64,
     pub write_seconds: f64,
@@ -56,7 +59,7 @@ pub fn run(plan: &Plan, progress: &dyn Progress) -> Result<Vec<Row>> {
     plan.points.iter().map(|&points| measure(plan, points, progress)).collect()
 }
 
-/// Removes what a round leaves, however it ends.
+/// Files of a round, removed when dropped.
 struct Scratch(Vec<PathBuf>);
 
 impl Drop for Scratch {
@@ -88,7 +91,7 @@ fn measure(plan: &Plan, points: u64, progress: &dyn Progress) -> Result<Row> {
     for round in 0..plan.repeat {
         progress.tick(&format!("bench index {points} points"), round as u64, plan.repeat as u64)?;
         reads.push(read_alone(&input, progress)?);
-        // Of the round before.
+        // From the round before.
         let _ = std::fs::remove_file(&output);
         last = index(&input, &output, &plan.memory)?;
         seconds.push(last.seconds);
@@ -161,7 +164,7 @@ fn write_alone(path: &Path, bytes: u64) -> Result<f64> {
     Ok(began.elapsed().as_secs_f64())
 }
 
-/// The rows aligned for reading.
+/// Formats the rows as a table.
 pub fn table(rows: &[Row]) -> String {
     let mut text = String::from(
         "    points  format  seconds       q1       q3  M points/s  bytes a point  whole file  peak MiB  held a point  spilled MiB  read alone s  write alone s\n",

@@ -1,6 +1,8 @@
-//! `bench luminance`: what correcting luminance costs a whole frame, as in Table 1 of Kanzok, Linsen and Rosenthal 2012, whose frames took 1.75 to 2 times as long with it.
+//! `bench luminance`: the cost of luminance correction per frame, as in Table 1 of Kanzok, Linsen
+//! and Rosenthal 2012, whose frames took 1.75 to 2 times as long with it.
 //!
-//! A street scanned from five stations, seen along it, drawn as a surface as by default. With and without are interleaved round by round; times are those of all passes of a frame.
+//! A street is scanned from five stations and drawn along it as a surface with defaults. With and
+//! without are interleaved round by round; times are those of all passes of a frame.
 
 use super::quartiles;
 use crate::cloud::attribute::{Attribute, DisplayAttribute};
@@ -18,7 +20,7 @@ use glam::DVec3;
 use serde::Serialize;
 use std::fmt::Write;
 
-/// What to measure.
+/// Options of the benchmark.
 pub struct Plan {
     pub points: Vec<u64>,
     pub size: [u32; 2],
@@ -26,28 +28,28 @@ pub struct Plan {
     pub seed: u64,
 }
 
-/// One number of points.
+/// The results for one number of points.
 #[derive(Clone, Debug, Serialize)]
 pub struct Row {
     pub bench: &'static str,
     pub points: u64,
     pub size: String,
-    /// Median of a frame, milliseconds.
+    /// Median of a frame [ms].
     pub without_ms: f64,
     pub with_ms: f64,
-    /// Of these, the passes of luminance, and the walk that finds the front.
+    /// Time of the luminance passes, and of the walk that finds the front [ms].
     pub luminance_ms: f64,
     pub project_ms: f64,
-    /// Frames a second that are lost, parts of those without.
+    /// Share of frames per second lost.
     pub lost: f64,
-    /// That it is to stay below; and what the paper's loses.
+    /// The target for that share, and its value in the paper.
     pub target: f64,
     pub paper: f64,
     pub device: String,
     pub driver: String,
 }
 
-/// Of the paper, for 1, 4, 16 and 64 million points.
+/// The paper's values for 1, 4, 16 and 64 million points.
 const PAPER: [(u64, f64); 4] = [
     (1_000_000, 1.0 - 80.0 / 140.0),
     (4_000_000, 1.0 - 40.0 / 75.0),
@@ -86,7 +88,7 @@ pub fn run(options: &DeviceOptions, plan: &Plan, progress: &dyn Progress) -> Res
         let shown = DisplayAttribute::new(Attribute::Rgb, &cloud);
         let resident = Resident::fill(&mut gpu, cloud, shown, progress)?;
         let mut times: [Vec<f64>; 4] = Default::default();
-        // One round more, which warms up.
+        // The first round warms up.
         for round in 0..=plan.repeat {
             progress.tick("bench luminance", round as u64, plan.repeat as u64)?;
             let [without, with] = [
@@ -126,7 +128,7 @@ pub fn run(options: &DeviceOptions, plan: &Plan, progress: &dyn Progress) -> Res
     Ok(rows)
 }
 
-/// Milliseconds of all passes, of those of luminance, and of projecting.
+/// Returns the time of all passes, of the luminance passes, and of projecting [ms].
 fn draw(
     gpu: &mut Gpu,
     view: &View,

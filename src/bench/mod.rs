@@ -1,4 +1,4 @@
-//! Times of passes at fixed views and sizes, as rows that a table, JSON and a saved baseline share.
+//! Timings of passes at fixed views and sizes, as rows of a table, JSON and a saved baseline.
 
 pub mod dobrev;
 pub mod flight;
@@ -14,7 +14,8 @@ use serde::{Deserialize, Serialize};
 use std::fmt::Write;
 use std::path::Path;
 
-/// One configuration's time. Milliseconds are device timestamps, except where `way` is `cpu`: there they are wall-clock time.
+/// The time of a configuration. Milliseconds are device timestamps, or wall-clock time if `way` is
+/// `cpu`.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Row {
     pub way: String,
@@ -36,13 +37,13 @@ impl Row {
     }
 }
 
-/// Lower quartile, median and upper quartile: the values nearest to those ranks.
+/// Returns lower quartile, median and upper quartile: the values nearest to those ranks.
 pub fn quartiles(times: &mut [f64]) -> [f64; 3] {
     times.sort_by(f64::total_cmp);
     [0.25, 0.5, 0.75].map(|share| times[((times.len() - 1) as f64 * share).round() as usize])
 }
 
-/// The rows aligned for reading; beside a baseline, how many times as fast as there.
+/// Formats the rows as a table, with the speedup against a baseline.
 pub fn table(rows: &[Row], baseline: &[Row]) -> String {
     let mut text = format!(
         "{:<12} {:>10}  {:<8} {:>10} {:>10} {:>10} {:>10} {:>10}{}\n",
@@ -87,7 +88,7 @@ pub fn read_baseline(path: &Path) -> Result<Vec<Row>> {
     let wrong =
         |error| Error::format(path, format!("is no list of rows from bench --json ({error})"));
     let rows: Vec<serde_json::Value> = serde_json::from_str(&text).map_err(wrong)?;
-    // A flight is not compared.
+    // Flights are not compared.
     let rows = rows.into_iter().filter(|row| row.get("bench").is_none());
     rows.map(|row| serde_json::from_value(row).map_err(wrong)).collect()
 }

@@ -28,7 +28,7 @@ use std::time::Instant;
 
 pub const WAYS: [&str; 4] = ["compute64", "compute32", "point_list", "cpu"];
 
-/// What to measure.
+/// Options of the benchmark.
 pub struct Plan {
     pub points: Vec<u64>,
     pub sizes: Vec<[u32; 2]>,
@@ -73,7 +73,7 @@ pub fn run(options: &DeviceOptions, plan: &Plan, progress: &dyn Progress) -> Res
     Ok(rows)
 }
 
-/// f32 positions relative to a centre: what a vertex buffer holds, and what the CPU loops over.
+/// f32 positions relative to a centre, as in a vertex buffer and in the CPU's loop.
 struct Points {
     centre: DVec3,
     positions: Vec<[f32; 3]>,
@@ -92,7 +92,7 @@ impl Points {
         })
     }
 
-    /// Rows to pixels times depth from the picture's centre, and to depth.
+    /// Returns the rows that map to pixels times depth from the picture's centre, and to depth.
     fn rows(&self, view: &View) -> [[f32; 4]; 3] {
         let offset = self.centre - view.camera.eye;
         let f = view.focal_px();
@@ -118,7 +118,8 @@ fn measure(
     for &way in &ways {
         covered.push(draw(gpus, resident, points, view, way, true)?.1);
     }
-    // Reversed f32 depth and positions relative to one centre round otherwise than ours: a few pixels in a thousand may differ, not more.
+    // Reversed f32 depth and positions relative to one centre round differently: a few pixels in a
+    // thousand may differ.
     if covered.iter().any(|&pixels| pixels.abs_diff(covered[0]) as f64 > 3e-3 * covered[0] as f64) {
         return Err(Error::Request(format!(
             "the ways do not draw the same: {ways:?} cover {covered:?} pixels"
@@ -162,7 +163,7 @@ fn measure(
     Ok(ways.into_iter().zip(times).map(row).collect())
 }
 
-/// Draws once in one way: milliseconds, and the pixels covered where they are to be counted.
+/// Draws once. Returns milliseconds, and the number of covered pixels if counted.
 fn draw(
     gpus: &mut Gpus,
     resident: &Resident,

@@ -1,8 +1,12 @@
-//! `bench strokes`: what a painting costs, beside plain points of the same cloud (dos Anjos et al. 2018, table 2).
+//! `bench strokes`: the cost of strokes relative to plain points of the same cloud (dos Anjos et
+//! al. 2018, table 2).
 //!
-//! A torus without colour, three tori and streets with it, and files. First what is found out once: neighbours, radii, normals, clusters; and brought to the device; wall-clock time. Then pictures, all ways interleaved
-//! round by round on the same device: `points`, each a pixel; `opaque`, z-buffered strokes; `blur`, the same softened; `abuffer`, all strokes blended. Times are wall-clock times until the picture is there: once lavapipe has rasterised, its timestamps no
-//! longer tell.
+//! Clouds are a torus without colour, three tori and streets with colour, and files. First the
+//! one-time work: neighbours, radii, normals, clusters, and the upload; wall-clock time. Then
+//! pictures, all ways interleaved round by round on the same device: `points`, a pixel each;
+//! `opaque`, z-buffered strokes; `blur`, the same softened; `abuffer`, all strokes blended. Times
+//! are wall-clock times until the picture is complete: once lavapipe has rasterised, its timestamps
+//! are no longer valid.
 
 use super::quartiles;
 use crate::cloud::attribute::{Attribute, DisplayAttribute};
@@ -22,9 +26,10 @@ use std::fmt::Write;
 use std::path::PathBuf;
 use std::time::Instant;
 
-/// What to measure.
+/// Options of the benchmark.
 pub struct Plan {
-    /// Of streets; the torus has as many points as the dragon of the paper, the tori as the three models that it draws together.
+    /// Points of streets; the torus has as many as the dragon of the paper, the tori as the three
+    /// models it draws together.
     pub points: Vec<u64>,
     pub models: Vec<PathBuf>,
     pub sizes: Vec<[u32; 2]>,
@@ -35,10 +40,11 @@ pub struct Plan {
 const TORUS_POINTS: u64 = 437_645;
 const TORI_POINTS: u64 = 1_500_000;
 
-/// Of clouds of so many points a round takes minutes on a software device: there is one, after none that warms up. Its kernels are warm from smaller clouds.
+/// Larger clouds take minutes per round on a software device: they have one round without warm-up,
+/// since smaller clouds have warmed up the kernels.
 const LARGE: u64 = 10_000_000;
 
-/// One way's time.
+/// The times of one way.
 #[derive(Clone, Debug, Serialize)]
 pub struct Row {
     pub bench: &'static str,
@@ -49,11 +55,11 @@ pub struct Row {
     pub ms_median: f64,
     pub ms_q1: f64,
     pub ms_q3: f64,
-    /// Rounds that it was taken in.
+    /// Number of rounds.
     pub rounds: usize,
-    /// Multiples of plain points, between medians; 0 of what is no picture.
+    /// Multiples of plain points, between medians; 0 if not a picture.
     pub of_points: f64,
-    /// Of the A-buffer.
+    /// Fragments of the A-buffer.
     pub fragments: u64,
     pub device: String,
     pub driver: String,
@@ -169,7 +175,7 @@ fn of(
     Ok(rows)
 }
 
-/// Milliseconds, and fragments of the A-buffer.
+/// Returns milliseconds and fragments of the A-buffer.
 fn draw(
     gpu: &mut Gpu,
     view: &View,

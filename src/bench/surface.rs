@@ -1,7 +1,11 @@
-//! `bench surface`: what turning points into a surface costs, in plain 3 x 3 passes over the same image.
+//! `bench surface`: the cost of turning points into a surface, in multiples of a plain 3 x 3 pass
+//! over the same image.
 //!
-//! Two walls, one behind the other. On a lattice, one pixel a point, the front one keeps one point in six in some parts of the picture, so that the other shines through. Strewn, both are equally dense
-//! everywhere: what a surface costs should not depend on how dense. All ways are interleaved round by round on the same device. Times are of passes alone: projecting and resolving are `bench project`'s.
+//! The scene is two walls, one behind the other. On a lattice with one point per pixel, the front
+//! one keeps one point in six in some parts of the picture, so that the other shows through. Strewn
+//! randomly, both are equally dense everywhere: the cost should not depend on the density. All ways
+//! are interleaved round by round on the same device. Times are of these passes alone: projecting
+//! and resolving are measured by `bench project`.
 
 use super::quartiles;
 use crate::cloud::attribute::{Attribute, DisplayAttribute};
@@ -21,14 +25,14 @@ use serde::Serialize;
 use std::collections::BTreeMap;
 use std::fmt::Write;
 
-/// What to measure.
+/// Options of the benchmark.
 pub struct Plan {
     pub size: [u32; 2],
     pub repeat: usize,
     pub seed: u64,
 }
 
-/// One way's time.
+/// The times of one way.
 #[derive(Clone, Debug, Serialize)]
 pub struct Row {
     pub bench: &'static str,
@@ -39,24 +43,24 @@ pub struct Row {
     pub ms_q3: f64,
     /// Multiples of the plain pass, between medians.
     pub plain_passes: f64,
-    /// Milliseconds of the passes that it consists of, in the last round.
+    /// Times of its passes in the last round [ms].
     pub passes: BTreeMap<String, f64>,
-    /// That it is to stay below.
+    /// The target in plain passes.
     pub target: f64,
     pub device: String,
     pub driver: String,
 }
 
-/// What is drawn.
+/// The scene.
 #[derive(Clone, Copy, PartialEq)]
 enum Walls {
     /// On a lattice, with this share of the picture sparse.
     Lattice(f64),
-    /// So many points of each a pixel.
+    /// This many random points of each wall per pixel.
     Strewn(f64),
 }
 
-/// Name, what is drawn, effects, the passes that count, and the target in plain passes; 0: none.
+/// Name, scene, effects, counted passes, and the target in plain passes (0: none).
 type Way = (&'static str, Walls, &'static [&'static str], &'static [&'static str], f64);
 
 const WAYS: [Way; 9] = [
@@ -85,7 +89,7 @@ const WAYS: [Way; 9] = [
 
 const CHAIN: &[&str] = &["visibility=auto", "fill=auto", "shape=auto"];
 
-/// All that turns points into a surface, with the buffers that it clears.
+/// All passes that turn points into a surface, with the buffers they clear.
 const SURFACE: &[&str] = &[
     "pack_depth",
     "classify",
@@ -139,7 +143,7 @@ pub fn run(options: &DeviceOptions, plan: &Plan, progress: &dyn Progress) -> Res
     }
     let mut times = vec![Vec::new(); WAYS.len()];
     let mut parts = vec![BTreeMap::new(); WAYS.len()];
-    // One round more, which warms up.
+    // The first round warms up.
     for round in 0..=plan.repeat {
         progress.tick("bench surface", round as u64, plan.repeat as u64)?;
         for (k, (_, drawn, effects, passes, _)) in WAYS.iter().enumerate() {
@@ -177,7 +181,7 @@ pub fn run(options: &DeviceOptions, plan: &Plan, progress: &dyn Progress) -> Res
     Ok(WAYS.into_iter().zip(times).zip(parts).map(row).collect())
 }
 
-/// Milliseconds of the passes that count, by name.
+/// Returns the times of the counted passes by name [ms].
 fn draw(
     gpu: &mut Gpu,
     view: &View,
@@ -214,7 +218,8 @@ fn draw(
     Ok(ms)
 }
 
-/// A wall on a lattice of a point a unit, slightly tilted, and another 50 units behind it. In columns of 64 units, this share of them, the front one keeps one point in six.
+/// Returns a slightly tilted wall on a lattice with one point per unit, and another 50 units behind
+/// it. In this share of columns of 64 units, the front one keeps one point in six.
 fn walls(size: [u32; 2], sparse: f64, seed: u64) -> Cloud {
     let mut columns = Columns::default();
     let mut state = seed.wrapping_mul(0x9E37_79B9_7F4A_7C15) | 1;
@@ -239,7 +244,7 @@ fn walls(size: [u32; 2], sparse: f64, seed: u64) -> Cloud {
     cloud_of(columns)
 }
 
-/// Two walls at the same places, each with so many points a unit, strewn.
+/// Returns two walls at the same places with this many random points per unit.
 fn strewn(size: [u32; 2], density: f64, seed: u64) -> Cloud {
     let mut columns = Columns::default();
     let count = (density * size[0] as f64 * size[1] as f64) as u64;

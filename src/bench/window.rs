@@ -1,8 +1,11 @@
-//! `bench window`: a scripted flight in a window, as `view --flight` makes it: how even its pictures come, how soon the first one is there, and that nothing is done at rest.
+//! `bench window`: a scripted flight in a window: evenness of frames, time to the first picture,
+//! and idle cost.
 //!
-//! In: the street from `synth`, a file to be read; and an index, of which the loader brings what the flight needs while it goes on. A process of its own each, so that the start is the
-//! start of the program, and processor time its own. It needs a display. It goes along camera paths: through the street on foot and back, and through an index down to places all over it and up again. Straight ahead one leaves any cloud before long, and
-//! pictures without a point are even: they are counted, so that nobody takes them for the cloud's.
+//! Clouds are the street of `synth`, read from a file, and an index, of which the loader reads what
+//! the flight needs. Each run is a process of its own, so that start and processor time are its
+//! own. A display is needed. The camera follows paths: through the street on foot and back, and
+//! through an index down to places spread over it and up again. A straight path soon leaves any
+//! cloud; frames without a point are counted, since their times mean nothing.
 
 use super::flight;
 use crate::app::frame_stats::{FlightSummary, Spread, Summary};
@@ -19,27 +22,27 @@ use std::fmt::Write;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-/// What to measure.
+/// Options of the benchmark.
 pub struct Plan {
-    /// Of the street.
+    /// Points of the street.
     pub points: Vec<u64>,
-    /// Also through this index.
+    /// A further index.
     pub index: Option<PathBuf>,
     pub sizes: Vec<[u32; 2]>,
-    /// Of each flight.
+    /// Duration of each flight [s].
     pub seconds: u64,
-    /// ExtraAttributes words for `view`: device, pool, budget.
+    /// Further arguments of `view`: device, pool, budget.
     pub options: Vec<OsString>,
     pub seed: u64,
-    /// Where inputs lie meanwhile.
+    /// Folder of inputs.
     pub folder: PathBuf,
 }
 
-/// One flight.
+/// The results of a flight.
 #[derive(Clone, Debug, Serialize)]
 pub struct Row {
     pub bench: &'static str,
-    /// `street`, or the index's file.
+    /// `street`, or the index's file name.
     pub cloud: String,
     pub points: u64,
     pub size: String,
@@ -48,7 +51,7 @@ pub struct Row {
 }
 
 pub fn run(plan: &Plan, progress: &dyn Progress) -> Result<Vec<Row>> {
-    // Removed with all that is in it.
+    // Removed with its contents.
     let folder = plan.folder.join(format!("pointillist-bench-{}-window", std::process::id()));
     std::fs::create_dir(&folder).map_err(|error| Error::io("create", &folder, error))?;
     let rows = measure(plan, &folder, progress);
@@ -113,7 +116,7 @@ fn measure(plan: &Plan, folder: &Path, progress: &dyn Progress) -> Result<Vec<Ro
     Ok(rows)
 }
 
-/// Most of the way to where somebody looks who stands in the street, and back to where it begins, so that it can begin again.
+/// Returns cameras along the street to a pedestrian's target and back, so that the path can repeat.
 fn on_foot(viewpoint: synth::Viewpoint) -> Vec<Camera> {
     let way = (viewpoint.target - viewpoint.eye).with_z(0.0);
     let at = |share: f64| {
@@ -142,7 +145,7 @@ fn view(words: &[OsString]) -> Result<Summary> {
     serde_json::from_slice(&done.stdout).map_err(|error| failed(error.to_string()))
 }
 
-/// The flights for reading.
+/// Formats the flights as a table.
 pub fn table(rows: &[Row]) -> String {
     let mut text = String::new();
     let ms = |time: Option<f64>| time.map_or("never".to_string(), |ms| format!("{ms:.0} ms"));
