@@ -1,12 +1,14 @@
 //! `bench project`: our projection against the way the papers drew points, and against the CPU.
 //!
-//! In: a sphere from `synth`, in Morton order or shuffled. Ways, interleaved round by round on the same device and view:
+//! In: a sphere from `synth`, in Morton order or shuffled. Ways, interleaved round by round on the
+//! same device and view:
 //! - `compute64`, `compute32`: ours, clearing and projecting; the keys hold depth and point;
 //! - `point_list`: a POINT_LIST pipeline with depth test that writes depth and point, from a vertex buffer of f32 positions in the same order;
 //! - `cpu`: a plain multi-threaded loop over the same f32 positions with atomic 64-bit minima and an early read: what the CPU can do at all.
 //!
-//! The rasteriser draws on a device of its own: once lavapipe has rasterised, the timestamps around its compute passes no longer wait for them.
-//! Before anything is timed all ways draw once, which warms them up, and the numbers of pixels that they cover are compared.
+//! The rasteriser draws on a device of its own: once lavapipe has rasterised, the timestamps around
+//! its compute passes no longer wait for them. Before anything is timed all ways draw once, which
+//! warms them up, and the numbers of pixels that they cover are compared.
 
 use super::{Row, quartiles};
 use crate::cloud::attribute::{Attribute, DisplayAttribute};

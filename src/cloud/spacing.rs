@@ -30,7 +30,8 @@ const SMALLEST_CELL: f64 = 1.0 / (1u64 << 40) as f64;
 /// Neighbours whose distance defines the spacing.
 pub const NEIGHBOURS: usize = 8;
 
-/// Returns the spacing of places, from the squared distance to the farthest of `neighbours` around one.
+/// Returns the spacing of places, from the squared distance to the farthest of `neighbours` around
+/// one.
 pub fn apart(square: f64, neighbours: usize) -> f64 {
     (PI * square / neighbours as f64).sqrt()
 }

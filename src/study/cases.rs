@@ -1,12 +1,15 @@
-//! Surfaces with known truth, seen from several sides, as points of every density: what methods that close gaps are measured on.
+//! Test surfaces with known truth, seen from several sides, as points of several densities.
 //!
 //! ```text
 //!     scene -> its views -> Truth, cast once -> densities -> with and without noise -> Case
 //! ```
 //!
-//! Closed-form scenes and meshes are sampled uniformly by area, independently, hidden sides too; the street by its own scanner; meshes are also given as their vertices alone. Meshes
-//! lie in a folder that not everyone has. A density is the number of points of the first surface for every pixel that the surface covers: what hidden surfaces add depends on the view.
-//! Noise is Gaussian, along the ray to the eye so that silhouettes stay where they are, and cut off at three sigma so that every point lies within what metrics allow.
+//! Closed-form scenes and meshes are sampled uniformly by area, independently, including hidden
+//! sides; the street by its own scanner; meshes also as their vertices alone. Meshes are in an
+//! optional data folder. A density is the number of points of the first surface per covered pixel,
+//! since the share of hidden surfaces depends on the view. Noise is Gaussian along the ray to the
+//! eye, so that silhouettes stay in place, and cut off at three sigma, so that every point lies
+//! within the tolerances of metrics.
 
 use super::mesh::Mesh;
 use super::precision::finest_step;

@@ -1,10 +1,14 @@
-//! Settings of effects in; rows, figures and tables out: what the studies `visibility`, `fill`, `smooth` and `shape` share.
+//! Common parts of the studies `visibility`, `fill`, `smooth` and `shape`: from settings of effects
+//! to rows, figures and tables.
 //!
 //! ```text
-//!     case (scene, view, density) -> every configuration drawn once for its errors, and round by round, in turn, for its times
-//!     views of a scene at one density, and all scenes at one density, are pooled: errors are sums over all their pixels, times are sums over their frames
+//!     case (scene, view, density) -> every configuration drawn once for its errors,
+//!                                    and round by round, in turn, for its times
+//!     views of a scene at a density, and all scenes at a density, are pooled:
+//!                                    sums of errors over pixels, sums of times over frames
 //! ```
-//! Noise and densities are few here: `surface` has all of them. What a configuration costs is what its passes take after points have become pixels.
+//! Few densities and noises are used here: `surface` has all of them. The cost of a configuration
+//! is that of its passes after points have become pixels.
 
 use super::cases::{self, Case, Options, Sampling};
 use super::report::{Figure, Section, Table};

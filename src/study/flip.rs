@@ -1,15 +1,18 @@
-//! FLIP: how different two pictures look when one is flipped for the other (Andersson et al., "FLIP: A Difference Evaluator for Alternating Images", 2020).
+//! FLIP: the visible difference between two alternating pictures (Andersson et al., "FLIP: A
+//! Difference Evaluator for Alternating Images", 2020).
 //!
-//! Linear colours in; for every pixel 0 (nobody sees a difference) to 1 (nothing could differ more) out.
+//! From linear colours to a value per pixel, from 0 (invisible) to 1 (the greatest difference).
 //!
 //! ```text
-//! colour    to an opponent space, blurred by the eye's contrast sensitivity at this many pixels per degree, to CIELAB, Hunt-adjusted;
-//!           distance HyAB, raised to 0.7, and compressed above 0.4 of the greatest
-//! feature   differences of edges and of points, whichever is greater, at the scale that the eye resolves
+//! colour    to an opponent space, filtered by contrast sensitivity at these pixels per degree,
+//!           to CIELAB, Hunt-adjusted; distance HyAB, raised to 0.7,
+//!           and compressed above 0.4 of the greatest
+//! feature   differences of edges and of points, whichever is greater, at the resolution of the eye
 //! FLIP      colour ^ (1 - feature)
 //! ```
-//! Filters are separable and end at the border with the border's pixels repeated, as in the authors' program, to whose results this one is tested. What a picture alone
-//! decides is done once ([`Seen`]), since a study compares one picture with many.
+//! Filters are separable and repeat the border's pixels, as in the authors' program, against which
+//! this one is tested. The part that depends on one picture only is computed once ([`Seen`]), since
+//! a study compares one picture with many.
 
 use glam::{DMat3, DVec3};
 use rayon::prelude::*;

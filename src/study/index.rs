@@ -1,11 +1,14 @@
-//! Study `index`: what an index keeps of positions, plane by plane, and what inner nodes make of the points that they stand for.
+//! Study `index`: accuracy of positions by plane, and of the samples of inner nodes.
 //!
-//! The knob is how many position planes are read of every leaf: 10, 20, all bits. The reference is the file's own lattice coordinates, exactly: the leaves' points at all planes and the file's
-//! points are sorted alike and compared one by one, in f64 from differences of integers, so that all planes must give exactly 0. In pixels: how far a point would be
-//! drawn from where it is, in the views that `precision` uses, of the points that they show. The time is that of copying the planes out of the file and checking them.
+//! The knob is the number of position planes read of every leaf: 10, 20, all bits. The reference is
+//! the file's own lattice coordinates, exactly: the leaves' points and the file's points are sorted
+//! alike and compared one by one, in f64 from differences of integers, so that all planes must give
+//! exactly 0. Pixel errors are displacements of drawn points in the views of `precision`, over the
+//! visible points. The time is that of copying the planes out of the file and checking them.
 //!
-//! The samples of an inner node and the points below it are both in Morton order and weights are conserved, so each sample stands for the next `weight` points of
-//! that order; their mean in f64 is what it should be at.
+//! The samples of an inner node and the points below it are both in Morton order and weights are
+//! conserved, so each sample stands for the next `weight` points of that order; its reference is
+//! their mean in f64.
 
 use super::oracle::project::relative;
 use super::precision::{cameras, finest_step};

@@ -1,10 +1,12 @@
-//! Accuracy against time: what every knob costs, and what it buys.
+//! Studies: accuracy against time for every knob.
 //!
 //! ```text
-//!     registry of studies -> scenes with known truth (`synth`) -> `sweep` (interleaved runs) -> `metrics` -> `report` (CSV, SVG by `chart`, one HTML page)
+//!     registry of studies -> scenes with known truth (`synth`) -> `sweep` (interleaved runs)
+//!                         -> `metrics` -> `report` (CSV, SVG by `chart`, one HTML page)
 //! ```
 //!
-//! What errors are measured against is never the renderer itself, except where a metric says so: `oracle` has the f64 twins.
+//! The reference of errors is never the renderer itself, except where a metric says so: `oracle`
+//! has f64 twins.
 
 pub mod ao;
 pub mod cases;

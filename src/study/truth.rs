@@ -1,11 +1,16 @@
-//! A view and a surface in, what is truly seen in every pixel out, f64; and how far a depth image is from it.
+//! Ray-cast truth of a view of a surface in f64, and the errors of a depth image against it.
 //!
-//! Rays are cast half a pixel apart, at centres, corners and the middles of sides, because a point may lie anywhere in its pixel: what lies between the least and the greatest
-//! true depth of a pixel is no error there. The numbers are those of STUDIES.md, "Numbers to match or beat".
+//! Rays are cast half a pixel apart, at centres, corners and the middles of sides, because a point
+//! may lie anywhere in its pixel: depths between the least and the greatest true depth of a pixel
+//! are not errors.
 //!
 //! ```text
-//!     ray(x / 2, y / 2) -> depths -> edge: |1/a - 2/b + 1/c| b^2 > 1 % of b and of the scene's depth range, over a pixel to both sides (inverse depth is affine on planes)
-//!     interior: no edge within 2 px      inside: every ray of the pixel hits      beyond: no ray within 1 px of the pixel hits
+//!     ray(x / 2, y / 2) -> depths
+//!     edge: |1/a - 2/b + 1/c| b^2 > 1 % of b and of the scene's depth range, over a pixel to both
+//!           sides (inverse depth is affine on planes)
+//!     interior: no edge within 2 px
+//!     inside: every ray of the pixel hits
+//!     beyond: no ray within 1 px of the pixel hits
 //! ```
 
 use crate::view::{Projection, View};

@@ -1,6 +1,8 @@
-//! An airborne laser scanner: parallel flight lines that overlap, an oscillating mirror, several returns where leaves let light through.
+//! An airborne laser scanner: parallel flight lines that overlap, an oscillating mirror, several
+//! returns where leaves let light through.
 //!
-//! Each pulse answers at the first surface and, behind a leaf, goes on with what is left of it until something solid stops it.
+//! Each pulse answers at the first surface and, behind a leaf, goes on with what is left of it
+//! until something solid stops it.
 
 use super::chunk::{Chunk, Pulse};
 use super::noise::Random;
@@ -129,7 +131,8 @@ impl Scanner for Airborne<'_> {
             for column in 0..across {
                 let pulse = row * across + column;
                 let mut random = Random::new(self.seed, (line as u64) << 33 | pass << 1, pulse);
-                // Forth on even rows and back on odd ones; the row shears along the track meanwhile, as the aeroplane flies on.
+                // Forth on even rows and back on odd ones; the row shears along the track
+                // meanwhile, as the aeroplane flies on.
                 let turn = (column as f64 + phase.0) / across as f64;
                 let swing = if row % 2 == 0 { turn } else { 1.0 - turn };
                 let (origin, direction) = self.pulse(

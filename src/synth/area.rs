@@ -1,6 +1,7 @@
 //! A scene of closed-form surfaces in, points uniform by area out.
 //!
-//! Independent draws, not a lattice: the number of points on a patch is Poisson, so holes of every size occur, as in a merged raw cloud.
+//! Independent draws, not a lattice: the number of points on a patch is Poisson, so holes of every
+//! size occur, as in a merged raw cloud.
 
 use super::chunk::{CHUNK, Chunk, Pulse};
 use super::noise::Random;

@@ -1,7 +1,9 @@
-//! Boxes in, the order in which a ray meets them out: a bounding volume hierarchy over the primitives of a scene.
+//! Boxes in, the order in which a ray meets them out: a bounding volume hierarchy over the
+//! primitives of a scene.
 //!
-//! Built top down by the surface area heuristic with 16 bins (Wald 2007); walked front to back with a small stack. What is inside
-//! a box is the caller's business: the walk hands out primitive numbers and takes back hit distances.
+//! Built top down by the surface area heuristic with 16 bins (Wald 2007); walked front to back with
+//! a small stack. What is inside a box is the caller's business: the walk hands out primitive
+//! numbers and takes back hit distances.
 
 use glam::DVec3;
 
@@ -36,8 +38,9 @@ impl Aabb {
         d.x * d.y + d.y * d.z + d.z * d.x
     }
 
-    /// The part of a ray inside the box, cut to [t_min, t_max]. `inverse` is 1/direction; a NaN (0 x infinity, the origin in the
-    /// plane of a face that the ray runs along) drops out of min and max, which keeps the box.
+    /// The part of a ray inside the box, cut to [t_min, t_max]. `inverse` is 1/direction; a NaN (0
+    /// x infinity, the origin in the plane of a face that the ray runs along) drops out of min and
+    /// max, which keeps the box.
     pub fn clip(
         &self,
         origin: DVec3,
@@ -52,7 +55,8 @@ impl Aabb {
     }
 }
 
-/// `count` 0: an inner node whose children are `first` and `first + 1`; else a leaf over `order[first .. first + count]`.
+/// `count` 0: an inner node whose children are `first` and `first + 1`; else a leaf over
+/// `order[first .. first + count]`.
 struct Node {
     bounds: Aabb,
     first: u32,
@@ -78,7 +82,8 @@ impl Bvh {
         while let Some((node, first, end, depth)) = todo.pop() {
             let order = &mut bvh.order[first..end];
             let bounds = order.iter().fold(Aabb::EMPTY, |b, &i| b.union(boxes[i as usize]));
-            // A hair of slack: the clip's division errs by an ulp, and a flat box must not lose the surface that lies in it.
+            // A hair of slack: the clip's division errs by an ulp, and a flat box must not lose the
+            // surface that lies in it.
             bvh.nodes[node].bounds = bounds.grown(1e-9);
             let middle =
                 if end - first <= LEAF || depth + 8 > STACK { None } else { split(order, boxes) };
@@ -103,8 +108,8 @@ impl Bvh {
         bvh
     }
 
-    /// Gives the primitives from `first` on new numbers in tree order, so that those a ray tests together lie together in memory.
-    /// Returns their old numbers in that order.
+    /// Gives the primitives from `first` on new numbers in tree order, so that those a ray tests
+    /// together lie together in memory. Returns their old numbers in that order.
     pub fn renumber(&mut self, first: u32) -> Vec<u32> {
         let mut old = Vec::new();
         for primitive in self.order.iter_mut().filter(|p| **p >= first) {
@@ -118,8 +123,9 @@ impl Bvh {
         self.nodes[0].bounds
     }
 
-    /// Calls `test(primitive, t_max)` front to back; it returns the distance of a hit nearer than `t_max`, which becomes the
-    /// new `t_max`. Returns whether there was a hit; `any` stops at the first one.
+    /// Calls `test(primitive, t_max)` front to back; it returns the distance of a hit nearer than
+    /// `t_max`, which becomes the new `t_max`. Returns whether there was a hit; `any` stops at the
+    /// first one.
     pub fn walk(
         &self,
         origin: DVec3,
@@ -185,7 +191,8 @@ impl Bvh {
     }
 }
 
-/// Reorders `order` into two halves and returns the length of the first; None where one leaf is cheaper (all centres coincide).
+/// Reorders `order` into two halves and returns the length of the first; None where one leaf is
+/// cheaper (all centres coincide).
 fn split(order: &mut [u32], boxes: &[Aabb]) -> Option<usize> {
     let centres = order.iter().fold(Aabb::EMPTY, |b, &i| b.including(boxes[i as usize].centre()));
     let extent = centres.max - centres.min;

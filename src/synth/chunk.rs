@@ -4,7 +4,8 @@ use super::world::{Hit, LUMINANCE, World};
 use crate::error::{Error, Result};
 use glam::{DVec3, I64Vec3};
 
-/// About so many points are made at once; a few of these per thread are all that a scan holds in memory.
+/// About so many points are made at once; a few of these per thread are all that a scan holds in
+/// memory.
 pub const CHUNK: usize = 65_536;
 
 /// Coordinate = offset + step * integer.
@@ -19,7 +20,8 @@ pub struct Lattice {
 pub struct Pulse {
     /// Exposure and white balance, a factor on the light.
     pub gain: DVec3,
-    /// The geometric part of the intensity, about 1 for a near surface that faces the scanner; reflectance comes from the albedo.
+    /// The geometric part of the intensity, about 1 for a near surface that faces the scanner;
+    /// reflectance comes from the albedo.
     pub echo: f64,
     pub source: u16,
     pub returns: (u8, u8),

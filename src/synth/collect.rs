@@ -8,7 +8,8 @@ use crate::progress::Progress;
 use glam::DVec3;
 use std::path::PathBuf;
 
-/// The points that `scan` makes, with all columns that a file of them would have, 8 bits a colour channel.
+/// The points that `scan` makes, with all columns that a file of them would have, 8 bits a colour
+/// channel.
 pub fn collect(
     name: &str,
     world: &World,
@@ -24,7 +25,7 @@ pub fn collect(
         columns.x.extend(&chunk.x);
         columns.y.extend(&chunk.y);
         columns.z.extend(&chunk.z);
-        // Rounded exactly, as readers do (HARD_CASES 24).
+        // Rounded exactly, as readers do (guide: numerics, case 24).
         Vec::extend(
             &mut rgb,
             chunk

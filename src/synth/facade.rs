@@ -1,6 +1,8 @@
-//! One town house: a front with rows of recessed windows over a shop, a door or an arcade, cornices, roof, dormers, chimneys.
+//! One town house: a front with rows of recessed windows over a shop, a door or an arcade,
+//! cornices, roof, dormers, chimneys.
 //!
-//! A front's own axes: x along the wall, y up, z out over the pavement; its origin is the lower left corner, seen from the street.
+//! A front's own axes: x along the wall, y up, z out over the pavement; its origin is the lower
+//! left corner, seen from the street.
 
 use super::material::{Material, Wall};
 use super::noise::Random;

@@ -1,7 +1,9 @@
-//! Chunks in, a LAS or LAZ file out: LAS 1.2, point format 3 (time and colour), streamed and atomic.
+//! Chunks in, a LAS or LAZ file out: LAS 1.2, point format 3 (time and colour), streamed and
+//! atomic.
 //!
-//! The file is whole or not there (`atomic_file`). Records are packed here, 34 bytes each, and handed to the `las` crate as they are,
-//! which keeps the header's counts and bounds and compresses when the name ends in `.laz`.
+//! The file is whole or not there (`atomic_file`). Records are packed here, 34 bytes each, and
+//! handed to the `las` crate as they are, which keeps the header's counts and bounds and compresses
+//! when the name ends in `.laz`.
 
 use super::chunk::{Chunk, Lattice};
 use crate::atomic_file::AtomicFile;
@@ -23,7 +25,8 @@ pub struct LasFile {
 }
 
 impl LasFile {
-    /// `points` is how many will come: more than LAS 1.2 can count are refused before any work is done.
+    /// `points` is how many will come: more than LAS 1.2 can count are refused before any work is
+    /// done.
     pub fn create(path: &Path, lattice: Lattice, points: u64) -> Result<LasFile> {
         if points > u32::MAX as u64 {
             return Err(Error::Request(format!(
@@ -84,8 +87,8 @@ impl LasFile {
     }
 }
 
-/// Writes until the first failure, which it reports, and from then on only pretends to: the `las` writer closes itself when it is dropped,
-/// and panics where that fails.
+/// Writes until the first failure, which it reports, and from then on only pretends to: the `las`
+/// writer closes itself when it is dropped, and panics where that fails.
 struct Sink {
     file: BufWriter<File>,
     broken: bool,

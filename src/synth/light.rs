@@ -1,7 +1,9 @@
-//! Sun, sky and ground in, how bright a surface is out: the light that is baked into the points, as it is in any photograph of a scan.
+//! Sun, sky and ground in, how bright a surface is out: the light that is baked into the points, as
+//! it is in any photograph of a scan.
 //!
-//! Lambert's law under one sun and a sky of constant colour. What the sky cannot reach is not sampled but known: the part of the sky
-//! seen from a street canyon has a closed form, which is smooth where a few sampling rays would band or sparkle.
+//! Lambert's law under one sun and a sky of constant colour. What the sky cannot reach is not
+//! sampled but known: the part of the sky seen from a street canyon has a closed form, which is
+//! smooth where a few sampling rays would band or sparkle.
 
 use glam::{DVec2, DVec3};
 
@@ -67,8 +69,8 @@ impl Light {
     }
 }
 
-/// How much of the sky that an open field would show is left inside the canyon, in [0, 1]: by the angles under which the two eaves are
-/// seen, weighted by which of them the surface faces.
+/// How much of the sky that an open field would show is left inside the canyon, in [0, 1]: by the
+/// angles under which the two eaves are seen, weighted by which of them the surface faces.
 fn canyon_sky(half: f64, height: f64, point: DVec3, normal: DVec3) -> f64 {
     let above = (height - point.z).max(0.0);
     let free = |away: f64| {

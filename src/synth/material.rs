@@ -1,7 +1,8 @@
-//! A place on a surface in, its albedo out: brick, stone, plaster, tiles, paving, paint, all by formula.
+//! A place on a surface in, its albedo out: brick, stone, plaster, tiles, paving, paint, all by
+//! formula.
 //!
-//! Albedo is linear RGB. The second value is how much of the sky the place sees, 1 in the open: deep recesses are dark because of it,
-//! not because somebody painted them so.
+//! Albedo is linear RGB. The second value is how much of the sky the place sees, 1 in the open:
+//! deep recesses are dark because of it, not because somebody painted them so.
 
 use super::noise::{cell, mottle};
 use super::shapes::{Shape, Solid};
@@ -29,7 +30,8 @@ pub enum Material {
         bands: f64,
         major: f64,
     },
-    /// The front of a house: its wall, lighter surrounds at openings and corners, rusticated stone up to `base`.
+    /// The front of a house: its wall, lighter surrounds at openings and corners, rusticated stone
+    /// up to `base`.
     Facade {
         wall: Wall,
         color: DVec3,
@@ -43,7 +45,8 @@ pub enum Material {
         color: DVec3,
         salt: u64,
     },
-    /// The inside of an opening: jambs of `trim`, a window with `panes` across and down at the back.
+    /// The inside of an opening: jambs of `trim`, a window with `panes` across and down at the
+    /// back.
     Window {
         trim: DVec3,
         frame: DVec3,
@@ -123,7 +126,8 @@ fn unrolled(p: DVec3, n: DVec3) -> (f64, f64) {
     }
 }
 
-/// Albedo and openness of `solid` at a point: `p`, `n` in the scene (n towards the viewer), `local` and `local_normal` in the solid.
+/// Albedo and openness of `solid` at a point: `p`, `n` in the scene (n towards the viewer), `local`
+/// and `local_normal` in the solid.
 pub fn albedo(
     solid: &Solid,
     p: DVec3,
@@ -157,7 +161,8 @@ pub fn albedo(
             window(solid, local, local_normal, trim, frame, panes, salt)
         }
         Material::Tiles { color, salt } => {
-            // Along the slope lengths are longer than heights: undo it, so that tiles are of one size on any roof.
+            // Along the slope lengths are longer than heights: undo it, so that tiles are of one
+            // size on any roof.
             let (along, up) = if n.x.abs() > n.y.abs() {
                 (p.y, p.z / n.x.abs())
             } else {

@@ -1,11 +1,13 @@
-//! Analytic scenes and simulated scanners: point clouds whose truth is known, and the demo's picture.
+//! Analytic scenes and simulated scanners: point clouds whose truth is known, and the demo's
+//! picture.
 //!
 //! ```text
 //!     scene, seed -> World (primitives in a BVH) -> scanner -> chunks of points -> LAS or LAZ file
 //!                         \-> trace(ray): the truth, in f64, for every study
 //! ```
 //!
-//! Everything is a function of the scene and the seed; threads, machines' load and the day change no byte.
+//! Everything is a function of the scene and the seed; threads, machines' load and the day change
+//! no byte.
 
 pub mod bvh;
 pub mod chunk;

@@ -1,14 +1,16 @@
 //! Integers in, numbers that look random out: a counter-based generator and smooth noise.
 //!
-//! Everything random in a scene or a scan is a pure function of (seed, what, which one), so that the same seed gives the same
-//! bytes whatever the number of threads, and one point can be made without those before it. SplitMix64 (Steele, Lea and Flood
-//! 2014) is enough: it passes BigCrush and is three multiplications.
+//! Everything random in a scene or a scan is a pure function of (seed, what, which one), so that
+//! the same seed gives the same bytes whatever the number of threads, and one point can be made
+//! without those before it. SplitMix64 (Steele, Lea and Flood 2014) is enough: it passes BigCrush
+//! and is three multiplications.
 
 use std::f64::consts::TAU;
 
 const GOLDEN: u64 = 0x9E37_79B9_7F4A_7C15;
 
-/// SplitMix64's finaliser: a bijection of 64 bits in which every input bit changes half of the output bits.
+/// SplitMix64's finaliser: a bijection of 64 bits in which every input bit changes half of the
+/// output bits.
 pub fn mix(mut z: u64) -> u64 {
     z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
     z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);

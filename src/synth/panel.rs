@@ -1,8 +1,10 @@
-//! Flat walls with openings, and the recesses behind the openings: what a facade, an arcade and a bridge are made of.
+//! Flat walls with openings, and the recesses behind the openings: what a facade, an arcade and a
+//! bridge are made of.
 //!
-//! A panel is the rectangle [0, width] x [0, height] of its local plane z = 0, with an optional gable on top, minus a regular grid of
-//! openings (one an cell at most, so that a ray looks at one). A recess is what one sees through an opening: its jambs, sill and
-//! head, and a pane at the back, or nothing at the back for the barrel of an arch bridge.
+//! A panel is the rectangle [0, width] x [0, height] of its local plane z = 0, with an optional
+//! gable on top, minus a regular grid of openings (one an cell at most, so that a ray looks at
+//! one). A recess is what one sees through an opening: its jambs, sill and head, and a pane at the
+//! back, or nothing at the back for the barrel of an arch bridge.
 
 use glam::{DVec2, DVec3};
 
@@ -12,7 +14,8 @@ pub struct Opening {
     /// Middle of the sill.
     pub sill: DVec2,
     pub half_width: f64,
-    /// From the sill to the flat head, or to the springing of the arch, which rises by `half_width` above it.
+    /// From the sill to the flat head, or to the springing of the arch, which rises by `half_width`
+    /// above it.
     pub height: f64,
     pub arched: bool,
 }
@@ -91,7 +94,8 @@ impl Panel {
     }
 }
 
-/// The inside of an extruded opening: local origin in the middle of the sill, z outwards, the material between z = -depth and 0.
+/// The inside of an extruded opening: local origin in the middle of the sill, z outwards, the
+/// material between z = -depth and 0.
 #[derive(Clone, Copy, Debug)]
 pub struct Recess {
     pub opening: Opening,

@@ -45,7 +45,8 @@ fn convex(faces: &[([f64; 3], f64)], min: [f64; 3], max: [f64; 3]) -> Shape {
     }
 }
 
-/// A saddle roof on z = 0: ridge along x, half extents `a` and `b`; `hip` is how far the ridge is shorter at each end.
+/// A saddle roof on z = 0: ridge along x, half extents `a` and `b`; `hip` is how far the ridge is
+/// shorter at each end.
 pub fn roof(a: f64, b: f64, height: f64, hip: f64) -> Shape {
     let end = if hip > 0.0 { ([height, 0.0, hip], height * a) } else { ([1.0, 0.0, 0.0], a) };
     let other = ([-end.0[0], 0.0, end.0[2]], end.1);

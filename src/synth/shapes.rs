@@ -1,7 +1,9 @@
-//! The analytic primitives of a scene: a ray in, the first crossing out, with the surface known in closed form.
+//! The analytic primitives of a scene: a ray in, the first crossing out, with the surface known in
+//! closed form.
 //!
-//! Every shape lives in local coordinates and is posed by an orthonormal frame, so that a hit is as exact as f64 is at the size of
-//! the shape, wherever the shape stands. Normals are outward, or towards the ray for shapes without an inside.
+//! Every shape lives in local coordinates and is posed by an orthonormal frame, so that a hit is as
+//! exact as f64 is at the size of the shape, wherever the shape stands. Normals are outward, or
+//! towards the ray for shapes without an inside.
 
 use super::bvh::Aabb;
 use super::material::Material;
@@ -313,8 +315,8 @@ fn cylinder(
     (best.0 < t_max).then_some(best)
 }
 
-/// Sphere tracing (Hart 1996) down to the surface, then Newton: the distance to a rounded cuboid is exact, so a step never overshoots.
-/// Only from outside, which is where scanners and cameras are.
+/// Sphere tracing (Hart 1996) down to the surface, then Newton: the distance to a rounded cuboid is
+/// exact, so a step never overshoots. Only from outside, which is where scanners and cameras are.
 fn rounded(
     half: DVec3,
     radius: f64,

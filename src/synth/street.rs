@@ -1,6 +1,8 @@
-//! An old town's street, seen along y: two rows of houses, an arcade on the sunny side, trees, cars, lamps, a viaduct, a church.
+//! An old town's street, seen along y: two rows of houses, an arcade on the sunny side, trees,
+//! cars, lamps, a viaduct, a church.
 //!
-//! Five scanner stations along the street, each with its own exposure and white balance, and no way to see behind what stands there.
+//! Five scanner stations along the street, each with its own exposure and white balance, and no way
+//! to see behind what stands there.
 
 use super::facade::{Ground, House};
 use super::light::{Cover, Light};
@@ -188,7 +190,8 @@ fn ground(solids: &mut Vec<Solid>) {
     }
 }
 
-/// A railway viaduct across the street: arches of 10 m on piers, open barrels, a cornice and parapets.
+/// A railway viaduct across the street: arches of 10 m on piers, open barrels, a cornice and
+/// parapets.
 fn viaduct(solids: &mut Vec<Solid>, part: u32) {
     let (from, to, y, depth, height, pitch) = (-42.0, 42.0, 39.5, 5.0, 10.2, 12.0);
     let masonry = Material::Masonry { wall: Wall::Stone, color: STONE * 0.85, salt: 3 };

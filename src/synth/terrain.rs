@@ -12,7 +12,8 @@ use glam::{DVec2, DVec3};
 /// Half the extent of the land, metres.
 const HALF: DVec2 = DVec2::new(300.0, 220.0);
 
-/// Hills: (amplitude, wave vector, phase). Sums of sines have exact gradients and a known steepest slope.
+/// Hills: (amplitude, wave vector, phase). Sums of sines have exact gradients and a known steepest
+/// slope.
 const HILLS: [(f64, f64, f64, f64); 6] = [
     (9.0, 0.0110, 0.0060, 0.4),
     (6.0, -0.0080, 0.0150, 1.9),
@@ -73,7 +74,8 @@ impl Relief {
         }
     }
 
-    /// Steps that cannot cross the surface, by its steepest slope, then Newton. Rays come from above.
+    /// Steps that cannot cross the surface, by its steepest slope, then Newton. Rays come from
+    /// above.
     pub fn intersect(&self, o: DVec3, d: DVec3, t_min: f64, t_max: f64) -> Option<(f64, DVec3)> {
         let (mut t, leave) = self.bounds().clip(o, d.recip(), t_min, t_max)?;
         let rate = d.z.abs() + Self::steepest() * d.truncate().length();

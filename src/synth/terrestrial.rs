@@ -1,7 +1,9 @@
-//! A terrestrial laser scanner: a mirror turning about a horizontal axis on a head turning about the vertical one.
+//! A terrestrial laser scanner: a mirror turning about a horizontal axis on a head turning about
+//! the vertical one.
 //!
-//! Rays lie on a regular grid of azimuth and elevation, so that points are dense beside the tripod and thin out with distance and
-//! grazing incidence. The first surface answers; its range is noisy along the ray; colours carry the exposure of the station.
+//! Rays lie on a regular grid of azimuth and elevation, so that points are dense beside the tripod
+//! and thin out with distance and grazing incidence. The first surface answers; its range is noisy
+//! along the ray; colours carry the exposure of the station.
 
 use super::chunk::{Chunk, Pulse};
 use super::noise::Random;

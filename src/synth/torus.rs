@@ -1,8 +1,9 @@
 //! A ray and a torus around the z axis: the first crossing, to the last digit that f64 has.
 //!
-//! The quartic is not solved by formula (Ferrari loses half of the digits near double roots, which is every silhouette). Its derivatives'
-//! roots cut the ray into intervals on which the polynomial is monotone; each interval with a change of sign holds one root, which
-//! bisection finds whatever its multiplicity beside it. Newton on the signed distance, which is well scaled, then polishes.
+//! The quartic is not solved by formula (Ferrari loses half of the digits near double roots, which
+//! is every silhouette). Its derivatives' roots cut the ray into intervals on which the polynomial
+//! is monotone; each interval with a change of sign holds one root, which bisection finds whatever
+//! its multiplicity beside it. Newton on the signed distance, which is well scaled, then polishes.
 
 use glam::DVec3;
 
@@ -14,7 +15,8 @@ pub fn intersect(
     t_min: f64,
     t_max: f64,
 ) -> Option<f64> {
-    // Unit speed, and the parameter counted from the point nearest to the centre: coefficients stay of the torus's own size.
+    // Unit speed, and the parameter counted from the point nearest to the centre: coefficients stay
+    // of the torus's own size.
     let speed = direction.length();
     let d = direction / speed;
     let middle = -origin.dot(d);
@@ -57,7 +59,8 @@ pub fn intersect(
             }
             let slope = (ring * (p.x * d.x + p.y * d.y) / radial + p.z * d.z) / tube;
             let step = (tube - minor) / slope;
-            // At a grazing touch the slope vanishes; the bracketed root is then better than a long Newton step.
+            // At a grazing touch the slope vanishes; the bracketed root is then better than a long
+            // Newton step.
             if !step.is_finite()
                 || step.abs() > 1e-6 * minor
                 || distance(t - step).abs() > distance(t).abs()
@@ -71,7 +74,8 @@ pub fn intersect(
     })
 }
 
-/// Where the polynomial (lowest power first, degree up to 4) changes sign in (low, high), ascending. Returns how many.
+/// Where the polynomial (lowest power first, degree up to 4) changes sign in (low, high),
+/// ascending. Returns how many.
 fn roots(polynomial: &[f64], low: f64, high: f64, found: &mut [f64; 4]) -> usize {
     let degree = polynomial.len() - 1;
     if degree == 1 {

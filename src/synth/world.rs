@@ -1,7 +1,7 @@
 //! A scene, and what a ray meets in it: the ground truth of every study.
 //!
-//! Coordinates are metres relative to `offset`. A hit lies on its surface to better than 1e-9 m; what is random about a scene
-//! was drawn when it was built, so a ray has one answer for ever.
+//! Coordinates are metres relative to `offset`. A hit lies on its surface to better than 1e-9 m;
+//! what is random about a scene was drawn when it was built, so a ray has one answer for ever.
 
 use super::bvh::{Aabb, Bvh};
 use super::light::Light;
@@ -50,15 +50,18 @@ pub struct Station {
 /// How a scene is turned into points.
 #[derive(Clone, Debug)]
 pub enum Method {
-    /// Every solid's surface, uniform by area; `shares` is each solid's part of the points, summing to 1.
+    /// Every solid's surface, uniform by area; `shares` is each solid's part of the points, summing
+    /// to 1.
     Area { shares: Vec<f64> },
     /// Terrestrial scanners on rotating mirrors.
     Stations(Vec<Station>),
-    /// An aeroplane flying along y at each x; half the opening of its scan in degrees; a gain on intensity and colour for each strip.
+    /// An aeroplane flying along y at each x; half the opening of its scan in degrees; a gain on
+    /// intensity and colour for each strip.
     Strips { height: f64, half_angle: f64, lines: Vec<(f64, f64)> },
 }
 
-/// A good first camera, as plain numbers (world coordinates with the offset, degrees); `view::Camera` is made of it by the caller.
+/// A good first camera, as plain numbers (world coordinates with the offset, degrees);
+/// `view::Camera` is made of it by the caller.
 #[derive(Clone, Copy, Debug)]
 pub struct Viewpoint {
     pub eye: DVec3,
@@ -80,7 +83,8 @@ pub struct World {
     tree: Bvh,
 }
 
-/// Rays towards the sun start this far above the surface, metres: above the rounding of any hit, below any detail.
+/// Rays towards the sun start this far above the surface, metres: above the rounding of any hit,
+/// below any detail.
 const LIFT_M: f64 = 1e-6;
 
 /// ASPRS: high vegetation.
@@ -129,7 +133,8 @@ impl World {
         }
     }
 
-    /// The first surface with t > 0, coloured and lit. Origin relative to the offset; the direction need not be unit.
+    /// The first surface with t > 0, coloured and lit. Origin relative to the offset; the direction
+    /// need not be unit.
     pub fn trace(&self, origin: DVec3, direction: DVec3) -> Option<Hit> {
         self.trace_beyond(origin, direction, 0.0)
     }
@@ -170,7 +175,8 @@ impl World {
         nearest
     }
 
-    /// A point of a solid's surface, uniform by area, as a hit at t = 0. Local draws are the caller's.
+    /// A point of a solid's surface, uniform by area, as a hit at t = 0. Local draws are the
+    /// caller's.
     pub fn sampled(&self, solid: usize, random: &mut super::noise::Random) -> Hit {
         let solid = &self.solids[solid];
         let (local, normal) = solid.sample(random);
@@ -207,7 +213,8 @@ impl World {
                 .solids
                 .get(primitive as usize)
                 .is_some_and(|s| matches!(s.shape, super::shapes::Shape::Terrain { .. }));
-            // Gentle hills under a high sun shade nothing, and marching along them is what would cost.
+            // Gentle hills under a high sun shade nothing, and marching along them is what would
+            // cost.
             if ground {
                 None
             } else {

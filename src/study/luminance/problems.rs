@@ -1,9 +1,12 @@
-//! The three regions that averaging has to prove itself in (Kanzok et al. 2012, sec. 5), each as a scene of its own: two stations on one wall, and what each way makes of it.
+//! The three test regions of averaging (Kanzok et al. 2012, sec. 5), each as a scene with two
+//! stations on one wall, and the result of each method.
 //!
 //! ```text
 //!     scattering   both stations everywhere, one of them with half the light      specks
-//!     border       one station on the left, the other on the right, both between  lines where the overlap ends
-//!     shadowing    both everywhere, and a shadow in the light of one              its outline, and a patch that is too dark
+//!     border       one station on the left, the other on the right, both between  lines at the
+//!                                                                                 overlap's ends
+//!     shadowing    both everywhere, and a shadow in the light of one              its outline, and a
+//!                                                                                 dark patch
 //! ```
 
 use super::{REFERENCE, draw, render_settings, values};

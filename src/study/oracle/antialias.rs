@@ -1,18 +1,19 @@
-//! The f64 twin of `antialias.comp`: depths, colours and light in, in the kernel's own f32 bits; blended colours out, with bounds (HARD_CASES 12, 17).
+//! The f64 twin of `antialias.comp`: from depths, colours and light in the kernel's own f32 bits to
+//! blended colours with bounds (guide: numerics, cases 12 and 17).
 //!
 //! Where the Laplacian is within its bound of the threshold, a pixel may be blended or not.
 
 use super::Bounded;
 use crate::passes::antialias::{Laplacian, Settings, Threshold};
 
-/// What a pixel may become.
+/// The possible results of a pixel.
 pub struct Blended {
-    /// Linear colour times coverage, and coverage; none where it surely stays as it is.
+    /// Linear colour times coverage, and coverage; `None` if the pixel certainly stays unchanged.
     pub blended: Option<[Bounded; 4]>,
     pub may_stay: bool,
 }
 
-/// `lit` is 1 everywhere where no effect took light.
+/// Blends silhouettes. `lit` is 1 everywhere if no effect darkens.
 pub fn blend(
     size: [u32; 2],
     settings: &Settings,
@@ -21,7 +22,7 @@ pub fn blend(
     lit: &[f32],
 ) -> Vec<Blended> {
     let [columns, rows] = size.map(|side| side as i64);
-    // Beyond the picture's edge the nearest pixel stands for what is not known.
+    // Outside the picture, the nearest pixel is used.
     let at = |x: i64, y: i64| (y.clamp(0, rows - 1) * columns + x.clamp(0, columns - 1)) as usize;
     let pixel = |i: usize| {
         let (x, y) = (i as i64 % columns, i as i64 / columns);
@@ -55,13 +56,14 @@ fn known(z: f32) -> bool {
     z.is_finite() && z > 0.0
 }
 
-/// Of the pixel itself and the four beside it, times or by the least depth; none where nothing has a depth.
+/// Returns the Laplacian of the pixel and its four neighbours, relative to or times the least
+/// depth; `None` if all are empty.
 fn laplacian(of: Laplacian, z: [f32; 5]) -> Option<Bounded> {
     let least = z.into_iter().filter(|z| known(*z)).reduce(f32::min)?;
     let ratio = |z: f32| match of {
         _ if !known(z) => Bounded::exact(0.0),
         Laplacian::Inverse => Bounded::exact(least) / Bounded::exact(z),
-        // What is farther than a million times the nearest is as far as that.
+        // Depths above a million times the nearest are clamped to that.
         Laplacian::Depth if z > least * 1e6 => Bounded::exact(1e6),
         Laplacian::Depth => Bounded::exact(z) / Bounded::exact(least),
     };

@@ -1,6 +1,8 @@
-//! The f64 twin of `ao.comp`: depths in, in the kernel's own f32 bits; the light that is left out, with bounds.
+//! The f64 twin of `ao.comp`: from depths in the kernel's own f32 bits to the remaining light with
+//! bounds.
 //!
-//! Where a comparison falls within its bound (which pixel a sample lies in, whether it counts, whether there is a normal) the twin does not know, and says so.
+//! If a comparison falls within its bound (the pixel of a sample, whether it counts, whether there
+//! is a normal), the twin returns no result.
 
 use super::Bounded;
 use super::surface::{dot, from_centre, known, normal};
@@ -8,7 +10,7 @@ use crate::passes::ao::{self, Settings};
 use crate::view::{Projection, View};
 use rayon::prelude::*;
 
-/// Of every pixel; none where it hangs on a comparison within its bound.
+/// Returns the light of every pixel; `None` if it depends on a comparison within its bound.
 pub fn left(view: &View, settings: &Settings, depth: &[f32]) -> Vec<Option<Bounded>> {
     (0..depth.len())
         .into_par_iter()
@@ -68,7 +70,8 @@ fn pixel(view: &View, settings: &Settings, depth: &[f32], i: usize) -> Option<Bo
             let v = [dx / f + lean[0] * rise, dy / f + lean[1] * rise, rise];
             let above = dot(v, n);
             let square = dot(v, v);
-            // What is below one of these adds nothing, and where it is near to nothing either answer is within the bound.
+            // Below either of these nothing is added, and near the threshold either answer is
+            // within the bound.
             let height = (above.max(0.0) * above.max(0.0) / square - least).max(0.0);
             let near = (one - square * share).max(0.0);
             highest = larger(highest, height * near);
@@ -80,7 +83,7 @@ fn pixel(view: &View, settings: &Settings, depth: &[f32], i: usize) -> Option<Bo
     Some((one - strength * (hidden / Bounded::exact(settings.directions.floor()))).max(0.0))
 }
 
-/// The pixel that a distance reaches; none where that is in doubt.
+/// Returns the pixel at a distance; `None` if in doubt.
 fn whole(px: Bounded) -> Option<i64> {
     let near = (px + Bounded::exact(0.5)).value;
     let error = (px + Bounded::exact(0.5)).error;

@@ -1,14 +1,16 @@
-//! The twin of filling by masks: depths in; depths out, and from which pixel each was taken (papers/README.md, Dobrev). Nothing is computed but one difference, so that all of it is exact.
+//! The exact twin of filling by masks: from depths to depths, and the source pixel of each (guide:
+//! papers, Dobrev). Its only arithmetic is one difference.
 
-/// Right and down, clockwise from the upper left.
+/// Offsets right and down, clockwise from the upper left.
 const RING: [(i64, i64); 8] =
     [(-1, -1), (0, -1), (1, -1), (1, 0), (1, 1), (0, 1), (-1, 1), (-1, 0)];
 
-/// A pixel's depth, the pixel that it was taken from, and how many steps it may still go.
+/// A pixel's depth, its source pixel, and the steps it may still spread.
 type Taken = (f32, usize, u32);
 
-/// Steps at most of either kind; `layer` in metres; `reach`: how many steps the values of a pixel of this depth may go. `found`: that holes are known, which are where the depth is minus infinity; values go
-/// into those however far they have come. None where nothing is.
+/// Fills with at most this many steps of either kind. `layer` is in metres. `reach` is the number
+/// of steps that values of a pixel of this depth may spread. `found`: holes are known (depth minus
+/// infinity) and take values from any distance. Returns `None` for empty pixels.
 pub fn fill(
     size: [u32; 2],
     depth: &[f32],
@@ -74,7 +76,7 @@ fn step(
         return own;
     }
     let found = !occluded && hole.is_some();
-    // Row by row; of equals the first.
+    // Row by row; the first of equals.
     let around =
         (-1..=1).flat_map(|v| (-1..=1).map(move |u| (u, v))).filter(|aside| *aside != (0, 0));
     let taken = around

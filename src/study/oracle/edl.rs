@@ -1,12 +1,14 @@
-//! The f64 twin of `edl.comp`: depths and colours in, in the kernel's own f32 bits; shaded colours out, with bounds.
+//! The f64 twin of `edl.comp`: from depths and colours in the kernel's own f32 bits to shaded
+//! colours with bounds.
 //!
-//! Which neighbours stand in front is a comparison of two f32 that the kernel compares too, so there is nothing to decide within a band.
+//! Whether a neighbour is in front is a comparison of two f32 that the kernel compares too, so
+//! nothing is undecided.
 
 use super::Bounded;
 use crate::passes::edl::Settings;
 use crate::view::{Projection, View};
 
-/// Red, green and blue of every pixel. Alpha is copied, so it needs no bound.
+/// Shades red, green and blue of every pixel. Alpha is copied, so it needs no bound.
 pub fn shade(
     view: &View,
     settings: &Settings,
@@ -42,13 +44,15 @@ pub fn shade(
     (0..depth.len()).map(pixel).collect()
 }
 
-/// 2^x for x <= 0, by Horner's rule on the Taylor series of e^f, |f| <= ln(2) / 2, as `exact_exp2` does.
+/// Computes 2^x for x <= 0 by Horner's rule on the Taylor series of e^f, |f| <= ln(2) / 2, as
+/// `exact_exp2` does.
 fn exp2(x: Bounded) -> Bounded {
-    // What is flushed to 0 below 2^-126 differs from 2^x by no more than 2^-126.
+    // Results below 2^-126 are flushed to 0, which differs from 2^x by at most 2^-126.
     if x.value < -126.0 {
         return Bounded { value: x.value.exp2(), error: super::FLUSH };
     }
-    // The kernel's nearest integer may be another than ours where x is near a half: f is then a little beyond ln(2) / 2, by the error of x.
+    // The kernel's nearest integer may differ where x is near a half: f is then slightly beyond
+    // ln(2) / 2, by the error of x.
     let whole = (x.value + 0.5).floor();
     let limit = std::f64::consts::LN_2 * (0.5 + x.error);
     let f = Bounded { value: x.value - whole, ..x } * Bounded::constant(std::f64::consts::LN_2);
@@ -56,7 +60,7 @@ fn exp2(x: Bounded) -> Bounded {
     let series = [1.0 / 720.0, 1.0 / 120.0, 1.0 / 24.0, 1.0 / 6.0, 0.5, 1.0].map(Bounded::constant);
     let p = series.into_iter().reduce(|p, coefficient| coefficient + f * p).expect("six terms") * f
         + one;
-    // The terms left out: f^7/7! (1 + f/8 + ...).
+    // The omitted terms: f^7/7! (1 + f/8 + ...).
     let left_out = limit.powi(7) / 5040.0 / (1.0 - limit / 8.0);
     let scale = whole.exp2();
     Bounded {

@@ -1,8 +1,8 @@
-//! Twin of the `exposure` effect: a factor on linear light.
+//! The twin of the `exposure` effect: a factor on linear light.
 
 use crate::cloud::colormap::srgb_to_linear;
 
-/// A channel of a station with this gain, linear; no more than white.
+/// Returns a channel of a station with this gain, linear, at most white.
 pub fn linear(value: u8, gain: f64) -> f64 {
     f64::min(gain * srgb_to_linear(value as f64 / 255.0), 1.0)
 }

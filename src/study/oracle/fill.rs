@@ -1,8 +1,12 @@
-//! The f64 twin of the filling passes: a picture half filled in, one step further out, with bounds (papers/README.md, Pintus, anisotropic filling).
+//! The f64 twin of the filling passes: one step from a partly filled picture, with bounds (guide:
+//! papers, Pintus, anisotropic filling).
 //!
-//! A pixel's colour is three codes of 8 bits, proportional to the roots of linear colour: that is what filling is defined on. A median is one of the neighbours, exactly; a mean has an error.
-//! A mean that would move a depth by less than a 16th of the tolerance divided by the width of the kernel leaves it, so that pictures come to rest; near to that, either is right.
-//! Steps are compared one by one, each from what the kernel itself made of those before: then errors do not add up, and a tile that slept when it should not have stays behind.
+//! A pixel's colour is three codes of 8 bits, proportional to the roots of linear colour, on which
+//! filling is defined. A median is one of the neighbours, exactly; a mean has an error. A mean that
+//! would move a depth by less than a 16th of the tolerance divided by the kernel's width leaves it,
+//! so that pictures come to rest; near that threshold, either is right. Steps are compared one by
+//! one, each from the kernel's own result of the one before. Errors therefore do not add up, and a
+//! tile that wrongly slept shows.
 
 use super::{Bounded, ULP};
 use crate::passes::TILE_PX;
@@ -10,22 +14,22 @@ use crate::passes::fill::Settings;
 use crate::view::{Projection, View};
 use std::ops::RangeInclusive;
 
-/// As in glsl/fill_pintus.comp.
+/// The constant of glsl/fill_pintus.comp.
 const AT_REST: f64 = 16.0;
 const CODES: [u32; 3] = [255; 3];
-/// Of visibility; a tolerance that is not given is as wide as this many pixels.
+/// Widest kernel of visibility; the default tolerance is this many pixels.
 const WIDEST_KERNEL: f64 = 31.0;
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Pixel {
     pub depth: Option<f32>,
     pub codes: [u32; 3],
-    /// Visibility took it out, or filling put it there.
+    /// Whether visibility removed it, or filling added it.
     pub filling: bool,
 }
 
 impl Pixel {
-    /// As the layers have it.
+    /// Returns a pixel as stored in the layers.
     pub fn new(depth: f32, color: [f32; 4], filling: bool) -> Pixel {
         Pixel {
             depth: depth.is_finite().then_some(depth),
@@ -35,7 +39,7 @@ impl Pixel {
     }
 }
 
-/// Not yet rounded to a whole number.
+/// Returns the code before rounding to an integer.
 fn code(linear: f64, channel: usize) -> f64 {
     linear.clamp(0.0, 1.0).sqrt() * CODES[channel] as f64
 }
@@ -45,10 +49,10 @@ fn linear(code: u32, channel: usize) -> Bounded {
     root * root
 }
 
-/// What a pixel may become.
+/// The possible results of a pixel.
 #[derive(Clone, Debug)]
 pub struct Next {
-    /// One of these; no depth where there are none.
+    /// Possible depths; empty if none.
     pub depths: Vec<Bounded>,
     pub codes: [RangeInclusive<u32>; 3],
     pub filling: bool,
@@ -63,21 +67,23 @@ impl Next {
         }
     }
 
-    /// Whether the layers may have it so. Colours come back unpacked, and what nothing has reached is background.
+    /// Tests whether the layers may contain this. Colours come back unpacked, and unreached pixels
+    /// are background.
     pub fn holds(&self, depth: f32, color: [f32; 4]) -> bool {
         if self.depths.is_empty() {
             return depth == f32::INFINITY && color == [0.0; 4];
         }
         let channel = |c: usize| {
             let code = code(color[c] as f64, c).round() as u32;
-            // A pixel that is not being filled keeps its colour, which is no code's.
+            // A pixel that is not being filled keeps its colour, which is not a code.
             self.codes[c].contains(&code) && (!self.filling || linear(code, c).holds(color[c]))
         };
         self.depths.iter().any(|z| z.holds(depth)) && color[3] == 1.0 && (0..3).all(channel)
     }
 }
 
-/// One step, of holes that a kernel `kernel` pixels wide found. Only tiles that hold pixels to fill are looked at.
+/// Computes one step, for holes found with a kernel `kernel` pixels wide. Only tiles with pixels to
+/// fill are visited.
 pub fn step(view: &View, settings: &Settings, kernel: u32, pixels: &[Pixel]) -> Vec<Next> {
     let [width, height] = view.size.map(|side| side as i64);
     let tile = |i: usize| [i as i64 % width / TILE_PX as i64, i as i64 / width / TILE_PX as i64];
@@ -107,7 +113,7 @@ pub fn step(view: &View, settings: &Settings, kernel: u32, pixels: &[Pixel]) -> 
     (0..pixels.len()).map(next).collect()
 }
 
-/// The lower median by depth; of equals the one that comes first, row by row.
+/// Returns the lower median by depth; of equals the first, row by row.
 fn median(own: Pixel, mut valid: Vec<(f32, Pixel, bool)>) -> Next {
     valid.sort_by(|a, b| a.0.total_cmp(&b.0));
     match valid.get(valid.len().saturating_sub(1) / 2) {
@@ -151,7 +157,7 @@ fn mean(
     let share = one / weights;
     let codes = [0, 1, 2].map(|c| {
         let color = colors[c] * share;
-        // The root is within 5 ulps, its multiple and what is added to it within 1 each.
+        // The root is within 5 ulps; its multiple and the addition within 1 each.
         let rounding = 7.0 * ULP * (CODES[c] as f64 + 1.0);
         let [lo, hi] =
             [-1.0, 1.0].map(|way| code(color.value + way * color.error, c) + 0.5 + way * rounding);

@@ -1,6 +1,9 @@
-//! The f64 twin of visibility on a pyramid: depths in, in the kernels' own f32 bits; of every pixel out whether it is visible, hidden, or a hole.
+//! The f64 twin of visibility on a pyramid: from depths in the kernels' own f32 bits to a verdict
+//! per pixel: visible, hidden, or a hole.
 //!
-//! The rule is that of glsl/visibility_levels.comp, level by level, two rounds for points and one for pixels without. Where f32 may decide either way, what depends on that is not known either: [`Verdict::InBand`].
+//! The rule is that of glsl/visibility_levels.comp, level by level, two rounds for points and one
+//! for empty pixels. Where f32 may decide either way, everything that depends on it is
+//! [`Verdict::InBand`].
 
 use super::visibility::{Verdict, sector};
 use crate::passes::visibility::{
@@ -9,7 +12,7 @@ use crate::passes::visibility::{
 use crate::view::{Projection, View};
 use std::f64::consts::{PI, TAU};
 
-/// Relative, of every comparison: a dozen roundings of f32.
+/// Relative error of every comparison: a dozen roundings of f32.
 const BAND: f64 = 4e-6;
 const SECTORS: usize = 8;
 const MOST_SHARE: f64 = 0.93;
@@ -17,9 +20,9 @@ const MOST_SHARE: f64 = 0.93;
 /// A pixel, or the nearest point of a cell.
 #[derive(Clone, Copy, Debug)]
 struct Cell {
-    /// Depth, and where it lies, pixels.
+    /// Depth and position [px].
     point: Option<(f64, [f64; 2])>,
-    /// Whether the kernels are certain to have the same.
+    /// Whether the kernels certainly have the same.
     sure: bool,
 }
 
@@ -33,7 +36,7 @@ impl Level {
         self.cells[(y * self.size[0] + x) as usize]
     }
 
-    /// The next coarser one.
+    /// Returns the next coarser level.
     fn coarser(&self) -> Level {
         let size = self.size.map(|side| (side + 1) / 2);
         let cell = |i: i64| {
@@ -59,7 +62,7 @@ impl Level {
     }
 }
 
-/// What a level says.
+/// The verdict of a level.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Said {
     TooFew,
@@ -69,14 +72,14 @@ enum Said {
     Either,
 }
 
-/// Which pixels are judged.
+/// The pixels to judge.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Subject {
     Points,
     Empty,
 }
 
-/// Verdicts of all pixels, row by row, of points that are so far apart, metres.
+/// Returns the verdicts of all pixels, row by row, for points with this spacing [m].
 pub fn verdicts(view: &View, settings: &Settings, spacing_m: f64, depth: &[f32]) -> Vec<Verdict> {
     let size = view.size.map(i64::from);
     let place = |i: usize| [(i as i64 % size[0]) as f64 + 0.5, (i as i64 / size[0]) as f64 + 0.5];
@@ -88,7 +91,7 @@ pub fn verdicts(view: &View, settings: &Settings, spacing_m: f64, depth: &[f32])
     let spacings = Spacings::of(view, spacing_m, depth);
     let projected = Pyramid::of(size, picture.clone(), settings);
     let mut verdicts = vec![Verdict::Visible; depth.len()];
-    // What nothing leads at first is not judged again.
+    // Pixels without leading points at first are not judged again.
     let mut candidates = vec![true; depth.len()];
     for _ in 0..2 {
         let pyramid = Pyramid::of(size, picture.clone(), settings);
@@ -110,7 +113,7 @@ pub fn verdicts(view: &View, settings: &Settings, spacing_m: f64, depth: &[f32])
             }
         }
     }
-    // What was hidden covers its pixel all the same.
+    // A hidden point still covers its pixel.
     for i in (0..depth.len()).filter(|&i| !depth[i].is_finite()) {
         verdicts[i] = match projected.judge(view, settings, &spacings, i, Subject::Empty).0 {
             Said::Closed => Verdict::Invisible,
@@ -123,7 +126,8 @@ pub fn verdicts(view: &View, settings: &Settings, spacing_m: f64, depth: &[f32])
 
 const TILE: usize = 8;
 
-/// Spacings of a tile: of its nearest point's node, pixels, or where it has none the widest around it; 0 without any.
+/// Spacings of a tile [px]: that of its nearest point's node, or if empty the widest around it; 0
+/// if all are empty.
 struct Spacings {
     across: [usize; 2],
     own: Vec<f64>,
@@ -131,7 +135,7 @@ struct Spacings {
 }
 
 impl Spacings {
-    /// Of points that are so far apart, metres.
+    /// Computes the spacings for points with this spacing [m].
     fn of(view: &View, spacing_m: f64, depth: &[f32]) -> Spacings {
         let [width, height] = view.size.map(|side| side as usize);
         let across = [width, height].map(|side| side.div_ceil(TILE));
@@ -171,7 +175,7 @@ impl Spacings {
         y as usize / TILE * self.across[0] + x as usize / TILE
     }
 
-    /// Whether a pixel is to be judged by a level: where its points are as close as a surface's are.
+    /// Tests whether a level judges a pixel: if its points are as dense as a surface.
     fn let_judge(
         &self,
         pixel: [i64; 2],
@@ -186,7 +190,8 @@ impl Spacings {
         if number == 0 || apart > 0.0 {
             return number == 0 || close(apart);
         }
-        // Without a point around, each that the level finds counts by its own tile's.
+        // Without a point in the tiles around, each point found by the level counts with its own
+        // tile's spacing.
         let (side, radius) = (1i64 << number, settings.kernel as i64 / 2);
         let [x, y] = pixel.map(|at| at / side);
         let cells =
@@ -200,7 +205,7 @@ impl Spacings {
     }
 }
 
-/// Leading points without which a level can say nothing: each closes one sector at most.
+/// Returns the number of leading points a level needs to decide: each closes at most one sector.
 fn fewest(settings: &Settings, closed: f64) -> usize {
     let closing = ((SECTORS as f64 - closed).floor() + 1.0).clamp(1.0, SECTORS as f64) as usize;
     closing.min(fewest_around_openings(settings) as usize)
@@ -219,7 +224,8 @@ impl Pyramid {
         Pyramid { levels }
     }
 
-    /// What the first level says that decides, and whether enough leads to be judged again.
+    /// Returns the verdict of the first level that decides, and whether enough points lead to judge
+    /// again.
     fn judge(
         &self,
         view: &View,
@@ -254,7 +260,8 @@ impl Pyramid {
     ) -> Said {
         let level = &self.levels[number];
         let own = self.levels[0].at(x, y).point;
-        // Pixels without a point are judged by squares of a quarter of a cell, no larger than a tile, from the middle.
+        // Empty pixels are judged by squares of a quarter of a cell, at most a tile, from the
+        // middle.
         let across = if subject == Subject::Empty { ((1i64 << number) / 4).clamp(1, 8) } else { 1 };
         let [x, y] = [x, y].map(|at| at / across * across);
         let at = [x, y].map(|at| at as f64 + across as f64 / 2.0);
@@ -302,7 +309,7 @@ impl Pyramid {
                 ratio = along / across;
             }
             leads.insert((dx, dy));
-            // In half pixels, which are whole numbers.
+            // In half pixels, which are integers.
             let [to_x, to_y] = offset.map(|along| (2.0 * along) as i64);
             let sector = sector(to_x, to_y, SECTORS);
             most[sector] = Some(most[sector].map_or(ratio, |most| most.max(ratio)));

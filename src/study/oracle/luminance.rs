@@ -1,19 +1,21 @@
-//! The f64 twin of luminance correction: points, front depths and uncorrected colours in; corrected colours out, with bounds, by way of hue, saturation and value.
+//! The f64 twin of luminance correction: from points, front depths and uncorrected colours to
+//! corrected colours with bounds, by way of HSV.
 //!
-//! Which points count hangs on f32 depths and pixels: where a point's footprint leaves that open, pixels that it may be in are in doubt.
+//! Which points count depends on f32 depths and pixels. If a point's footprint leaves that open,
+//! the pixels it may be in are in doubt.
 
 use super::project::Footprint;
 use super::{Bounded, ULP};
 use crate::cloud::colormap::srgb_to_linear;
 use crate::passes::luminance::{Settings, Space};
 
-/// Of the arithmetic on encoded values (HARD_CASES 22).
+/// Relative error of the arithmetic on encoded values (guide: numerics, case 22).
 const RELATIVE: f64 = 4.0 * ULP;
 
-/// A point: where it may be, and its colour as the file has it.
+/// A point's possible positions, and its colour in the file.
 pub type Point = (Footprint, [u8; 3]);
 
-/// Red, green and blue, linear, of every pixel; none where it is in doubt.
+/// Returns linear red, green and blue of every pixel; `None` if in doubt.
 pub fn colors(
     size: [u32; 2],
     settings: &Settings,
@@ -88,7 +90,7 @@ fn uncorrected_of([r, g, b, _]: [f32; 4]) -> [Bounded; 3] {
     [r, g, b].map(Bounded::exact)
 }
 
-/// Which of 256 encoded values has this linear one.
+/// Returns the encoded value, of 256, with this linear value.
 fn byte(linear: f32) -> u8 {
     let (mut lo, mut hi) = (0u8, 255u8);
     while lo < hi {
@@ -102,7 +104,7 @@ fn byte(linear: f32) -> u8 {
     lo
 }
 
-/// A colour, 0 to 255, with another V of HSV: into hue, saturation and value, and back (Smith 1978).
+/// Replaces V of an HSV colour in 0 to 255: into hue, saturation and value, and back (Smith 1978).
 pub fn with_value(rgb: [u8; 3], value: f64) -> [f64; 3] {
     let [r, g, b] = rgb.map(f64::from);
     let (most, least) = (r.max(g).max(b), r.min(g).min(b));
@@ -123,13 +125,13 @@ pub fn with_value(rgb: [u8; 3], value: f64) -> [f64; 3] {
     })
 }
 
-/// An encoded value's linear one, where the way between two of 256 is straight.
+/// Decodes a value to linear, interpolating between the 256 entries.
 pub fn linear(encoded: f64) -> Bounded {
     let entry = encoded.floor().min(254.0);
     let [below, above] =
         [entry, entry + 1.0].map(|entry| srgb_to_linear(entry / 255.0) as f32 as f64);
     let value = below + (above - below) * (encoded - entry);
-    // Beside an entry the way may be as steep as the next one's.
+    // Near an entry the slope may be that of the next interval.
     let steepest = (above - below).max(srgb_to_linear(((entry + 2.0) / 255.0).min(1.0)) - above);
     Bounded {
         value,
@@ -146,7 +148,8 @@ mod tests {
         assert!((0..=255).all(|b| byte(srgb_to_linear(b as f64 / 255.0) as f32) == b));
     }
 
-    /// Two hundred thousandths of white: far less than half a code of a picture of 8 bits, where the curve is least steep too.
+    /// Tests for two hundred thousandths of white: far less than half a code of an 8-bit picture,
+    /// even where the curve is flattest.
     #[test]
     fn the_straight_way_is_near_the_curve() {
         let off = (0..=25500)

@@ -1,8 +1,10 @@
-//! Naive f64 twins of the kernels, with the error that the kernels may make.
+//! Naive f64 twins of the kernels, with bounds on the kernels' errors.
 //!
-//! In: what a kernel is given, in the same f32 bits where it is given floats. Out: what it should give, in f64, and a bound on how far it may be off. The bounds
-//! are running error bounds (Higham 2002, sec. 3.3; HARD_CASES 0.3) over the kernel's own operations, from what Vulkan promises of each (HARD_CASES 0.1).
-//! Nothing here is fast or clever on purpose, and nothing is shared with the kernels.
+//! A twin takes a kernel's input, floats in the same f32 bits, and returns the result in f64 with a
+//! bound on the kernel's error. The bounds are running error bounds (Higham 2002, sec. 3.3; guide:
+//! numerics, case 0.3) over the kernel's own operations, from Vulkan's guarantees for each (guide:
+//! numerics, case 0.1). The twins are deliberately simple and slow, and share nothing with the
+//! kernels.
 
 pub mod antialias;
 pub mod ao;
@@ -25,13 +27,14 @@ pub mod visibility;
 
 use std::ops::{Add, Div, Mul, Neg, Sub};
 
-/// One unit in the last place of an f32 is at most this part of the number. Vulkan's + - * are within one (correct rounding, in a direction of the driver's choice).
+/// One unit in the last place of an f32, relative to the number, at most. Vulkan's + - * are within
+/// one (correct rounding in a direction of the driver's choice).
 pub const ULP: f64 = 1.0 / (1u64 << 23) as f64;
 
 /// Results below the smallest normal f32 may be flushed to 0.
 pub const FLUSH: f64 = f32::MIN_POSITIVE as f64;
 
-/// A number and how far the kernel's may be from it.
+/// A number and a bound on the kernel's error.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Bounded {
     pub value: f64,
@@ -39,22 +42,23 @@ pub struct Bounded {
 }
 
 impl Bounded {
-    /// What the kernel was given in the same bits.
+    /// Returns a number that the kernel has in the same bits.
     pub fn exact(value: impl Into<f64>) -> Bounded {
         Bounded { value: value.into(), error: 0.0 }
     }
 
-    /// A decimal constant of a shader: the compiler rounds it to the nearest f32.
+    /// Returns a decimal constant of a shader, which the compiler rounds to the nearest f32.
     pub fn constant(value: f64) -> Bounded {
         Bounded { value, error: 0.5 * ULP * value.abs() }
     }
 
-    /// A result that inherits an error and is itself within so many ulps of what its operands give.
+    /// Returns a result that inherits an error and is itself within `ulps` of the exact operation.
     fn rounded(value: f64, inherited: f64, ulps: f64) -> Bounded {
         Bounded { value, error: inherited + ulps * ULP * (value.abs() + inherited) + FLUSH }
     }
 
-    /// `min` and `max` with a number that both sides have round nothing, and hide errors beyond it.
+    /// Returns the minimum with an exact number; `min` and `max` round nothing, and hide errors
+    /// beyond it.
     pub fn min(self, other: f64) -> Bounded {
         self.through(|x| x.min(other))
     }
@@ -63,14 +67,14 @@ impl Bounded {
         self.through(|x| x.max(other))
     }
 
-    /// Of what is not negative. A root is within 5 ulps: 1 by an inverse root of 2 ulps.
+    /// Returns the root of a non-negative number, within 5 ulps: 1 by an inverse root of 2 ulps.
     pub fn sqrt(self) -> Bounded {
         let value = self.value.sqrt();
         let least = (self.value - self.error).max(0.0).sqrt();
         Bounded::rounded(value, (value - least).max((self.value + self.error).sqrt() - value), 5.0)
     }
 
-    /// A function that never falls, and that is exact.
+    /// Applies an exact, monotonically rising function.
     fn through(self, rising: impl Fn(f64) -> f64) -> Bounded {
         let [lo, value, hi] =
             [self.value - self.error, self.value, self.value + self.error].map(rising);
@@ -134,7 +138,7 @@ mod tests {
     use proptest::prelude::*;
 
     proptest! {
-        /// f32 arithmetic of the CPU is one that Vulkan allows, so it stays within the bounds.
+        /// The CPU's f32 arithmetic is allowed by Vulkan, so it stays within the bounds.
         #[test]
         fn bounds_hold_what_f32_arithmetic_gives(a in -1e6f32..1e6, b in -1e6f32..1e6, c in 1e-3f32..1e6) {
             let [x, y, z] = [a, b, c].map(Bounded::exact);

@@ -1,6 +1,8 @@
-//! The f64 twin of `phong.comp`: depths and colours in, in the kernel's own f32 bits; lit colours out, with bounds.
+//! The f64 twin of `phong.comp`: from depths and colours in the kernel's own f32 bits to lit
+//! colours with bounds.
 //!
-//! Where a comparison falls within its bound (whether neighbours are spread enough for a normal, whether the light stands above the surface) either colour is right.
+//! If a comparison falls within its bound (whether neighbours are spread enough for a normal,
+//! whether the light is above the surface), either colour is right.
 
 use super::Bounded;
 use super::surface::{dot, from_centre, known, normal, reach, unit};
@@ -9,8 +11,9 @@ use crate::view::light::Light;
 use crate::view::{Projection, View};
 use glam::DVec3;
 
-/// Red, green and blue of every pixel: one colour, or any of several. Alpha is copied. `facing` has the normals of points, as [`facing`] says, where they have brought any; `reached`
-/// how much of the light reaches each pixel, where shadows are cast.
+/// Returns the possible colours of every pixel. Alpha is copied. `facing` has the points' normals
+/// as returned by [`facing`], if present; `reached` is the share of light that reaches each pixel,
+/// if shadows are cast.
 pub fn shade(
     view: &View,
     light: Light,
@@ -63,7 +66,8 @@ pub fn shade(
     (0..depth.len()).map(pixel).collect()
 }
 
-/// The normal of a pixel's point; or, where it has none, the mean of those of the pixels around it on the same surface.
+/// Returns the normal of a pixel's point; if it has none, the mean of those around it on the same
+/// surface.
 fn of_points(
     view: &View,
     radius: i64,
@@ -101,7 +105,7 @@ fn of_points(
     sum.map(unit)
 }
 
-/// Of a point's normal, world: right, down and away, turned towards the camera; and by how much each may be off.
+/// Returns a point's world normal as right, down and away, turned towards the camera, with bounds.
 pub fn facing(view: &View, i: usize, normal: DVec3) -> [Bounded; 3] {
     let seen = [view.basis.right, -view.basis.up, view.basis.forward].map(|axis| {
         // Three products of f32, of vectors that are rounded themselves.
@@ -120,7 +124,7 @@ pub fn facing(view: &View, i: usize, normal: DVec3) -> [Bounded; 3] {
     if away.value > 0.0 { seen.map(|axis| -axis) } else { seen }
 }
 
-/// A pixel's place divided by its depth.
+/// Returns a pixel's position divided by its depth.
 fn ray(view: &View, i: usize, z: f32) -> [Bounded; 3] {
     let aside = from_centre(view, i).map(|pixels| pixels / Bounded::exact(view.focal_px() as f32));
     let aside = if view.camera.projection == Projection::Perspective {
@@ -131,7 +135,7 @@ fn ray(view: &View, i: usize, z: f32) -> [Bounded; 3] {
     [aside[0], aside[1], Bounded::exact(1.0)]
 }
 
-/// Right, down and away of the camera: a place, or a way towards.
+/// A place or a direction in the camera's axes: right, down, away.
 enum Seen {
     Place([Bounded; 3]),
     Way([Bounded; 3]),

@@ -1,6 +1,5 @@
-//! Point ids -> where those points are: by packing the cloud once more, on the CPU, and reading all planes back.
-//!
-//! In: parts and the nodes that are resident. Out: the lattice coordinates of every id, exactly as the file has them.
+//! Positions of point ids: the cloud is packed again on the CPU, and all planes are read back.
+//! Lattice coordinates are exactly those of the file.
 
 use crate::cloud::{Lattice, Part};
 use crate::index::{self, build::pack};
@@ -9,7 +8,7 @@ use crate::resident::ResidentNode;
 use glam::DVec3;
 use rayon::prelude::*;
 
-/// The points of one resident node, in the order of their ids.
+/// The points of a resident node, in the order of their ids.
 pub struct NodePoints {
     pub first_point: u32,
     pub lattice: Lattice,
@@ -20,7 +19,7 @@ pub struct NodePoints {
 pub struct Points(Vec<NodePoints>);
 
 impl Points {
-    /// `parts` and `nodes` belong together: nodes are resident in the order in which `organise` makes them, part by part.
+    /// Collects the points. `nodes` are resident in the order in which `parts` were partitioned.
     pub fn new(parts: &[Part], nodes: &[ResidentNode]) -> Points {
         let mut nodes = nodes.iter();
         let mut points = Vec::new();
@@ -36,7 +35,7 @@ impl Points {
         Points(points)
     }
 
-    /// Position relative to the eye, metres, of a point id.
+    /// Returns the position of a point id relative to the eye [m].
     pub fn relative(&self, id: u32, eye: DVec3) -> DVec3 {
         let after = self.0.partition_point(|node| node.first_point <= id);
         let node = &self.0[after - 1];
@@ -48,7 +47,7 @@ fn unpacked(part: &Part, order: &[u32]) -> Vec<[i64; 3]> {
     let frame = pack::frame(&part.columns, order);
     let mut pages = vec![vec![0u32; order.len()]; frame.planes as usize];
     let mut planes: Vec<&mut [u32]> = pages.iter_mut().map(Vec::as_mut_slice).collect();
-    // What points show breaks ties between coincident points only, and those are all in the same place.
+    // Displayed words only break ties between coincident points.
     pack::pack(&part.columns, &frame, order, index::Arrangement::Morton, |_| [0; 5], &mut planes);
     let pad = 10 * frame.planes - frame.bits;
     let axis = |word: u32, axis: usize| (word >> (10 * axis) & 1023) as u64;

@@ -1,18 +1,25 @@
-//! The f64 twin of project and resolve: points in, for each the pixels that it may be in and the depths that it may have there; and a check of a drawn depth layer.
+//! The f64 twin of project and resolve: for each point the possible pixels and depths; and a check
+//! of a drawn depth layer.
 //!
-//! The kernel computes, for each of three rows, `r1 d1 + r2 d2 + r3 d3 + w`: d a difference of integers, r and w made in f64 and rounded once (`record_of`).
-//! With v the point relative to the eye, a an axis of the camera and c the size of the node's cells, `record_of` chooses the cell nearest to the eye on each axis, so that
-//!   |r_i d_i| + |w_i| <= |a_i| (|v_i| + c_i)          and the sum of the magnitudes is at most S = sum |a_i| (|v_i| + c_i).
-//! Of S, in ulps: rounding r or w 1/2, converting d 1, the products 1, the three sums 3; together
-//!   |row - a . v| <= 5.5 ulp S                        (11 u S; HARD_CASES 1.2 has 12 u f)
-//! From afar that is too much: d spans no more than the node's cube, of sides L, and w is summed in f64. With T = sum |a_i| (L_i + c_i), |w| <= |a . v| + T, so
+//! The kernel computes, for each of three rows, `r1 d1 + r2 d2 + r3 d3 + w`: d is a difference of
+//! integers, r and w are computed in f64 and rounded once (`record_of`). With v the point relative
+//! to the eye, a an axis of the camera and c the size of the node's cells, `record_of` chooses the
+//! cell nearest to the eye on each axis, so that
+//!   |r_i d_i| + |w_i| <= |a_i| (|v_i| + c_i)
+//! and the sum of the magnitudes is at most S = sum |a_i| (|v_i| + c_i). In ulps of S: rounding r
+//! or w 1/2, converting d 1, the products 1, the three sums 3; together
+//!   |row - a . v| <= 5.5 ulp S            (11 u S; guide: numerics, case 1.2 has 12 u f)
+//! From afar that is too much: d spans at most the node's cube, of sides L, and w is summed in f64.
+//! With T = sum |a_i| (L_i + c_i), |w| <= |a . v| + T, so
 //!   |row - a . v| <= 5 ulp T + 1.5 ulp |a . v|
-//! Both hold; the smaller counts;
-//! plus the f64 arithmetic of `record_of`, plus what reading and quantising moved the point. Then x = X * (1 / z) + centre: 2.5 + 1 ulps of the quotient, 1 of the sum.
-//! Pixels and depths are intervals: a point near the camera plane has a wide one, and far outside of the picture.
+//! Both hold, and the smaller is used; plus the f64 arithmetic of `record_of`, plus the
+//! displacement by reading and quantising. Then x = X * (1 / z) + centre: 2.5 + 1 ulps of the
+//! quotient, 1 of the sum. Pixels and depths are intervals: wide for a point near the camera plane
+//! or far outside of the picture.
 //!
-//! A drawn depth Z must, **in every pixel**, be that of a point that may be in the pixel, and no farther than any point that certainly is. Where no point that only may be
-//! there could be in front, that leaves the nearest point alone; the other pixels are *in the band*.
+//! A drawn depth Z must, **in every pixel**, be that of a point that may be in the pixel, and no
+//! farther than any point that certainly is. If no uncertain point could be in front, that leaves
+//! the nearest point alone; the other pixels are *in the band*.
 
 use super::{FLUSH, ULP};
 use crate::cloud::{Lattice, Part};
@@ -22,23 +29,25 @@ use crate::view::{Projection, View};
 use glam::DVec3;
 use rayon::prelude::*;
 
-/// What happened to points before they reached the kernel. Per axis, metres.
+/// Displacements of points before the kernel, per axis [m].
 #[derive(Clone, Copy, Debug)]
 pub struct Source {
     /// The lattice's step: all planes together are no coarser.
     pub step: DVec3,
-    /// The largest numbers that `record_of` adds in f64: the offset as seen from the eye, and coordinates on the lattice.
+    /// The largest numbers that `record_of` adds in f64: the offset as seen from the eye, and
+    /// coordinates on the lattice.
     pub reach: DVec3,
-    /// Sides of a cube, in steps, that no node's cube is larger than: less than twice the longest side of all points.
+    /// Sides of a cube, in steps, that contains any node's cube: less than twice the longest side
+    /// of all points.
     pub cube: DVec3,
-    /// How far a reader may have moved points from where their file has them.
+    /// How far a reader may have moved points from their positions in the file.
     pub moved: DVec3,
-    /// Planes are chosen as `Precision::Auto` does; else all are drawn.
+    /// Whether planes are chosen as `Precision::Auto` does; else all are drawn.
     pub auto: bool,
 }
 
 impl Source {
-    /// A part as it is kept. `moved` is 0 where the lattice is the file's own.
+    /// Returns the source of a part. `moved` is 0 if the lattice is the file's own.
     pub fn new(part: &Part, view: &View, precision: Precision, moved: DVec3) -> Source {
         let largest =
             |column: &[i32]| column.iter().map(|q| q.unsigned_abs()).max().unwrap_or(0) as f64;
@@ -59,7 +68,7 @@ impl Source {
     }
 }
 
-/// Positions relative to the eye of all points of a part.
+/// Returns the positions of all points of a part relative to the eye.
 pub fn positions(part: &Part, eye: DVec3) -> Vec<DVec3> {
     let Part { columns, lattice, .. } = part;
     let at = |i: usize| {
@@ -68,7 +77,8 @@ pub fn positions(part: &Part, eye: DVec3) -> Vec<DVec3> {
     (0..columns.len()).into_par_iter().map(at).collect()
 }
 
-/// `offset + step * q - eye` to the last bit: sum and product with their errors (Dekker 1971), since at UTM 5,000,000 even f64 rounds by half a nanometre.
+/// Returns `offset + step * q - eye` to the last bit: sum and product with their errors (Dekker
+/// 1971), since at UTM 5,000,000 even f64 rounds by half a nanometre.
 pub fn relative(lattice: &Lattice, q: [i64; 3], eye: DVec3) -> DVec3 {
     let axis = |offset: f64, step: f64, q: f64, eye: f64| {
         let (apart, apart_error) = two_sum(offset, -eye);
@@ -91,12 +101,12 @@ fn two_sum(a: f64, b: f64) -> (f64, f64) {
     (sum, (a - (sum - b_seen)) + (b - b_seen))
 }
 
-/// Where a point may be drawn.
+/// The possible positions of a drawn point.
 #[derive(Clone, Copy, Debug)]
 pub struct Footprint {
-    /// Where it is: pixels, f64.
+    /// Exact position [px].
     pub at: [f64; 2],
-    /// Planar depth, metres.
+    /// Planar depth [m].
     pub depth: f64,
     /// Least and greatest pixel positions and depth that the kernel may find.
     pub x: [f64; 2],
@@ -104,16 +114,19 @@ pub struct Footprint {
     pub z: [f64; 2],
 }
 
-/// Terms of second order, and the f64 rounding of what is written here in f64, are below this part of those of first order.
+/// Bound on terms of second order and on the f64 rounding of this code, relative to terms of first
+/// order.
 const SECOND_ORDER: f64 = 1.0 + 1e-5;
 
-/// The footprint of the point at `v` from the eye; none if it certainly lies behind the camera plane.
+/// Returns the footprint of the point at `v` from the eye; `None` if it is certainly behind the
+/// camera plane.
 pub fn footprint(view: &View, source: &Source, v: DVec3) -> Option<Footprint> {
     let f = view.focal_px();
     let perspective = view.camera.projection == Projection::Perspective;
     let basis = &view.basis;
     let depth = v.dot(basis.forward);
-    // `Auto` keeps half a cell's diagonal below QUANTISATION_PX at the node's least depth, which no point of the node is in front of.
+    // `Auto` keeps half a cell's diagonal below QUANTISATION_PX at the node's least depth, and no
+    // point of the node is in front of that.
     let half_cell = if source.auto {
         QUANTISATION_PX * if perspective { depth.max(0.0) } else { 1.0 } / f
     } else {
@@ -121,9 +134,11 @@ pub fn footprint(view: &View, source: &Source, v: DVec3) -> Option<Footprint> {
     };
     let cell = source.step.max(DVec3::splat(2.0 * half_cell));
     let magnitudes = v.abs() + cell;
-    // Eight f64 roundings, of numbers that are at most so large: offset - eye, origin, their products and sums, nearest, the dot product.
+    // Eight f64 roundings of numbers of at most this size: offset - eye, origin, their products and
+    // sums, nearest, the dot product.
     let in_f64 = 8.0 * f64::EPSILON * (source.reach + magnitudes);
-    // Cells may be 2^9 times finer than steps; a row whose entries are flushed loses 2^-126 a cell.
+    // Cells may be 2^9 times finer than steps; a row whose entries are flushed loses 2^-126 per
+    // cell.
     let flushed = FLUSH * (512.0 * (v.abs() / source.step + 1.0).element_sum() + 4.0);
     let error = |axis: DVec3| {
         let along = v.dot(axis).abs();
@@ -160,7 +175,7 @@ pub fn footprint(view: &View, source: &Source, v: DVec3) -> Option<Footprint> {
 }
 
 impl Footprint {
-    /// The pixels that it may be in, clipped to the picture: columns and rows.
+    /// Returns the pixels that it may be in, clipped to the picture: columns and rows.
     fn pixels(&self, size: [u32; 2]) -> [std::ops::Range<u32>; 2] {
         let clipped = |[lo, hi]: [f64; 2], side: u32| {
             lo.floor().clamp(0.0, side as f64) as u32
@@ -169,45 +184,50 @@ impl Footprint {
         [clipped(self.x, size[0]), clipped(self.y, size[1])]
     }
 
-    /// It certainly lies in one pixel, in front of the camera.
+    /// Tests whether it certainly lies in one pixel, in front of the camera.
     fn certain(&self) -> bool {
         self.z[0] >= NEAR_M as f64
             && self.x[0].floor() == self.x[1].floor()
             && self.y[0].floor() == self.y[1].floor()
     }
 
-    /// It lies on an edge between pixels even in f64, to a millionth of its bound: data and picture are aligned, and no arithmetic could decide it.
+    /// Tests whether it lies on an edge between pixels even in f64, to a millionth of its bound:
+    /// data and picture are aligned, and no arithmetic could decide it.
     fn on_edge(&self) -> bool {
         let aligned = |at: f64, [lo, hi]: [f64; 2]| (at - at.round()).abs() <= 1e-6 * (hi - lo);
         aligned(self.at[0], self.x) || aligned(self.at[1], self.y)
     }
 }
 
-/// How a drawn depth layer compares with the reference.
+/// The comparison of a drawn depth layer with the reference.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Agreement {
     pub pixels: usize,
     /// Pixels in which some point certainly lies.
     pub covered: usize,
-    /// Pixels with one possible answer, and that answer.
+    /// Pixels with one possible answer that was drawn.
     pub agreeing: usize,
-    /// Pixels with several possible answers, of which one was drawn.
+    /// Pixels with several possible answers, one of which was drawn.
     pub in_band: usize,
-    /// Of those, pixels whose doubtful points lie on an edge even in f64.
+    /// Of these, pixels whose doubtful points lie on an edge even in f64.
     pub on_edge: usize,
-    /// How many pixels one would expect in the band if points lay anywhere in their pixels: a point is in doubt with the probability that its bounds take of its pixel.
+    /// Expected pixels in the band if points lie uniformly in their pixels: a point is in doubt
+    /// with the probability that its bounds take of its pixel.
     pub expected_in_band: f64,
-    /// Pixels that show what no allowed arithmetic gives.
+    /// Pixels that no allowed arithmetic gives.
     pub wrong: usize,
-    /// The first of those: column, row, drawn depth, least and greatest allowed depth.
+    /// The first of these: column, row, drawn depth, least and greatest allowed depth.
     pub example: Option<[f64; 5]>,
 }
 
 impl Agreement {
-    /// Why this is not good enough, if it is not: a wrong pixel, or more pixels in the band than 1e-4 of all (HARD_CASES 0.3) beyond what lies on edges and what the band's own
-    /// width explains. Explained is what chance gives more often than 3e-7, as five standard deviations would be. Doubtful points are rare and independent, and each puts at most
-    /// two pixels in doubt in the mean, so half their number is at worst of Poisson's distribution with half the mean; its tail is bounded by Chernoff's inequality, which,
-    /// unlike a normal distribution, also holds where less than one pixel is expected.
+    /// Returns a reason to reject the result: a wrong pixel, or more pixels in the band than 1e-4
+    /// of all (guide: numerics, case 0.3) beyond those on edges and those explained by the band's
+    /// width. Explained is what chance gives more often than 3e-7, as five standard deviations
+    /// would be. Doubtful points are rare and independent, and each puts at most two pixels in
+    /// doubt in the mean, so half their number is at worst Poisson distributed with half the mean.
+    /// Its tail is bounded by Chernoff's inequality, which, unlike a normal distribution, also
+    /// holds if less than one pixel is expected.
     pub fn objection(&self) -> Option<String> {
         let beyond = (self.in_band - self.on_edge) as f64 - 1e-4 * self.pixels as f64;
         let (half, mean) = (beyond / 2.0, self.expected_in_band / 2.0);
@@ -224,7 +244,8 @@ struct Candidate {
     on_edge: bool,
 }
 
-/// Compares `drawn`, depths row by row from the top left, with all points there are: parts and their positions relative to the eye.
+/// Compares `drawn`, depths row by row from the top left, with all points: parts and their
+/// positions relative to the eye.
 pub fn check(view: &View, parts: &[(Source, Vec<DVec3>)], drawn: &[f32]) -> Agreement {
     let footprints = || {
         parts
@@ -286,15 +307,16 @@ pub fn check(view: &View, parts: &[(Source, Vec<DVec3>)], drawn: &[f32]) -> Agre
             }
         }
     }
-    // The probability of each pixel that no point puts it in doubt.
+    // The probability per pixel that no point puts it in doubt.
     let mut clear = vec![1.0; drawn.len()];
     footprints.iter().for_each(|f| doubt(f, view.size, &front, &mut clear));
     agreement.expected_in_band = clear.into_iter().map(|clear| 1.0 - clear).sum();
     agreement
 }
 
-/// Which pixels a point may put in the band if it may lie anywhere in its own: that one, where it is in front, with the area of the margin within the pixel as probability;
-/// each neighbour that it would be in front of, with that of the margin on its side.
+/// Returns the pixels that a point may put in the band if it may lie anywhere in its own, with
+/// probabilities: its own pixel, if in front, with the area of the margin within the pixel; each
+/// neighbour that it would be in front of, with the area of the margin on its side.
 fn doubt(f: &Footprint, size: [u32; 2], front: &[f64], clear: &mut [f64]) {
     let half = [(f.x[1] - f.x[0]) / 2.0, (f.y[1] - f.y[0]) / 2.0];
     let mut count = |x: f64, y: f64, probability: f64| {

@@ -1,11 +1,13 @@
-//! The f64 twins of the light's passes: depths in, in the kernels' own f32 bits; what closing gaps may make of them, and how deep light reaches, with bounds (papers/README.md, Dobrev, shadows).
+//! The f64 twins of the shadow passes: from depths in the kernels' own f32 bits to filled gaps and
+//! depth limits of light, with bounds (guide: papers, Dobrev, shadows).
 //!
-//! Whether a neighbour is in front, or of the same surface, is a comparison of numbers with errors: where it is in doubt, either answer is right.
+//! Whether a neighbour is in front, or on the same surface, is a comparison of numbers with errors:
+//! if in doubt, either answer is right.
 
 use super::{Bounded, ULP};
 use crate::passes::shadows::Layer;
 
-/// Once around, clockwise from the upper left.
+/// Offsets clockwise from the upper left.
 const AROUND: [[i64; 2]; 8] =
     [[-1, -1], [0, -1], [1, -1], [1, 0], [1, 1], [0, 1], [-1, 1], [-1, 0]];
 
@@ -23,20 +25,22 @@ fn texel_at(layer: &Layer, z: f32) -> Bounded {
     if layer.perspective { Bounded::exact(z) * texel } else { texel }
 }
 
-/// Across a surface, and then along the light.
+/// Returns the layer distance across a surface, then along the light.
 fn layer_at(layer: &Layer, z: f32, tangent: Bounded) -> Bounded {
     let across = Bounded::exact(layer.metres as f32)
         + Bounded::exact(layer.texels as f32) * texel_at(layer, z);
     across * root(Bounded::exact(1.0) + tangent * tangent)
 }
 
-/// Of what is at least 1. The derivative is at most a half; a root is 1 / inversesqrt: 2 ulps, and 2.5 of the division.
+/// Returns the root of a number of at least 1. The derivative is at most a half; a root is 1 /
+/// inversesqrt: 2 ulps, and 2.5 of the division.
 fn root(square: Bounded) -> Bounded {
     let value = square.value.sqrt();
     Bounded { value, error: square.error / 2.0 + 5.0 * ULP * (value + square.error) }
 }
 
-/// Tangent of the angle at which a surface rises from a texel to another; none where they are of two surfaces, which is in doubt near the end.
+/// Returns the tangent of the angle at which a surface rises from one texel to another; `None` if
+/// they are on two surfaces, in doubt near the limit.
 fn tangent(layer: &Layer, [from, to]: [f32; 2], run: Bounded, slack: f64) -> Option<Bounded> {
     let rise = Bounded::exact(to) - Bounded::exact(from);
     let slope = if rise.value < 0.0 { -rise } else { rise } / run;
@@ -56,7 +60,7 @@ fn steepest_of(slopes: impl Iterator<Item = Bounded>, layer: &Layer) -> Bounded 
     steepest.min(layer.steepest as f32 as f64)
 }
 
-/// What a texel may hold after a step of filling, before which there were so many.
+/// Returns the possible contents of each texel after one more step of filling.
 pub fn fill(size: [u32; 2], layer: &Layer, steps: u32, depth: &[f32], i: usize) -> Vec<f32> {
     let own = depth[i];
     let around = neighbours(size, depth, i);
@@ -103,7 +107,7 @@ pub fn fill(size: [u32; 2], layer: &Layer, steps: u32, depth: &[f32], i: usize) 
         .collect()
 }
 
-/// How deep light reaches in a texel: one of these; nothing where the light sees nothing.
+/// Returns the possible depth limits of light in each texel; none where the light sees nothing.
 pub fn limit(size: [u32; 2], layer: &Layer, depth: &[f32], i: usize) -> Vec<Bounded> {
     let own = depth[i];
     if !own.is_finite() {

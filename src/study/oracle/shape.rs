@@ -1,11 +1,15 @@
-//! The f64 twin of the shape passes: depths in, in the kernels' own f32 bits; the light that is left out, with bounds (papers/README.md, Pintus, shape depiction).
+//! The f64 twin of the shape passes: from depths in the kernels' own f32 bits to the remaining
+//! light with bounds (guide: papers, Pintus, shape depiction).
 //!
-//! Depths of deeper levels carry errors E. Of a 3 x 3 in which depths differ from the centre's by M at most, an f32 kernel finds, in any order of summation:
-//!   each difference within an ulp of M, their sum within 9 more, the mean within 2.5 more: mu within 13 ulps of M, and 2 E
-//!   sigma, which moves by no more than the largest deviation does: within E and 16 ulps of M; its squares, sum, mean and root 12 ulps of itself more
-//!   the next depth: the pixel's own error cancels in z0 + mu, so that E counts once, and half of what sigma is off
+//! Depths of deeper levels carry errors E. For a 3 x 3 whose depths differ from the centre's by at
+//! most M, an f32 kernel finds, in any order of summation: each difference within an ulp of M,
+//! their sum within 9 more, the mean within 2.5 more: mu within 13 ulps of M, and 2 E; sigma, which
+//! moves by at most the largest deviation, within E and 16 ulps of M; its squares, sum, mean and
+//! root 12 ulps of itself more; the next depth: the pixel's own error cancels in z0 + mu, so that E
+//! counts once, and half of the error of sigma.
 //!
-//! Where whole tiles are planes, the kernels take deeper levels to be like the first one. This twin does not.
+//! On tiles that are planes, the kernels take deeper levels to be like the first one. This twin
+//! does not.
 
 use super::{Bounded, ULP};
 use crate::passes::shape::Settings;
@@ -26,7 +30,8 @@ pub fn light(view: &View, settings: &Settings, depth: &[f32]) -> Vec<Bounded> {
     light
 }
 
-/// 1 / (k + 1)^xi, together 1; the first as much as all others together where that is asked for.
+/// Returns the weights 1 / (k + 1)^xi, normalised to 1; the first as large as all others together
+/// if requested.
 fn weights(settings: &Settings) -> Vec<f64> {
     let mut weights: Vec<f64> =
         (1..=settings.levels as u32).map(|k| (k as f64).powf(-settings.xi)).collect();
@@ -38,7 +43,7 @@ fn weights(settings: &Settings) -> Vec<f64> {
     weights.into_iter().map(|weight| weight / sum).collect()
 }
 
-/// Omega, and the depth of the next level; light without a depth.
+/// Returns omega, and the depth of the next level; light if empty.
 fn level(
     view: &View,
     depths: &[Option<Bounded>],

@@ -1,9 +1,11 @@
-//! The f64 twin of `smooth.comp`: depths and colours in, in the kernel's own f32 bits; their weighted means out, with bounds (papers/README.md, Dobrev, smoothing).
+//! The f64 twin of `smooth.comp`: from depths and colours in the kernel's own f32 bits to their
+//! weighted means with bounds (guide: papers, Dobrev, smoothing).
 
 use super::Bounded;
 use crate::passes::smooth::Filter;
 
-/// Depth and colour of every pixel, once smoothed; none where it stays as it is, which it does without a depth, and where nothing was `filled` in its 3 x 3.
+/// Returns depth and colour of every smoothed pixel; `None` if unchanged, which applies to empty
+/// pixels and to those without a `filled` pixel in their 3 x 3.
 pub fn means(
     size: [u32; 2],
     filter: Filter,

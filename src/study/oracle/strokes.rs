@@ -1,8 +1,11 @@
-//! The f64 twin of the strokes: every stroke against every pixel, in world coordinates, by the formulas of the paper as they stand.
+//! The f64 twin of strokes: every stroke against every pixel, in world coordinates, by the formulas
+//! of the paper.
 //!
-//! In: points, what was found out about them, how opaque they are, a view, settings. Out: of every pixel the colour that all strokes over each other give, and the depths that may hide what is behind.
-//! The kernel rounds colours and coverages to 8 bits and its depths to f32: colours may be off by a few hundredths where many strokes lie over each other. Where two strokes are so near that
-//! roundings may swap them, or a stroke's edge runs through the pixel, the pixel is not sure, and is not compared.
+//! From points, their derived data and opacities, a view and settings, it computes for every pixel
+//! the colour of all blended strokes, and the depths that may hide what is behind. The kernel
+//! rounds colours and coverages to 8 bits and depths to f32: colours may be off by a few hundredths
+//! where many strokes overlap. Pixels in which roundings may swap two strokes, or which a stroke's
+//! edge crosses, are unsure and not compared.
 
 use crate::cloud::Part;
 use crate::cloud::colormap::srgb_to_linear;
@@ -17,13 +20,13 @@ use crate::view::{Projection, View};
 use glam::{DVec2, DVec3};
 use rayon::prelude::*;
 
-/// Of depths, relatively: nearer to each other than this, strokes may be in either order.
+/// Relative depth difference below which strokes may be in either order.
 const APART: f64 = 1e-5;
-/// Of parts of a stroke's side: edges, and coverages that decide.
+/// Share of a stroke's side within which edges and coverages are unsure.
 const EDGE: f64 = 1e-4;
-/// Cosine of the angle to a stroke's normal.
+/// Cosine of the angle to a stroke's normal below which rays graze it.
 const GRAZING: f64 = 0.02;
-/// Of 1: what colours may be off by.
+/// Tolerance of colours, of 1.
 const COLOR: f64 = 0.02;
 
 #[derive(Clone, Debug, Default)]
@@ -33,7 +36,7 @@ pub struct Pixel {
     pub sure: bool,
 }
 
-/// How many pixels were compared, how many were off.
+/// Numbers of compared and wrong pixels.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Agreement {
     pub pixels: usize,
@@ -60,7 +63,8 @@ pub fn compare(truth: &[Pixel], picture: &[[f32; 4]], depth: &[f32]) -> Agreemen
     agreement
 }
 
-/// Tangent of a unit normal that faces the viewer; `along` is where the points spread most.
+/// Returns the tangent of a unit normal that faces the viewer; `along` is the direction of the
+/// points' largest spread.
 pub fn tangent(tangents: Tangents, n: DVec3, along: DVec3) -> DVec3 {
     match tangents {
         Tangents::Householder => householder(n).0,
@@ -78,28 +82,28 @@ pub fn tangent(tangents: Tangents, n: DVec3, along: DVec3) -> DVec3 {
     }
 }
 
-/// Where a ray meets a stroke.
+/// The intersection of a ray with a stroke.
 struct Fragment {
-    /// Its place among all that are painted.
+    /// Index among all strokes.
     stroke: usize,
     depth: f64,
-    /// What it is ordered by.
+    /// Sort key.
     order: f64,
-    /// How much of the pixel is behind it, by its brush, and how much of the light it takes there.
+    /// Coverage of the pixel by the brush, and the light absorbed there.
     coverage: f64,
     alpha: f64,
     color: DVec3,
 }
 
-/// A stroke in the world, as a view sees it.
+/// A stroke in the world for a view.
 struct Painted {
     at: DVec3,
     normal: DVec3,
     tangent: DVec3,
     bitangent: DVec3,
-    /// Of a side, metres: along the tangent, and across it.
+    /// Side lengths [m]: along the tangent, and across it.
     sides: DVec2,
-    /// How far from its middle its near ground reaches, parts of a side.
+    /// Reach of its near ground from the middle, relative to a side.
     near: f64,
     words: [u32; 2],
     color: DVec3,
@@ -107,7 +111,7 @@ struct Painted {
 }
 
 impl Painted {
-    /// Where a ray meets its plane, parts of its sides, and how deep.
+    /// Returns where a ray meets its plane, relative to its sides, and the depth.
     fn met(&self, origin: DVec3, direction: DVec3) -> Option<(DVec2, f64)> {
         let steep = direction.dot(self.normal);
         let depth = (self.at - origin).dot(self.normal) / steep;
@@ -117,19 +121,20 @@ impl Painted {
     }
 }
 
-/// Of a pixel.
+/// The ground in a pixel.
 #[derive(Clone, Copy, PartialEq)]
 enum Ground {
     None,
-    /// A surface where it is enclosed.
+    /// Part of a surface if enclosed.
     Far,
     Near,
 }
 
-/// Of a point by its number, how opaque it is.
+/// The opacity of a point by its number.
 pub type Opacity<'o> = &'o dyn Fn(usize) -> f64;
 
-/// All strokes of a part with colours: blended, or of each pixel the nearest, as the settings have it; not softened.
+/// Draws all strokes of a part with colours: blended, or the nearest of each pixel, by the
+/// settings; not softened.
 pub fn paint(
     view: &View,
     settings: &Settings,
@@ -145,7 +150,7 @@ pub fn paint(
         .collect()
 }
 
-/// How many fragments all pixels have together.
+/// Counts the fragments of all pixels.
 pub fn fragments(
     view: &View,
     settings: &Settings,
@@ -160,7 +165,8 @@ pub fn fragments(
         .sum()
 }
 
-/// Pairs of strokes, one next to the other in a pixel, that meet in the pixel right of it or below, too; and how many of them lie there the other way round: strokes that run through each other.
+/// Counts pairs of consecutive strokes of a pixel that also meet in the pixel right of it or below;
+/// and those in the opposite order there, which intersect.
 pub fn crossings(view: &View, settings: &Settings, part: &Part, strokes: &[Stroke]) -> [u64; 2] {
     let easel = Easel::new(view, settings, part, strokes, &|_| 1.0);
     let [width, height] = view.size;
@@ -196,14 +202,14 @@ pub fn crossings(view: &View, settings: &Settings, part: &Part, strokes: &[Strok
     counts
 }
 
-/// Strokes as a view sees them.
+/// All strokes for a view.
 struct Easel<'v> {
     view: &'v View,
     order: Order,
     bristles: Bristles,
     /// As [`Brush::ground`](crate::passes::strokes::brush::Brush::ground).
     ground: f64,
-    /// Of every pixel, whether a surface is there, and whether that is sure.
+    /// Whether each pixel is surface, and whether that is sure.
     surface: Vec<(bool, bool)>,
     detail: f64,
     turns: Vec<DVec2>,
@@ -257,7 +263,8 @@ impl<'v> Easel<'v> {
         easel
     }
 
-    /// Near ground, and farther out what has near ground close by in [`DIRECTIONS`] of eight.
+    /// Finds near ground, and pixels farther out with near ground close by in [`DIRECTIONS`] of
+    /// eight.
     fn find_surface(&self) -> Vec<(bool, bool)> {
         let [width, height] = self.view.size.map(i64::from);
         let most = ENCLOSED_PX as i64;
@@ -284,7 +291,7 @@ impl<'v> Easel<'v> {
         (0..height).flat_map(|y| (0..width).map(move |x| surface(x, y))).collect()
     }
 
-    /// What ground the ray through a place of the picture meets; and whether roundings cannot change that.
+    /// Returns the ground at a place of the picture, and whether it is sure.
     fn ground(&self, x: f64, y: f64) -> (Ground, bool) {
         let (origin, direction) = self.view.ray(x, y);
         let (mut found, mut sure) = (Ground::None, true);
@@ -301,7 +308,7 @@ impl<'v> Easel<'v> {
         (found, sure)
     }
 
-    /// What the ray through a place of the picture, pixels, meets; and whether roundings cannot change that.
+    /// Returns the fragments at a place of the picture [px], and whether they are sure.
     fn fragments(&self, x: f64, y: f64) -> (Vec<Fragment>, bool) {
         let Easel { view, order, bristles, detail, turns, painted, .. } = self;
         let (origin, direction) = view.ray(x, y);
@@ -319,7 +326,7 @@ impl<'v> Easel<'v> {
                 sure &= (1.5 * edge - 0.5).abs() > EDGE;
                 let upper =
                     coverage(bristles, turns, DVec2::new(-uv.y, uv.x) * 1.5, seed ^ 0xA5) * detail;
-                // Mixed as the kernel keeps colours: by their square roots.
+                // Mixed by square roots, as the kernel stores colours.
                 let shade = if seed & 1 == 0 { 1.08 } else { 0.92 };
                 let root = DVec3::from_array(color.to_array().map(f64::sqrt));
                 let mixed = root * (1.0 - upper) + (root * shade).min(DVec3::ONE) * upper;
@@ -327,7 +334,7 @@ impl<'v> Easel<'v> {
                 covers = covers.max(upper);
             }
             let alpha = covers * stroke.opacity;
-            // Along a stroke a small error of the angle is a large one of the depth.
+            // At grazing angles a small error of the angle is a large one of the depth.
             sure &= -steep > GRAZING * direction.length()
                 && (covers - 0.5).abs() > 0.01
                 && (alpha * 255.0 - 0.5).abs() > 0.05
@@ -353,7 +360,7 @@ impl<'v> Easel<'v> {
         (fragments, sure)
     }
 
-    /// The nearest stroke that hides what is behind it, and nothing else.
+    /// Returns the nearest stroke that hides what is behind it.
     fn nearest(&self, x: f64, y: f64) -> Pixel {
         let (mut fragments, sure) = self.fragments(x, y);
         fragments.retain(|fragment| fragment.coverage >= 0.5);
@@ -370,7 +377,7 @@ impl<'v> Easel<'v> {
         Pixel { color: [r, g, b, *opacity], depth: first.depth, sure }
     }
 
-    /// All strokes, each over those behind it.
+    /// Blends all strokes, each over those behind it.
     fn blended(&self, x: f64, y: f64) -> Pixel {
         let (mut fragments, mut sure) = self.fragments(x, y);
         let hides = fragments
@@ -380,7 +387,7 @@ impl<'v> Easel<'v> {
             .reduce(f64::min);
         let nearest = fragments.iter().map(|fragment| fragment.depth).fold(f64::INFINITY, f64::min);
         fragments.sort_by(|a, b| a.order.total_cmp(&b.order));
-        // Strokes that are hardly there, or hidden, may come in either order.
+        // Nearly transparent or hidden strokes may be in either order.
         let visible = fragments.iter().scan(1.0, |light, fragment| {
             let seen = *light > 1e-3;
             *light *= 1.0 - fragment.alpha;
@@ -447,10 +454,10 @@ fn seen(
     })
 }
 
-/// Squares of a brush, along a side.
+/// Squares of a brush along a side.
 const SQUARES: f64 = 32.0;
 
-/// Between the corners of one of the squares that a brush is kept in, 8 bits each.
+/// Interpolates coverage between the corners of a brush's squares, 8 bits each.
 fn coverage(bristles: &Bristles, turns: &[DVec2], at: DVec2, seed: u32) -> f64 {
     if at.abs().max_element() > 0.5 {
         return 0.0;
@@ -467,7 +474,7 @@ fn coverage(bristles: &Bristles, turns: &[DVec2], at: DVec2, seed: u32) -> f64 {
     upper * (1.0 - f.y) + lower * f.y
 }
 
-/// Equation 1: the sum of Gaussians, each turned about its own middle.
+/// Computes equation 1: the sum of Gaussians, each turned about its own middle.
 fn equation(bristles: &Bristles, turns: &[DVec2], at: DVec2, seed: u32) -> f64 {
     let mut turn = turns[(seed & 15) as usize];
     let mut sum = 0.0;

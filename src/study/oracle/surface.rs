@@ -1,4 +1,5 @@
-//! The f64 twin of `surface.glsl` and `normal.glsl`: depths in, in the kernels' own f32 bits; the normal of a pixel out, with bounds.
+//! The f64 twin of `surface.glsl` and `normal.glsl`: from depths in the kernels' own f32 bits to
+//! the normal of a pixel with bounds.
 
 use super::Bounded;
 use crate::view::{Projection, View};
@@ -7,7 +8,8 @@ pub fn known(z: f32) -> bool {
     z.is_finite() && z > 0.0
 }
 
-/// Towards the camera, right, down, away; whether it may count as none; and whether it may count.
+/// Returns the normal as right, down, away, towards the camera; whether it may be absent; and
+/// whether it may be present.
 pub fn normal(view: &View, radius: i64, depth: &[f32], i: usize) -> ([Bounded; 3], bool, bool) {
     let [columns, rows] = view.size.map(|side| side as i64);
     let (x, y, z0) = (i as i64 % columns, i as i64 / columns, Bounded::exact(depth[i]));
@@ -58,7 +60,8 @@ pub fn normal(view: &View, radius: i64, depth: &[f32], i: usize) -> ([Bounded; 3
     (unit([-(f * a), -(f * b), -away]), may_be_none, may_be)
 }
 
-/// By how much depths of one surface may differ: 31 pixels' widths, and with perspective no more than half of the depth.
+/// Returns the largest depth difference on one surface: 31 pixels' widths, and with perspective at
+/// most half of the depth.
 pub fn reach(view: &View, z: Bounded) -> Bounded {
     let part = 31.0 / view.focal_px();
     match view.camera.projection {
@@ -67,7 +70,7 @@ pub fn reach(view: &View, z: Bounded) -> Bounded {
     }
 }
 
-/// Pixels, exact: halves.
+/// Returns the distance from the principal point [px], exact: halves.
 pub fn from_centre(view: &View, i: usize) -> [Bounded; 2] {
     let [columns, rows] = view.size.map(|side| side as usize);
     [(i % columns, columns), (i / columns, rows)]
@@ -82,7 +85,8 @@ pub fn unit(v: [Bounded; 3]) -> [Bounded; 3] {
     let largest =
         v.into_iter().max_by(|a, b| a.value.abs().total_cmp(&b.value.abs())).expect("three");
     let largest = Bounded { value: largest.value.abs(), ..largest };
-    // The kernel divides by the largest as it finds it: what that is off cancels in the end, and must not be counted twice.
+    // The kernel divides by its own largest component: that error cancels in the end, and must not
+    // be counted twice.
     let near = v.map(|axis| axis / Bounded::exact(largest.value));
     let length = dot(near, near).sqrt();
     near.map(|axis| axis / length)

@@ -1,4 +1,4 @@
-//! Twin of transparency: all surfaces on a ray, from front to back, laid over each other; f64.
+//! The twin of transparency: all surfaces on a ray, front to back, blended in f64.
 
 use crate::synth::World;
 use crate::view::View;
@@ -6,16 +6,16 @@ use crate::view::View;
 /// A surface hit by a ray.
 #[derive(Clone, Copy, Debug)]
 pub struct Surface {
-    /// Planar, metres.
+    /// Planar depth [m].
     pub depth: f64,
     /// ASPRS class.
     pub class: u8,
 }
 
-/// Surfaces nearer to each other than this are one: no ray of a study grazes two, metres.
+/// Distance below which surfaces are one [m]: no ray of a study grazes two.
 const APART: f64 = 1e-9;
 
-/// On the ray through a position of the picture, pixels.
+/// Returns the surfaces on the ray through a position of the picture [px].
 pub fn surfaces(world: &World, view: &View, x_px: f64, y_px: f64) -> Vec<Surface> {
     let (origin, direction) = view.ray(x_px, y_px);
     let beyond =
@@ -25,7 +25,8 @@ pub fn surfaces(world: &World, view: &View, x_px: f64, y_px: f64) -> Vec<Surface
     std::iter::successors(first, |last| beyond(last).map(surface)).collect()
 }
 
-/// Layers of a pixel's middle, where there are the same ones two pixels around it, each deeper than the one before by twice the layer distance: elsewhere is a contour.
+/// Returns the layers at a pixel's middle; `None` at contours, where they differ within two pixels
+/// around or are closer than twice the layer distance.
 pub fn layers(world: &World, view: &View, layer_m: f64, [x, y]: [f64; 2]) -> Option<Vec<Surface>> {
     let own = surfaces(world, view, x, y);
     let is_alike = |k: i32| {
@@ -37,18 +38,18 @@ pub fn layers(world: &World, view: &View, layer_m: f64, [x, y]: [f64; 2]) -> Opt
     (0..25).all(is_alike).then_some(own)
 }
 
-/// What some layers show together.
+/// The blend of some layers.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Over {
-    /// Linear, over black.
+    /// Linear colour over black.
     pub color: [f64; 3],
-    /// How much light comes through from behind.
+    /// Share of the light from behind.
     pub through: f64,
-    /// Until so little comes through that no more are looked for (HARD_CASES 15).
+    /// Number of layers until the remaining light is negligible (guide: numerics, case 15).
     pub layers: u32,
 }
 
-/// Front to back in linear light, by the colour and the opacity of each.
+/// Blends colours with opacities, front to back, in linear light.
 pub fn over(layers: impl Iterator<Item = ([f64; 3], f64)>) -> Over {
     let mut sum = Over { through: 1.0, ..Over::default() };
     for (color, opacity) in layers {

@@ -1,22 +1,25 @@
-//! The f64 twin of visibility on a single level: depths in, in the kernels' own f32 bits; of every pixel the empty solid angle out, and what follows from it.
+//! The f64 twin of visibility on a single level: from depths in the kernels' own f32 bits to the
+//! empty solid angle of every pixel, and the verdict.
 //!
-//! papers/README.md (Pintus, visibility), word for word: points in the camera's space, the largest `v . c` of every sector, the sum of `2 pi / S (1 - max v . c)`; but that a neighbour which the point's own
-//! surface may reach ([`own_slope`]) closes nothing.
-//! The kernels' sum is within 2.1e-6 of that, relatively (HARD_CASES 7), and the threshold is rounded to f32, so that pixels within [`BAND`] of it may be decided either way.
+//! It follows guide: papers (Pintus, visibility) literally: points in the camera's space, the
+//! largest `v . c` of every sector, the sum of `2 pi / S (1 - max v . c)`; except that a neighbour
+//! which the point's own surface may reach ([`own_slope`]) closes nothing. The kernels' sum is
+//! within 2.1e-6 of that, relatively (guide: numerics, case 7), and the threshold is rounded to
+//! f32, so pixels within [`BAND`] of it may be decided either way.
 
 use crate::passes::visibility::{Kernel, Settings, own_slope};
 use crate::view::{Projection, View};
 use glam::DVec3;
 use std::f64::consts::TAU;
 
-/// Of the sum (HARD_CASES 7).
+/// Relative error of the sum (guide: numerics, case 7).
 pub const BAND: f64 = 4e-6;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Verdict {
     Visible,
     Invisible,
-    /// Too near to the threshold to say.
+    /// Too near to the threshold to decide.
     InBand,
 }
 
@@ -53,8 +56,9 @@ impl Depths<'_> {
         }
     }
 
-    /// The empty solid angle of a pixel, steradians, at least and at most: they differ where a neighbour is within [`BAND`] of [`own_slope`], and f32 may say either. A pixel without a point lies beyond all neighbours: its
-    /// cones are closed, or hemispheres.
+    /// The empty solid angle of a pixel, steradians, at least and at most: they differ where a
+    /// neighbour is within [`BAND`] of [`own_slope`], and f32 may say either. A pixel without a
+    /// point lies beyond all neighbours: its cones are closed, or hemispheres.
     pub fn solid_angle(&self, [x, y]: [i64; 2], kernel: Kernel, settings: &Settings) -> [f64; 2] {
         let (sectors, own_slope) = (settings.sectors as usize, own_slope(settings, kernel));
         let own = self.at(x, y).map(|z| self.point(x, y, z));
@@ -109,15 +113,17 @@ impl Depths<'_> {
     }
 }
 
-/// Beyond the edge the picture is seen as in a mirror, which stands in the middle of the last pixel, and which ends where the picture does.
+/// Beyond the edge the picture is seen as in a mirror, which stands in the middle of the last
+/// pixel, and which ends where the picture does.
 fn mirrored(x: i64, side: i64) -> i64 {
     let x = if x < 0 { -x } else { x };
     let x = if x > side - 1 { 2 * (side - 1) - x } else { x };
     x.clamp(0, side - 1)
 }
 
-/// 4, 8 or 16 sectors of a full turn, each with its first border; in integers. Turned by quarters until it lies in the first one, an offset is beyond an eighth of a turn where y >= x, and beyond a
-/// sixteenth where y / x >= sqrt(2) - 1, which no fraction equals.
+/// 4, 8 or 16 sectors of a full turn, each with its first border; in integers. Turned by quarters
+/// until it lies in the first one, an offset is beyond an eighth of a turn where y >= x, and beyond
+/// a sixteenth where y / x >= sqrt(2) - 1, which no fraction equals.
 pub fn sector(x: i64, y: i64, sectors: usize) -> usize {
     let (mut x, mut y, mut quarter) = (x, y, 0);
     while !(x > 0 && y >= 0) {
@@ -140,7 +146,8 @@ pub fn sector(x: i64, y: i64, sectors: usize) -> usize {
 mod tests {
     use super::*;
 
-    /// No offset of a kernel lies within rounding of a border but those on the axes and diagonals, which f64 has exactly as eighths of a turn.
+    /// No offset of a kernel lies within rounding of a border but those on the axes and diagonals,
+    /// which f64 has exactly as eighths of a turn.
     #[test]
     fn sectors_are_those_of_the_angle() {
         for (x, y) in
