@@ -12,6 +12,8 @@ use spirq::ty::{ScalarType, StructType};
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicUsize, Ordering};
 
 fn main() {
     println!("cargo:rerun-if-changed=glsl");
@@ -20,14 +22,16 @@ fn main() {
         .expect("glsl/")
         .map(|entry| entry.expect("glsl/").path())
         .collect();
+    sources.retain(|source| stage(source).is_some());
     sources.sort();
+    let compiled = compile_all(&sources);
     let (mut rust, mut shared) = (String::new(), BTreeMap::new());
     for source in &sources {
         // The fragment stage is compiled with its vertex stage.
         let stages = match source.extension().and_then(|extension| extension.to_str()) {
-            Some("comp") => vec![reflect(&mut shared, source)],
+            Some("comp") => vec![reflect(&mut shared, source, &compiled[source])],
             Some("vert") => [source.clone(), source.with_extension("frag")]
-                .map(|source| reflect(&mut shared, &source))
+                .map(|source| reflect(&mut shared, &source, &compiled[&source]))
                 .into(),
             _ => continue,
         };
@@ -44,9 +48,37 @@ fn main() {
         )
         .unwrap();
     }
-    let out =
-        PathBuf::from(std::env::var_os("OUT_DIR").expect("cargo sets OUT_DIR")).join("shader.rs");
-    std::fs::write(out, rust).expect("write shader.rs");
+    std::fs::write(out("shader.rs"), rust).expect("write shader.rs");
+}
+
+/// Returns where the build keeps a file.
+fn out(name: &str) -> PathBuf {
+    PathBuf::from(std::env::var_os("OUT_DIR").expect("cargo sets OUT_DIR")).join(name)
+}
+
+/// SPIR-V of a stage: as it is reflected, before the optimiser removes what is unused, and as it runs.
+struct Compiled {
+    plain: Vec<u32>,
+    optimised: Vec<u32>,
+}
+
+/// Compiles all stages on all processors.
+fn compile_all(sources: &[PathBuf]) -> BTreeMap<PathBuf, Compiled> {
+    let (next, compiled) = (AtomicUsize::new(0), Mutex::new(BTreeMap::new()));
+    let work = || {
+        while let Some(source) = sources.get(next.fetch_add(1, Ordering::Relaxed)) {
+            let plain = compile(source, shaderc::OptimizationLevel::Zero);
+            let optimised = precise(&compile(source, shaderc::OptimizationLevel::Performance));
+            compiled.lock().unwrap().insert(source.clone(), Compiled { plain, optimised });
+        }
+    };
+    let threads = std::thread::available_parallelism().map_or(1, |threads| threads.get());
+    std::thread::scope(|scope| {
+        for _ in 0..threads {
+            scope.spawn(work);
+        }
+    });
+    compiled.into_inner().unwrap()
 }
 
 fn stage(path: &Path) -> Option<shaderc::ShaderKind> {
@@ -120,6 +152,7 @@ fn precise(words: &[u32]) -> Vec<u32> {
 
 /// Reflection of a stage.
 struct Stage {
+    /// Name of the file with its SPIR-V, beside the generated source.
     code: String,
     /// Name, kind and access by binding.
     bindings: BTreeMap<u32, (String, (String, String))>,
@@ -132,17 +165,17 @@ struct Stage {
     workgroup: [u32; 3],
 }
 
-fn reflect(shared: &mut BTreeMap<String, String>, source: &Path) -> Stage {
-    // Reflected before optimisation, which removes what is unused.
-    let plain = compile(source, shaderc::OptimizationLevel::Zero);
-    let optimised = precise(&compile(source, shaderc::OptimizationLevel::Performance));
+fn reflect(shared: &mut BTreeMap<String, String>, source: &Path, compiled: &Compiled) -> Stage {
+    let Compiled { plain, optimised } = compiled;
     let entry = ReflectConfig::new()
-        .spv(without_constant_expressions(&plain))
+        .spv(without_constant_expressions(plain))
         .reflect()
         .unwrap_or_else(|error| panic!("{}: {error}", source.display()))
         .remove(0);
-    let code = optimised.iter().map(|word| word.to_string()).collect::<Vec<_>>().join(",");
-    let workgroup = workgroup(&plain);
+    let code = format!("{}.spv", source.file_name().expect("a file").display());
+    let bytes: Vec<u8> = optimised.iter().flat_map(|word| word.to_ne_bytes()).collect();
+    std::fs::write(out(&code), bytes).expect("write SPIR-V");
+    let workgroup = workgroup(plain);
     let mut stage = Stage {
         code,
         bindings: BTreeMap::new(),
@@ -236,7 +269,7 @@ fn generate(rust: &mut String, module: &str, stages: &[Stage]) {
             .map_or("0".to_string(), |_| format!("std::mem::size_of::<{module}::Push>() as u32"));
         let Stage { code, workgroup, listed, .. } = stage;
         format!(
-            "Code {{ name: {module:?}, spirv: &[{code}], bindings: &[{table}], push_bytes: {push_size}, workgroup: {workgroup:?}, listed: {listed:?} }}"
+            "Code {{ name: {module:?}, spirv: include_bytes!(concat!(env!(\"OUT_DIR\"), \"/{code}\")), bindings: &[{table}], push_bytes: {push_size}, workgroup: {workgroup:?}, listed: {listed:?} }}"
         )
     };
     let uses = |stage: &Stage| {

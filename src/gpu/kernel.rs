@@ -52,7 +52,8 @@ pub struct Binding {
 #[derive(Clone, Copy, Debug)]
 pub struct Code {
     pub name: &'static str,
-    pub spirv: &'static [u32],
+    /// Words of SPIR-V in the byte order of the machine.
+    pub spirv: &'static [u8],
     pub bindings: &'static [Binding],
     pub push_bytes: u32,
     /// Workgroup size; `[0, 0, 0]` if specialisation constant 0 is the width.
@@ -60,6 +61,12 @@ pub struct Code {
     /// The constant that enables a tile list, for shaders that include glsl/lib/area.glsl; the list
     /// is then the last binding.
     pub listed: Option<u32>,
+}
+
+impl Code {
+    pub fn words(&self) -> Vec<u32> {
+        bytemuck::pod_collect_to_vec(self.spirv)
+    }
 }
 
 /// A compute pipeline with its layouts.
@@ -157,7 +164,7 @@ fn make(device: &Device, code: &Code, constants: &[(u32, u32)]) -> Result<Kernel
             .create_pipeline_layout(&layout_info, None)
             .map_err(failed("vkCreatePipelineLayout"))?;
         let module = raw
-            .create_shader_module(&vk::ShaderModuleCreateInfo::default().code(code.spirv), None)
+            .create_shader_module(&vk::ShaderModuleCreateInfo::default().code(&code.words()), None)
             .map_err(failed("vkCreateShaderModule"))?;
         let stage = vk::PipelineShaderStageCreateInfo::default()
             .stage(vk::ShaderStageFlags::COMPUTE)

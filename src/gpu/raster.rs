@@ -231,8 +231,11 @@ fn make(device: &Device, draw: &Draw, color: &RawImage, depth: &RawImage) -> Res
             )
             .map_err(failed("vkCreatePipelineLayout"))?;
         let module = |code: &Code| {
-            raw.create_shader_module(&vk::ShaderModuleCreateInfo::default().code(code.spirv), None)
-                .map_err(failed("vkCreateShaderModule"))
+            raw.create_shader_module(
+                &vk::ShaderModuleCreateInfo::default().code(&code.words()),
+                None,
+            )
+            .map_err(failed("vkCreateShaderModule"))
         };
         let modules = [module(&draw.stages[0])?, module(&draw.stages[1])?];
         let stage = |k: usize| {
