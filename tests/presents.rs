@@ -16,7 +16,7 @@ use pointillist::present::Present;
 use pointillist::progress::Silent;
 use pointillist::render::frame;
 use pointillist::render::settings::{FrameConfig, RenderSettings};
-use pointillist::resident::pool::PAGE_BYTES;
+use pointillist::resident::pages::PAGE_BYTES;
 use pointillist::resident::residency::Residency;
 use pointillist::select::lod::Detail;
 use pointillist::view::View;

@@ -17,7 +17,7 @@ use pointillist::render::frame;
 use pointillist::render::settings::{FrameConfig, RenderSettings};
 use pointillist::resident::residency::{Residency, Update};
 use pointillist::resident::slab_query::Slab;
-use pointillist::resident::{Resident, pool::PAGE_BYTES};
+use pointillist::resident::{Resident, pages::PAGE_BYTES};
 use pointillist::select::clip::Clips;
 use pointillist::select::lod::{self, Detail};
 use pointillist::view::{Camera, View};

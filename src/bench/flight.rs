@@ -16,7 +16,7 @@ use crate::progress::Progress;
 use crate::render::frame;
 use crate::render::settings::{FrameConfig, RenderSettings};
 use crate::render::source;
-use crate::resident::pool::PAGE_BYTES;
+use crate::resident::pages::PAGE_BYTES;
 use crate::resident::{Residency, residency::Update};
 use crate::select::lod::Detail;
 use crate::view::{Camera, Preset, View};

@@ -1,8 +1,9 @@
 //! Batches of index nodes in GPU memory: for passes over all points of a cloud larger than memory
 //! that use only positions.
 
+use super::pages::{PAGE_BYTES, Pages};
 use super::point_density::weighted_median;
-use super::pool::{PAGE_BYTES, Pages, Pool};
+use super::pool::Pool;
 use super::{Resident, ResidentNode, in_metres};
 use crate::cloud::attribute::{Attribute, DisplayAttribute};
 use crate::config::POINTS_PER_PAGE;

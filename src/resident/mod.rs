@@ -11,6 +11,7 @@
 
 mod cloud_upload;
 mod leaves;
+pub mod pages;
 pub mod point_density;
 pub mod pool;
 pub mod residency;
@@ -39,7 +40,8 @@ use crate::select::clip::{Clips, Left};
 use crate::select::opacity::{Known, Opacities};
 use crate::view::View;
 use glam::DVec3;
-use pool::{PAGE_BYTES, Pool};
+use pages::PAGE_BYTES;
+use pool::Pool;
 
 /// A node in GPU memory.
 #[derive(Clone, Debug)]

@@ -21,7 +21,8 @@
 //! Pages are reused when the device has completed the last submission that may read them
 //! (`Gpu::completed`). So update between frames, not between recording and submitting one.
 
-use super::pool::{PAGE_BYTES, Pages, Pool};
+use super::pages::{PAGE_BYTES, Pages};
+use super::pool::Pool;
 use super::{Resident, ResidentNode, in_metres};
 use crate::cloud::attribute::DisplayAttribute;
 use crate::config::{PATIENCE, UPLOAD_BYTES, UPLOAD_BYTES_SHARED};

@@ -9,7 +9,7 @@
 //! Slots are free again when the device has completed that submission. There are twice as many as
 //! the loader may have in flight, so that it writes while the device copies.
 
-use super::pool::{PAGE_BYTES, Pages};
+use super::pages::{PAGE_BYTES, Pages};
 use crate::config::{PAGES_PER_BLOCK, UPLOAD_BYTES};
 use crate::error::Result;
 use crate::gpu::memory::RawBuffer;
