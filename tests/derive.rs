@@ -1,4 +1,5 @@
-//! What an index finds out of the points around each: the same as of a cloud in memory, whatever the leaves, the threads and the memory; and what inner nodes make of it.
+//! Derived planes of an index: identical to those of a cloud in memory, for any leaves, threads and
+//! memory; and their merging in inner nodes.
 
 mod gpu;
 mod support;
@@ -65,7 +66,7 @@ impl Place {
     }
 }
 
-/// Where the points of a leaf are, steps of the file.
+/// Returns the positions of a leaf's points [steps of the file].
 fn steps(index: &Index, node: usize) -> Vec<[i32; 3]> {
     let record = &index.nodes()[node];
     let lattice = index.lattice(record);
@@ -109,7 +110,7 @@ fn normals_and_radii_of_leaves_are_those_of_the_cloud_in_memory() {
         for ((at, facing), brush) in steps(&index, leaf).into_iter().zip(facings).zip(brushes) {
             let [own, own_brush] = expected[&at];
             assert_eq!(facing, own, "{at:?}");
-            // Of what cluster it is depends on what is far away.
+            // Its cluster depends on distant points.
             const CLUSTER: u32 = 0x9F;
             assert_eq!(
                 brush & !CLUSTER,
@@ -161,7 +162,7 @@ fn corrected_colours_of_leaves_are_those_of_the_cloud_in_memory() {
     assert!(changed > 100_000, "{changed}");
 }
 
-/// Of all planes of all nodes, in order.
+/// Returns all planes of all nodes, in order.
 fn contents(index: &Index) -> Vec<Vec<u8>> {
     let planes = [Plane::Coarse, Plane::Facing, Plane::Brush, Plane::Corrected];
     let all = (0..index.nodes().len()).flat_map(|node| planes.map(|plane| (node, plane)));
@@ -184,7 +185,7 @@ fn neither_threads_nor_memory_show() {
     }
 }
 
-/// Of a torus of radii 1 and 0.4 around the middle of the box.
+/// Returns the normal of a torus of radii 1 and 0.4 around the centre of the box.
 fn torus_normal(p: DVec3) -> DVec3 {
     (p - DVec3::new(p.x, p.y, 0.0).normalize()).normalize()
 }
@@ -228,7 +229,7 @@ fn samples_of_inner_nodes_have_the_mean_normal_and_cover_what_they_stand_for() {
     }
 }
 
-/// The brush that a point has, it has in every node that it appears in, wherever that has rounded it to.
+/// A point has the same brush in every node, wherever it is rounded to.
 #[test]
 fn a_sample_that_stands_for_one_point_is_its_stroke() {
     let place = Place::new(SceneKind::Street, 500_000);
@@ -272,7 +273,8 @@ fn what_is_not_asked_for_is_not_there_and_takes_no_room() {
     }
 }
 
-/// How much of each pixel strokes cover, of a cut with so many points at most; and how many it has.
+/// Returns the stroke coverage of each pixel, of a cut with a point budget, and its number of
+/// points.
 fn painted(index: Index, view: &View, budget: u64) -> (Vec<f32>, u64) {
     gpu::with(gpu::Way::Compute64, |gpu| {
         let mut shown = DisplayAttribute::indexed(Attribute::White, [0.0, 1.0], [0, 255]);
@@ -346,7 +348,7 @@ fn strokes_of_a_tenth_of_the_points_cover_what_all_of_them_do() {
     }
 }
 
-/// Ends the work once it looks around points.
+/// Interrupts the work once it searches neighbours.
 struct Interrupting;
 
 impl Progress for Interrupting {
@@ -400,7 +402,8 @@ fn a_picture_that_lacks_a_plane_says_in_one_line_how_to_make_it() {
     succeeded(&render(&place.at("scan.las"), &line("--color corrected")));
 }
 
-/// A PLY file of a bumpy sheet, with normals of its own: downward ones, so that none is mistaken for a fitted one.
+/// Returns a PLY file of a bumpy sheet with normals of its own: downward, so that they differ from
+/// fitted ones.
 fn with_normals(path: &Path) {
     let side = 300;
     let mut text = format!("ply\nformat ascii 1.0\nelement vertex {}\n", side * side);
@@ -432,7 +435,7 @@ fn normals_of_files_are_kept_and_say_which_side_is_outside() {
     }
 }
 
-/// The same scan twice, a third of a step apart: two trees, whose points are each other's neighbours all the same.
+/// The same scan twice, a third of a step apart: two trees, whose points are still neighbours.
 #[test]
 fn luminance_is_that_of_all_files_even_where_their_lattices_differ() {
     let place = Place::new(SceneKind::Street, 100_000);
@@ -470,7 +473,7 @@ fn luminance_is_that_of_all_files_even_where_their_lattices_differ() {
             all += 1;
         }
     }
-    // In memory all are brought to a lattice of their own, whose roundings order those that are equally far.
+    // In memory all are converted to one lattice, whose rounding orders points at equal distance.
     println!("{same} of {all} are the same");
     assert!(same * 1000 > 995 * all, "{same} of {all}");
 }

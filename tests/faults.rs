@@ -1,7 +1,8 @@
-//! An index is old, new or absent, whatever happens while it is made (RELIABILITY, P2): the program is run under `strace`, which kills it at every system
-//! call that matters, or lets that call fail; on a disk that is full; interrupted; and several at once.
+//! An index is old, new or absent, whatever happens while it is made (guide: reliability): the
+//! program runs under `strace`, which kills it at every relevant system call, or lets that call
+//! fail; on a full disk; interrupted; and several at once.
 //!
-//! Where `strace` is missing or may not trace, or nothing may be mounted, the tests that need it say so and pass.
+//! Tests that need `strace` or mounting are skipped where they are not available.
 
 #![cfg(target_os = "linux")]
 
@@ -19,7 +20,7 @@ use support::{failed, names, pointillist, scan, succeeded, text};
 const PROGRAM: &str = env!("CARGO_BIN_EXE_pointillist");
 const PARTIAL: &str = ".out.pnti.partial-";
 
-/// What lies under the index's name.
+/// State of the index file.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum State {
     Absent,
@@ -27,11 +28,11 @@ enum State {
     New,
 }
 
-/// A folder with a cloud in it, and what the indices of it and of another one are.
+/// A folder with a cloud, and the indexes of it and of another one.
 struct Place {
     folder: tempfile::TempDir,
     aside: tempfile::TempDir,
-    /// What is found out of the points beside what the file says.
+    /// Planes to derive.
     found: &'static [&'static str],
     old: Vec<u8>,
     new: Vec<u8>,
@@ -40,7 +41,7 @@ struct Place {
 impl Place {
     fn new(points: u64) -> Place {
         let (folder, aside) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
-        // Of few points: what that takes is not what is asked here.
+        // Few points: the cost of deriving does not matter here.
         let found: &[&str] =
             if points <= 30_000 { &["--normals", "--strokes", "--luminance"] } else { &[] };
         let mut place = Place { folder, aside, found, old: Vec::new(), new: Vec::new() };
@@ -70,7 +71,7 @@ impl Place {
         self.index(pointillist())
     }
 
-    /// The same under strace, which `inject`s a fault into some calls.
+    /// Runs the program under strace, which injects a fault into some calls.
     fn traced(&self, call: &str, inject: &str) -> Command {
         let mut strace = Command::new("strace");
         // Not with --seccomp-bpf, which is faster and silently never sends a signal but the first.
@@ -102,7 +103,7 @@ impl Place {
         }
     }
 
-    /// What there is, which is nothing else.
+    /// Returns the state, and checks that nothing else is there.
     #[track_caller]
     fn state(&self, what: &str) -> State {
         match fs::read(self.output()) {
@@ -123,7 +124,7 @@ impl Place {
         assert!(left.is_empty(), "{what}: {left:?} were left");
     }
 
-    /// A build without faults gives the new index and removes what others left.
+    /// A build without faults makes the new index and removes leftovers.
     #[track_caller]
     fn recovers(&self, what: &str) {
         succeeded(&self.command().output().unwrap());
@@ -132,7 +133,7 @@ impl Place {
     }
 }
 
-/// Whether strace is there, and may.
+/// Returns whether strace is available and permitted.
 fn can_trace() -> bool {
     let tried = Command::new("strace").args(["-f", "-e", "trace=close", "true"]).output();
     let can = tried.is_ok_and(|output| output.status.success());
@@ -142,7 +143,7 @@ fn can_trace() -> bool {
     can
 }
 
-/// Ended by itself, without a panic; what it said.
+/// Checks that the program exited without a panic; returns its output.
 #[track_caller]
 fn orderly(output: &Output, what: &str) -> String {
     let said = text(&output.stderr);
@@ -158,7 +159,7 @@ fn killed_at_any_call_it_leaves_old_new_or_nothing() {
     }
     let mut kills = 0;
     for (points, calls) in [
-        // Without points all is written by one thread, and strace counts the calls of each.
+        // Without points one thread writes everything, and strace counts the calls of each.
         (
             20_000,
             &[
@@ -212,14 +213,14 @@ fn killed_at_any_call_it_leaves_old_new_or_nothing() {
     assert!(kills > 40);
 }
 
-/// What a failing call must lead to.
+/// Required outcome of a failing call.
 #[derive(Clone, Copy, PartialEq)]
 enum Expected {
     /// One line, exit code 1, what was there before.
     Error,
-    /// As if nothing had been.
+    /// No effect.
     Success,
-    /// Either: some of these calls are none of ours.
+    /// Either: some of these calls are not ours.
     Either,
 }
 
@@ -272,14 +273,14 @@ fn any_call_that_fails_leaves_the_old_index_or_the_new_one() {
                         output.status.success() && after == State::New,
                         "{what}: {after:?}, {said}"
                     ),
-                    // The loader of the program has exit codes and words of its own.
+                    // The program's loader has exit codes and messages of its own.
                     _ => {
                         assert!(
                             !output.status.success() && said.lines().count() == 1,
                             "{what}: {}: {said}",
                             output.status
                         );
-                        // The last of these bring the folder to the disk.
+                        // The last of these sync the folder.
                         assert!(
                             after == before
                                 || matches!(call, "fsync" | "openat") && after == State::New,
@@ -291,7 +292,7 @@ fn any_call_that_fails_leaves_the_old_index_or_the_new_one() {
                         );
                     }
                 }
-                // Even where a file cannot be removed just now, the next one removes it.
+                // If a file cannot be removed now, the next build removes it.
                 if call == "unlink" {
                     place.recovers(&what)
                 } else {
@@ -305,7 +306,7 @@ fn any_call_that_fails_leaves_the_old_index_or_the_new_one() {
     assert!(faults > 60);
 }
 
-/// Everything in it can be read.
+/// Checks that everything in it can be read.
 fn is_readable(path: &Path) -> bool {
     let Ok(index) = Index::open(path) else { return false };
     (0..index.nodes().len()).all(|number| {
@@ -326,14 +327,15 @@ fn a_write_that_never_reached_the_disk_is_found() {
         let place = Place::new(points);
         for k in 1.. {
             place.set(State::Absent);
-            // The system says that it wrote a hundred bytes, which it did not.
+            // The system claims to have written a hundred bytes.
             let output =
                 place.traced("pwrite64", &format!("retval=100:when={k}")).output().unwrap();
             if !place.injected() {
                 break;
             }
             orderly(&output, "a lost write");
-            // Where the file had the same bytes before, nothing is lost: radii that need no bound are written as they were.
+            // Nothing is lost if the file had the same bytes before: radii within the bound are
+            // written unchanged.
             let is_whole = fs::read(place.output()).is_ok_and(|bytes| bytes == place.new);
             assert!(
                 is_whole || !is_readable(&place.output()),
@@ -398,7 +400,7 @@ fn a_full_spill_file_is_an_error() {
     place.recovers("killed");
 }
 
-/// A file system of a given size; none where nothing may be mounted.
+/// A file system of a given size; `None` if mounting is not possible.
 struct Mounted(PathBuf);
 
 impl Mounted {
@@ -470,7 +472,7 @@ fn interrupted_it_leaves_nothing() {
         place.set(before);
         let child = place.command().stderr(Stdio::piped()).spawn().unwrap();
         std::thread::sleep(Duration::from_millis(20) + whole * i / 8);
-        // SAFETY: a plain system call; the child has not been waited for, so the number is its own.
+        // SAFETY: a system call; the child has not been waited for, so its id is its own.
         unsafe { libc::kill(child.id() as i32, libc::SIGINT) };
         let since = Instant::now();
         let output = child.wait_with_output().unwrap();
@@ -478,7 +480,7 @@ fn interrupted_it_leaves_nothing() {
         let what = format!("interrupted at {i}/8: {}", output.status);
         match output.status.code() {
             Some(0) => assert_eq!(place.state(&what), State::New),
-            // Before the handler is there the signal itself ends the process.
+            // Before the handler is installed the signal itself ends the process.
             None => assert_eq!(place.state(&what), before),
             code => {
                 assert_eq!(

@@ -1,8 +1,10 @@
-//! FILES -> NAME.pnti: every point is in one leaf, bit by bit what `cloud::read` says of it; inner nodes are pictures of their children; the bytes depend
-//! on the points alone; and whatever becomes of the file, it is refused or read as it was written.
+//! Building indexes: every point is in one leaf, identical to what `cloud::read` returns; inner
+//! nodes resemble their children; the bytes depend on the points alone; and a damaged file is
+//! refused or read as it was written.
 //!
-//! Leaves are decoded here from the description in `index::format`, not by the code that packs them. Clouds are made here, or by `synth`, or lie in
-//! `../shared`; tests that need it are skipped if it is missing.
+//! Leaves are decoded here from the description in `index::format`, not by the code that packs
+//! them. Clouds are made here, or by `synth`, or lie in `../shared`; tests that need that folder
+//! are skipped without it.
 
 mod support;
 
@@ -63,12 +65,12 @@ struct Point {
     time: f64,
 }
 
-/// Where a LAS file's points lie, and what its header says of it.
+/// Lattice of a LAS file, and bounds in its header.
 #[derive(Clone, Copy, Debug)]
 struct Frame {
     step: [f64; 3],
     offset: [f64; 3],
-    /// The header's own words: maximum and minimum of each axis. None: the truth.
+    /// Bounds in the header, maximum and minimum of each axis; `None` for the true ones.
     stated: Option<[[f64; 2]; 3]>,
 }
 
@@ -107,7 +109,7 @@ fn las(points: &[Point], frame: Frame) -> Vec<u8> {
     head
 }
 
-/// A number that looks random.
+/// Returns a pseudo-random number.
 fn noise(i: u64) -> u64 {
     let z = (i + 1).wrapping_mul(0x9E37_79B9_7F4A_7C15);
     let z = (z ^ z >> 30).wrapping_mul(0xBF58_476D_1CE4_E5B9);
@@ -115,7 +117,7 @@ fn noise(i: u64) -> u64 {
     z ^ z >> 31
 }
 
-/// Attributes that tell points apart, at a place.
+/// Returns attributes that distinguish points, at a place.
 fn point(q: [i32; 3], i: u64) -> Point {
     let n = noise(i);
     Point {
@@ -153,7 +155,7 @@ const SHAPES: [Shape; 7] = [
     Shape::Corner,
 ];
 
-/// `count` points in the box from `low`, `sides` wide.
+/// Returns `count` points in the box at `low` of size `sides`.
 fn shape(shape: Shape, count: usize, low: [i32; 3], sides: [u32; 3], seed: u64) -> Vec<Point> {
     let within = |axis: usize, part: u64| {
         (low[axis] as i64 + (part as u128 * sides[axis] as u128 / u64::MAX as u128) as i64) as i32
@@ -197,7 +199,7 @@ impl Place {
         self.write(name, &las(points, frame))
     }
 
-    /// Builds `name` of the files; nothing else is left.
+    /// Builds `name` from the files; nothing else is left.
     fn build(&self, files: &[PathBuf], name: &str, options: &Options) -> Result<Summary> {
         let mut before = names(self.folder.path());
         let built = build::build(files, &self.at(name), options, &Silent);
@@ -222,7 +224,7 @@ impl Place {
         index
     }
 
-    /// An index of the files that holds what they hold.
+    /// Builds an index of the files and checks its contents.
     fn faithful(&self, files: &[PathBuf], options: &Options) -> Index {
         let index = self.index(files, options);
         let cloud = cloud::read(files, &READ, &Silent).unwrap();
@@ -237,7 +239,7 @@ impl Place {
 
 // ---- a decoder of its own
 
-/// The samples of a node: steps of its lattice, and bytes of whatever else it has.
+/// The samples of a node: lattice steps, and bytes of its other planes.
 struct Decoded {
     q: Vec<[i64; 3]>,
     planes: BTreeMap<usize, Vec<u8>>,
@@ -254,7 +256,7 @@ impl Decoded {
         self.get(Plane::Weight, i).map_or(1, u32::from_le_bytes)
     }
 
-    /// Its number, in 8 bits or in 16.
+    /// Station number, in 8 bits or in 16.
     fn station(&self, i: usize) -> usize {
         let narrow = self.get(Plane::Station, i).map(|[station]| station as usize);
         narrow
@@ -273,7 +275,8 @@ fn decode(index: &Index, number: usize) -> Result<Decoded> {
             planes.insert(plane as usize, bytes);
         }
     }
-    // Three planes of ten bits an axis, x lowest, from the highest of the `bits` that the longest side needs.
+    // Up to three planes of ten bits per axis, x lowest, from the highest of the `bits` of the
+    // longest side.
     let count = (node.bits as usize).div_ceil(10);
     let q = (0..node.count as usize).map(|i| {
         let words = (0..count)
@@ -288,14 +291,15 @@ fn decode(index: &Index, number: usize) -> Result<Decoded> {
     Ok(Decoded { q: q.collect(), planes })
 }
 
-/// Where whole steps of a node's lattice are those of a part's; None if they are not.
+/// Returns the offset between a node's lattice and a part's in whole steps; `None` if there is
+/// none.
 fn shift(own: Lattice, part: Lattice) -> Option<[i64; 3]> {
     let steps = (own.offset - part.offset) / part.step;
     let near = own.step == part.step && (steps - steps.round()).abs().max_element() < 1e-3;
     near.then(|| steps.round().to_array().map(|v| v as i64))
 }
 
-/// A point as the file and the index both tell it.
+/// A point as file and index have it.
 type Row = (usize, [i64; 3], [u8; 3], u16, [u8; 2], u16, [u8; 3], u64);
 
 fn hashed(row: Row) -> u64 {
@@ -304,7 +308,7 @@ fn hashed(row: Row) -> u64 {
     hasher.finish()
 }
 
-/// Of all leaves, sorted.
+/// Returns the points of all leaves, sorted.
 fn leaf_rows(index: &Index, cloud: &Cloud) -> Vec<u64> {
     let contents = &index.directory.contents;
     let mut rows = Vec::new();
@@ -340,7 +344,7 @@ fn leaf_rows(index: &Index, cloud: &Cloud) -> Vec<u64> {
     rows
 }
 
-/// The same of a cloud as it is read. What only other files have is as in [`leaf_rows`] where planes are missing.
+/// Returns the points of a cloud, with the values of [`leaf_rows`] for missing columns.
 fn rows(index: &Index, cloud: &Cloud) -> Vec<u64> {
     let with_times = index.nodes().iter().any(|node| node.has(Plane::GpsTime));
     let mut rows = Vec::new();
@@ -363,7 +367,7 @@ fn rows(index: &Index, cloud: &Cloud) -> Vec<u64> {
     rows
 }
 
-/// What the directory says of all points is what the files say.
+/// Checks the directory's statistics against the files.
 fn check_contents(index: &Index, cloud: &Cloud) {
     let contents = &index.directory.contents;
     assert_eq!(contents.parts.len(), cloud.parts.len());
@@ -442,7 +446,7 @@ fn check_contents(index: &Index, cloud: &Cloud) {
     assert_eq!(contents.notes, cloud.notes);
 }
 
-/// World position of steps of a node's lattice.
+/// Returns the world position of steps of a node's lattice.
 fn world(index: &Index, node: &NodeRecord, q: [i64; 3]) -> DVec3 {
     let [step, offset] = index.directory.contents.lattices[node.lattice as usize];
     let coarse = 2f64.powi(node.coarser as i32);
@@ -482,7 +486,7 @@ fn sums(index: &Index, number: usize, from: DVec3) -> Sums {
         assert!(weight > 0.0);
         sums.weight += weight;
         sums.position += weight * (world(index, node, decoded.q[i]) - from);
-        // With one exposure for all stations, where that is known.
+        // With equalised exposures, if they are known.
         let gain = index
             .directory
             .contents
@@ -498,11 +502,11 @@ fn sums(index: &Index, number: usize, from: DVec3) -> Sums {
     sums
 }
 
-/// Every inner node is its children seen from further away.
+/// Checks every inner node against its children.
 fn check_inner_nodes(index: &Index) {
     let nodes = index.nodes();
     let from = index.directory.contents.bounds.map_or(DVec3::ZERO, |[low, _]| low);
-    // Of the leaves under every node.
+    // Sums of the leaves below every node.
     let mut below = vec![Sums::default(); nodes.len()];
     for number in (0..nodes.len()).rev() {
         let node = &nodes[number];
@@ -510,7 +514,7 @@ fn check_inner_nodes(index: &Index) {
         let (low, high) = index.bounds(node);
         if node.is_leaf() {
             below[number] = own;
-            // What is outside of the view by an ancestor's box is outside by its own.
+            // A point outside the view by an ancestor's box is outside by its own.
             let (mut child, mut above) = (number, node.parent as usize);
             while above != child {
                 let (box_low, box_high) = index.bounds(&nodes[above]);
@@ -552,7 +556,7 @@ fn check_inner_nodes(index: &Index) {
     }
 }
 
-/// The nodes' contents, whatever their numbers and their places in the file.
+/// Returns the nodes' contents, independent of their numbers and places in the file.
 fn contents_of_nodes(index: &Index) -> Vec<u64> {
     let of = |number: usize| {
         let node = &index.nodes()[number];

@@ -1,4 +1,5 @@
-//! Pictures of an index, as a user asks for them: the same as of the file itself where everything is drawn, and otherwise what `--point-budget`, `--lod` and `--gpu-memory` say.
+//! Pictures of an index: identical to those of the file if everything is drawn, and otherwise as
+//! `--point-budget`, `--lod` and `--gpu-memory` say.
 
 mod support;
 
@@ -65,8 +66,8 @@ fn an_index_drawn_to_its_leaves_is_the_picture_of_the_file() {
             file.pixels.iter().filter(|pixel| **pixel != file.pixels[0]).count() > 20_000,
             "{color}"
         );
-        // Nodes have other origins, so f32 arithmetic may round a point into the neighbouring pixel.
-        // The ends of a ramp of heights are found among samples, and move colours by two of 255.
+        // Nodes have other origins, so f32 arithmetic may round a point into the neighbouring
+        // pixel.
         let differ = file
             .pixels
             .iter()
@@ -77,7 +78,8 @@ fn an_index_drawn_to_its_leaves_is_the_picture_of_the_file() {
     }
 }
 
-/// The same cloud, of which every point has the light of its station times the factor that is found for that: LAS 1.2, point format 3, as `synth` writes it.
+/// Returns the cloud with each point's light multiplied by the gain of its station: LAS 1.2, point
+/// format 3, as `synth` writes it.
 fn evened(las: &[u8], gains: &[f64]) -> Vec<u8> {
     let (head, records) = las.split_at(227);
     let mut records = records.to_vec();
@@ -92,7 +94,7 @@ fn evened(las: &[u8], gains: &[f64]) -> Vec<u8> {
     [head, &records].concat()
 }
 
-/// Samples that stand for many points of all stations show what they would if all had one exposure.
+/// Merged samples of all stations show what they would with one exposure.
 #[test]
 fn from_afar_stations_of_an_index_have_one_exposure_and_no_sample_shows_another() {
     let place = Place::new(2_000_000);
@@ -136,7 +138,7 @@ fn from_afar_stations_of_an_index_have_one_exposure_and_no_sample_shows_another(
             pairs.len(),
             100.0 * specks
         );
-        // Of samples with the means of what their stations have, each as it is: 34.8 and 36.1 dB, 11.7 and 10.3 %.
+        // With plain means of several stations: 34.8 and 36.1 dB, 11.7 and 10.3 %.
         assert!(pairs.len() > 5_000 && psnr > 50.0 && specks < 0.001, "{view}: {psnr} {specks}");
     }
 }

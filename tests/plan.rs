@@ -1,6 +1,7 @@
 //! The plan of the default frame, and of the frame without each effect, as text: passes, barriers, memory.
 //!
-//! A plan that changed on purpose: `POINTILLIST_UPDATE=1 cargo test --release --test plan`, and read the difference before committing it.
+//! To accept an intended change: `POINTILLIST_UPDATE=1 cargo test --release --test plan`, and read
+//! the difference before committing it.
 
 mod support;
 
@@ -59,7 +60,7 @@ fn compare(name: &str, found: &str) {
     );
 }
 
-/// Which projection runs depends on the device: the text is of one with 64-bit atomics, as lavapipe is.
+/// The projection depends on the device: the text is of one with 64-bit atomics, as lavapipe has.
 #[test]
 fn the_default_frame() {
     compare("default", &plan_with(&[]));
@@ -97,7 +98,7 @@ fn nothing_that_is_off_leaves_a_trace() {
     compare("points", &plan_with(&off.iter().map(String::as_str).collect::<Vec<_>>()));
 }
 
-/// Stops what asks it more often than this.
+/// Cancels after this many checks.
 struct Patience(AtomicU32);
 
 impl Progress for Patience {

@@ -1,6 +1,6 @@
-//! The loader's queue in every order in which threads can meet in it: loom runs each of these once for each of them.
+//! The loader's queue under all thread interleavings, explored by loom.
 //!
-//! The file itself is compiled here, with loom's mutex and condition in place of the standard library's.
+//! The file itself is compiled here, with loom's mutex and condition variable.
 
 use loom::model;
 use loom::sync::Arc;
@@ -15,7 +15,7 @@ mod sync {
     pub use loom::sync::{Condvar, Mutex, MutexGuard};
 }
 
-/// Where a node's pages would be written; counted while it exists.
+/// Destination of a node's pages; counted while it exists.
 struct Place(Arc<AtomicUsize>);
 
 impl Place {
@@ -45,7 +45,7 @@ fn again(node: usize) -> NodeRequest<Place> {
     NodeRequest { node, planes: 2, destination: None }
 }
 
-/// What the loader has done, in order.
+/// Actions of the loader, in order.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Did {
     Read(usize),
@@ -66,7 +66,7 @@ fn does(next: Next<Place>) -> Did {
     }
 }
 
-/// A loader that answers for so many wishes, and ends.
+/// A loader that answers a number of requests, and ends.
 fn loader(queue: &Arc<Queue<Place>>, answers: usize) -> thread::JoinHandle<Vec<Did>> {
     let queue = queue.clone();
     thread::spawn(move || {
@@ -89,7 +89,8 @@ fn every_destination_is_answered_for_once_and_the_newest_list_wins() {
                 .count();
             assert_eq!(answers, 1, "node {node}: {did:?}");
         }
-        // What was begun before the second list came is how the first one begins; then goes what that drops, and then the rest of the second, in its order.
+        // First what was started before the second list came; then what that list drops, then the
+        // rest of it in order.
         let orders: [&[Did]; 3] = [
             &[Did::Dropped(2), Did::Read(3), Did::Read(4), Did::Read(1)],
             &[Did::Read(1), Did::Dropped(2), Did::Read(3), Did::Read(4)],
@@ -106,7 +107,8 @@ fn what_is_on_its_way_stays_within_its_bound() {
     model(|| {
         let (queue, places) = shared();
         let loader = loader(&queue, 3);
-        // As a residency does: more only where there is room, and what is on its way is named again without a destination.
+        // As a residency does: new destinations only if there is room, and repeated requests
+        // without one.
         let mut left = vec![3, 2, 1];
         while let Some(&node) = left.last() {
             let on_their_way = places.load(SeqCst);

@@ -1,5 +1,5 @@
-//! From an index to the picture: what is resident, what is drawn, and that neither the pool, nor the order of arrival, nor a damaged file shows in a settled picture
-//! otherwise than it must.
+//! Streaming an index: what is resident and drawn; a settled picture depends neither on the pool,
+//! nor on the order of arrival, nor, beyond the missing node, on a damaged file.
 
 mod gpu;
 mod tree;
@@ -77,7 +77,7 @@ fn view(seed: u64) -> View {
     View::new(camera(seed), [160, 120]).unwrap()
 }
 
-/// Everything that a view can see, to the last leaf.
+/// Returns settings that draw everything in view, to the last leaf.
 fn all() -> Detail {
     Detail { budget: u64::MAX, lod_px: 0.0, ..Detail::of([160, 120]) }
 }
@@ -134,7 +134,8 @@ fn an_index_refined_to_its_leaves_draws_what_the_cloud_itself_draws() {
                 update.is_complete() && update.holes == 0 && update.cut.largest_error_px == 0.0
             );
             let expected = draw(gpu, &view, &whole);
-            // Nodes have other origins here, so f32 arithmetic may round a point into the neighbouring pixel.
+            // Nodes have other origins here, so f32 arithmetic may round a point into the
+            // neighbouring pixel.
             let differ = picture.2.iter().zip(&expected.2).filter(|(a, b)| a != b).count();
             let covered = expected.1.iter().filter(|&&id| id != u32::MAX).count();
             assert!(differ <= 4 + covered / 500, "{differ} of {covered} pixels differ");
@@ -164,7 +165,7 @@ fn a_settled_picture_depends_neither_on_the_pool_nor_on_what_was_drawn_before() 
         let mut random = Random(77);
         for round in 0..18 {
             let view = view(round % 6);
-            // A walk in between: arrivals and evictions in an order of their own, and nobody waits.
+            // A walk in between, without waiting: arrivals and evictions in another order.
             for _ in 0..random.bits() % 4 {
                 let elsewhere = self::view(100 + random.bits() % 50);
                 tiny.update(gpu, &elsewhere, &detail).unwrap();
@@ -198,7 +199,7 @@ fn a_cut_that_does_not_fit_the_pool_is_coarser_and_complete() {
             "{update:?}"
         );
         residency.free(gpu);
-        // And one that does not hold the root says so.
+        // A pool too small for the root is reported.
         let mut residency = planted.open(gpu, PAGE_BYTES);
         let error =
             residency.wait_until_resident(gpu, &view(1), &all(), &Silent).unwrap_err().to_string();
@@ -207,7 +208,8 @@ fn a_cut_that_does_not_fit_the_pool_is_coarser_and_complete() {
     });
 }
 
-/// Holes that something resident could have filled, found by walking up from every node of the cut.
+/// Returns holes that something resident could have filled, found by walking up from every node of
+/// the cut.
 fn needless_holes(residency: &Residency, view: &View, update: &Update) -> usize {
     let index = residency.index();
     let drawn: HashSet<usize> = residency.drawn().iter().copied().collect();
@@ -272,7 +274,7 @@ fn a_picture_that_moves_asks_for_little_at_a_time_and_is_whole_at_last() {
         loop {
             let update = residency.update_moving(gpu, &view, &all()).unwrap();
             let used = residency.pool_bytes()[1];
-            // Nothing is thrown out of a pool of this size, so that it grows by what is asked for.
+            // Nothing is evicted from a pool of this size, so that it grows by what is requested.
             assert!(used - before <= most, "{} bytes were asked for at once", used - before);
             (updates, before) = (updates + 1, used);
             if update.is_complete() {
@@ -308,7 +310,7 @@ fn a_damaged_leaf_is_said_once_and_its_parent_is_drawn() {
             );
             let parent = index.nodes()[leaf].parent as usize;
             assert!(residency.drawn().contains(&parent) && !residency.drawn().contains(&leaf));
-            // It is the picture of a cut that never had the leaf.
+            // It equals the picture of a cut without the leaf.
             let expected =
                 lod::choose(&index, &view, &Clips::default(), &all(), &HashSet::from([leaf]));
             assert_eq!(update.cut, expected);
@@ -388,7 +390,7 @@ fn a_device_whose_memory_is_not_mapped_draws_the_same_and_tells_the_same() {
                     .unwrap();
             config(gpu, &whole, &view(0));
             whole.free(gpu);
-            // A pool that nodes come to and go from, walked through without waiting.
+            // A pool with streaming nodes, walked through without waiting.
             let mut residency = planted.open(gpu, 60 * PAGE_BYTES);
             for seed in 0..12 {
                 let view = view(seed % 6);
@@ -407,7 +409,7 @@ fn a_device_whose_memory_is_not_mapped_draws_the_same_and_tells_the_same() {
     assert!(all_of_it[0] == all_of_it[1]);
 }
 
-/// Pages in memory, and a gate that the loader waits at.
+/// Pages in memory, and a gate at which the loader waits.
 struct Gate {
     node: usize,
     written: Arc<Mutex<Vec<usize>>>,
@@ -468,7 +470,8 @@ fn the_newest_wish_list_wins() {
         Gate::open(3).request(),
         Gate::open(4).request(),
     ]);
-    // Node 1 has begun. Of the rest the second list keeps 4 only, and the third asks for 5 before it.
+    // Node 1 has started. Of the rest the second list keeps only 4, and the third requests 5 before
+    // it.
     began.recv().unwrap();
     let kept = |node| NodeRequest { node, planes: 1, destination: None };
     loader.post(vec![kept(4), kept(1)]);
@@ -507,12 +510,12 @@ fn a_loader_that_is_gone_is_said_and_never_waited_for() {
     assert_eq!(answers(&loader, 1)[0].node, 1);
     let began = Instant::now();
     assert!(loader.wait(Duration::from_secs(600)).unwrap_err().to_string().contains("ended"));
-    // A busy machine takes its time to say where a thread has panicked.
+    // A busy machine may take long to report where a thread has panicked.
     assert!(began.elapsed() < Duration::from_secs(60));
 }
 
 impl Planted {
-    /// An index of which a loader cannot read all nodes.
+    /// Opens an index with nodes that cannot be read.
     fn failing(&self, fault: &str) -> Arc<Index> {
         let mut index = Index::open(&self.path()).unwrap();
         index.fault = Some(fault.parse().unwrap());
@@ -520,7 +523,7 @@ impl Planted {
     }
 }
 
-/// Updates for so long, with a picture after each; what was said, and when.
+/// Updates for a duration, with a picture after each; returns messages and their times.
 fn updates(
     gpu: &mut Gpu,
     residency: &mut Residency,
@@ -551,7 +554,7 @@ fn a_loader_that_hangs_is_said_within_a_second_and_what_is_there_stays() {
                 && said[0].1.contains("cloud.pnti"),
             "{said:?}"
         );
-        // A second from when the node was begun; whoever polls, and a busy machine, take a little longer.
+        // A second after the start of the read; polling and a busy machine take a little longer.
         assert!(said[0].0 < Duration::from_millis(1500), "{said:?}");
         assert!(!residency.drawn().is_empty() && residency.drawn().len() <= 8);
         let before = draw(gpu, &view, residency.resident());
@@ -560,7 +563,7 @@ fn a_loader_that_hangs_is_said_within_a_second_and_what_is_there_stays() {
             before == draw(gpu, &view, residency.resident()),
             "what is resident is still drawn"
         );
-        // Nor does anybody wait for it at the end; it has nothing left to write to.
+        // Nothing waits for it at the end; it has nothing left to write to.
         let closing = Instant::now();
         residency.free(gpu);
         assert!(closing.elapsed() < Duration::from_secs(5), "{:?}", closing.elapsed());
@@ -592,7 +595,8 @@ fn a_loader_that_ends_is_said_and_another_one_goes_on() {
 
 #[test]
 fn what_the_device_outlives_is_written_nowhere() {
-    // A residency that is dropped, and not freed, after its device: its thread must not touch what is gone.
+    // A residency that is dropped, not freed, after its device: its thread must not touch freed
+    // memory.
     let planted = Planted::new();
     let wish = pointillist::gpu::DeviceOptions::default();
     let mut gpu = Gpu::open(&wish).unwrap();

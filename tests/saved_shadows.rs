@@ -1,4 +1,5 @@
-//! Shadows of a whole index, saved beside it: the same as those that are cast of all of its points, whatever memory they were cast in; and refused where they do not belong.
+//! Shadows saved beside an index: the same as those cast from all of its points, in any memory; and
+//! refused if they do not belong.
 
 mod support;
 
@@ -9,7 +10,7 @@ use std::path::PathBuf;
 use std::process::Output;
 use support::{failed, pointillist, read_png, run, scan, succeeded};
 
-/// A scan, its index, and what is made of them.
+/// A scan, its index, and files made of them.
 struct Place {
     folder: tempfile::TempDir,
 }
@@ -74,7 +75,7 @@ fn saved_shadows_are_those_of_all_points_and_nothing_is_cast_any_more() {
         read_png(&place.at(&format!("{name}.png")))
     });
     assert!(cast.pixels == saved.pixels && cast.pixels != none.pixels);
-    // A direction has no length; and settings of what is not cast any more change nothing, but how dark shadows are.
+    // A direction has no length; and settings of casting change nothing but how dark shadows are.
     let note = |line: &str| {
         let said = succeeded(&place.run(&format!(
             "render @street.pnti --size 320x200 -o @again.png {all} --shadows @a.shadows {line}"
@@ -98,7 +99,7 @@ fn saved_shadows_are_those_of_all_points_and_nothing_is_cast_any_more() {
     let coarse = place.explained(&format!("-o @coarse.png --lod 8 {LIGHT} --shadows @a.shadows"));
     assert!(!casts(&coarse) && coarse["shadows"]["saved"] == true, "{coarse}");
 
-    // However little memory there is.
+    // With very little memory.
     let said = place.cast("b.shadows", "--gpu-memory 3MiB");
     assert!(said.contains("read 12 times"), "{said}");
     assert!(

@@ -1,4 +1,5 @@
-//! An index knows the exposures of its stations: those that are found of its files in memory, to the last bit, however many files those are, and on whatever lattices.
+//! An index stores the exposures of its stations: bit-identical to those of its files in memory,
+//! for any number of files and any lattices.
 
 mod support;
 
@@ -25,12 +26,14 @@ const OPTIONS: Options = Options {
 };
 const READ: ReadOptions = ReadOptions::new(ColumnSet::ALL, false);
 
-/// Of LAS 1.2, point format 3, as `synth` writes it: bytes before the points, of a point, and before its source.
+/// Sizes in LAS 1.2, point format 3, as `synth` writes it: bytes before the points, of a point, and
+/// before its source.
 const HEAD: usize = 227;
 const RECORD: usize = 34;
 const SOURCE: usize = 18;
 
-/// A file for every station; each `apart` metres beside where it was, which is no whole number of steps.
+/// Writes a file for every station, each `apart` metres further along, which is not a whole number
+/// of steps.
 fn split(file: &Path, apart: f64) -> Vec<PathBuf> {
     let bytes = fs::read(file).unwrap();
     let (head, records) = bytes.split_at(HEAD);
@@ -58,7 +61,7 @@ fn split(file: &Path, apart: f64) -> Vec<PathBuf> {
     stations.into_iter().enumerate().map(write).collect()
 }
 
-/// Of an index, and of the files that it is made of.
+/// Returns the exposures of an index and of its files.
 fn same(files: &[PathBuf], options: &Options) -> (Index, Vec<f64>) {
     let path = files[0].with_file_name("a.pnti");
     build::build(files, &path, options, &Silent).unwrap_or_else(|error| panic!("{error}"));
@@ -96,7 +99,7 @@ fn exposures_of_an_index_are_those_of_its_files() {
         let (index, several) = same(&files, &OPTIONS);
         assert_eq!((lattices(&index), index.directory.roots), (trees, 1));
         assert!(one.iter().zip(&several).all(|(a, b)| (a - b).abs() < 0.02), "{one:?} {several:?}");
-        // Not in the order of their stations, and with one that says nothing.
+        // Not in the order of their stations, and one without a source.
         let mixed = [&files[3], &files[1], &files[4], &files[1]].map(Clone::clone);
         same(&mixed, &OPTIONS);
     }
@@ -160,7 +163,7 @@ fn a_node_takes_as_few_bytes_as_it_may_to_say_which_stations_have_seen_it() {
     assert_eq!(seen.to_vec(), read.parts.iter().map(|part| part.columns.len()).collect::<Vec<_>>());
     assert!(index.nodes().iter().filter(|record| record.single_station().is_some()).count() >= 5);
 
-    // What is shown of stations is the same.
+    // Stations are shown alike.
     let picture = |name: &str, cloud: &[PathBuf]| {
         let to = folder.path().join(name);
         let line = [

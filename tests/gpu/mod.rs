@@ -1,4 +1,4 @@
-//! A cloud and a view in, all layers out, on one validated device a process and way of projecting.
+//! Draws a cloud and returns all layers, on one validated device per process and projection path.
 
 #![allow(dead_code, reason = "every test file is a crate of its own and uses a part of this")]
 
@@ -22,12 +22,12 @@ use pointillist::view::light::Light;
 use pointillist::view::{Camera, Projection, View};
 use std::sync::{Mutex, OnceLock};
 
-/// How keys are made.
+/// Projection paths.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Way {
     Compute64,
     Compute32,
-    /// As `Compute64`, on a device most of whose memory the CPU cannot write to.
+    /// As `Compute64`, on a device whose memory the CPU cannot map.
     Unmapped,
     /// As `Compute64`, on a device whose texel buffers are small.
     Words,
@@ -35,7 +35,8 @@ pub enum Way {
 
 pub const WAYS: [Way; 2] = [Way::Compute64, Way::Compute32];
 
-/// Runs `work` on the process's device. Without a Vulkan device, or without its validation layers, the test fails.
+/// Runs `work` on the process's device. The test fails without a Vulkan device or its validation
+/// layers.
 pub fn with<T>(way: Way, work: impl FnOnce(&mut Gpu) -> T) -> T {
     static DEVICES: [OnceLock<Mutex<Gpu>>; 4] = [const { OnceLock::new() }; 4];
     let options = DeviceOptions {
@@ -50,11 +51,12 @@ pub fn with<T>(way: Way, work: impl FnOnce(&mut Gpu) -> T) -> T {
             Gpu::open(&options).expect("tests need a Vulkan 1.3 device with validation layers"),
         )
     });
-    // A test that failed while holding the device left nothing half done on it: submissions are waited for.
+    // A test that failed while holding the device left no work in flight: submissions are waited
+    // for.
     work(&mut device.lock().unwrap_or_else(|poisoned| poisoned.into_inner()))
 }
 
-/// All that a frame leaves behind.
+/// All outputs of a frame.
 #[derive(Clone, Debug)]
 pub struct Layers {
     pub depth: Vec<f32>,
@@ -66,7 +68,7 @@ pub struct Layers {
 }
 
 impl Layers {
-    /// As bits, so that NaN equals itself and -0 differs from 0.
+    /// Returns bits, so that NaN equals itself and -0 differs from 0.
     pub fn bits(&self) -> (Vec<u32>, &[u32], &[u32], &[u32]) {
         (
             self.depth.iter().map(|z| z.to_bits()).collect(),
@@ -76,7 +78,7 @@ impl Layers {
         )
     }
 
-    /// HARD_CASES 0.5, for what may hold no infinity; depth may, where nothing is.
+    /// Checks that all is finite, except depth where nothing is.
     pub fn assert_finite(&self) {
         let wild = |word: &&u32| **word & 0x7F80_0000 == 0x7F80_0000;
         assert_eq!(
@@ -99,7 +101,7 @@ fn bytes(colors: &[[f32; 4]]) -> &[u32] {
     bytemuck::cast_slice(colors)
 }
 
-/// No effect runs: points as they are projected.
+/// Returns settings without effects: points as they are projected.
 pub fn bare() -> RenderSettings {
     let mut settings = RenderSettings::default();
     passes::EFFECTS.iter().for_each(|effect| {
@@ -137,14 +139,14 @@ pub fn draw(way: Way, cloud: &Cloud, view: &View, settings: &RenderSettings) -> 
     })
 }
 
-/// Points that the keys of a [`Canvas`] may name.
+/// Points that the keys of a [`Canvas`] may refer to.
 pub const CANVAS_POINTS: u32 = 2000;
 
-/// The device, and points of random colours to draw with by hand: keys in, and what passes make of them out.
+/// The device, and points of random colours: passes run on given keys.
 pub struct Canvas<'g> {
     gpu: &'g mut Gpu,
     resident: Resident,
-    /// Light reaches every pixel as much as its colour says.
+    /// Light of every pixel by its colour.
     pub reached: bool,
 }
 
@@ -172,18 +174,18 @@ pub struct Stage {
     pub depth: Vec<f32>,
     pub index: Vec<u32>,
     pub color: Vec<[f32; 4]>,
-    /// How much of the light reaches it, where that goes along.
+    /// Share of the light that reaches it, if present.
     pub reached: Vec<[f32; 4]>,
 }
 
-/// What given keys become; nothing where the effect is switched off.
+/// Results of given keys; `None` if the effect is off.
 #[derive(Default)]
 pub struct Surface {
     pub raw: Stage,
     pub seen: Stage,
     pub filled: Stage,
     pub smoothed: Stage,
-    /// By Phong lighting.
+    /// After Phong lighting.
     pub shaded: Stage,
     pub blended: Stage,
     pub lit: Vec<f32>,
@@ -193,7 +195,7 @@ pub struct Surface {
 }
 
 impl Canvas<'_> {
-    /// The spacing of the points, metres: the same of all, since they are one node's.
+    /// Point spacing [m], equal for all points of the one node.
     pub fn spacing(&self) -> f64 {
         assert_eq!(self.resident.nodes.len(), 1);
         self.resident.nodes[0].spacing
@@ -223,7 +225,7 @@ impl Canvas<'_> {
             resolved,
         );
         let mut gbuffer = resolved.gbuffer(&mut g, view, &self.resident).unwrap();
-        // Depths come from keys here, and lie anywhere.
+        // Depths come from keys here, and are arbitrary.
         gbuffer.spacing_px = [0.0, f64::INFINITY];
         gbuffer.shadow_factor = self.reached.then(|| g.copy("reached", &gbuffer.color));
         let raw = keep(&mut g, &gbuffer);
@@ -277,7 +279,7 @@ impl Canvas<'_> {
     }
 }
 
-/// Of a stage.
+/// Outputs of a stage.
 type Kept = ([Buffer; 3], Option<Buffer>);
 
 fn keep(g: &mut Graph, gbuffer: &passes::GBuffer) -> Kept {
@@ -294,7 +296,7 @@ fn read(frame: &CompletedSubmission, ([depth, index, color], reached): &Kept) ->
     }
 }
 
-/// xorshift64 (Marsaglia 2003): tests need variety and the same numbers every time.
+/// xorshift64 (Marsaglia 2003): variety, and the same numbers every time.
 pub struct Random(pub u64);
 
 impl Random {
@@ -305,7 +307,7 @@ impl Random {
         self.0
     }
 
-    /// Uniform in lo..hi.
+    /// Returns a uniform number in lo..hi.
     pub fn within(&mut self, lo: f64, hi: f64) -> f64 {
         lo + (hi - lo) * (self.bits() >> 11) as f64 / (1u64 << 53) as f64
     }
@@ -329,7 +331,8 @@ pub fn cloud(parts: Vec<Part>) -> Cloud {
     Cloud { parts, ..Cloud::default() }
 }
 
-/// A third of the pixels empty, the others at depths from a millimetre to a megametre: half of them in steps of ten, half smoothly.
+/// Returns keys with a third of the pixels empty, the others at depths from a millimetre to a
+/// megametre: half in steps of ten, half smooth.
 pub fn random_keys(size: [u32; 2], points: u32, random: &mut Random) -> Vec<[u32; 2]> {
     let key = |_| {
         let depth = match random.bits() % 6 {
@@ -342,7 +345,8 @@ pub fn random_keys(size: [u32; 2], points: u32, random: &mut Random) -> Vec<[u32
     (0..size[0] * size[1]).map(key).collect()
 }
 
-/// `count` coloured points on bumpy surfaces in a cube of `width` steps around the lattice's origin.
+/// Returns `count` coloured points on bumpy surfaces in a cube of `width` steps around the
+/// lattice's origin.
 pub fn bumpy(count: usize, width: i32, random: &mut Random) -> (Vec<[i32; 3]>, Vec<[u8; 3]>) {
     let half = width as f64 / 2.0;
     let point = |random: &mut Random| {
@@ -379,14 +383,14 @@ pub fn orthographic(eye: DVec3, target: DVec3, height: f64) -> Camera {
     }
 }
 
-/// A wide angle, so that rays lean, and ten pixels a metre.
+/// A wide-angle camera, so that rays diverge, with ten pixels per metre.
 pub fn views(size: [u32; 2]) -> [View; 2] {
     let height = size[1] as f64 / 10.0;
     [perspective(DVec3::ZERO, DVec3::Y, 75.0), orthographic(DVec3::ZERO, DVec3::Y, height)]
         .map(|camera| View::new(camera, size).unwrap())
 }
 
-/// These effects only, in the words of the command line.
+/// Returns settings with only these effects, written as on the command line.
 pub fn effects(asked: &[&str]) -> Effects {
     let mut effects = Effects::default();
     EFFECTS.iter().for_each(|effect| effects.set(&format!("{effect}=off")).unwrap());

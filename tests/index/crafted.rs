@@ -1,4 +1,4 @@
-//! Bytes of an index, changed on purpose.
+//! Crafted changes to the bytes of an index.
 
 use super::*;
 
@@ -27,7 +27,7 @@ pub fn number(bytes: &[u8], at: usize) -> u64 {
     u64::from_le_bytes(bytes[at..at + 8].try_into().unwrap())
 }
 
-/// Gives a changed header and directory their checksums.
+/// Updates the checksums of a changed header and directory.
 pub fn signed(mut bytes: Vec<u8>) -> Vec<u8> {
     if let Some(directory) = bytes.get(number(&bytes, 24) as usize..) {
         let crc = crc32c::crc32c(directory);
@@ -39,7 +39,7 @@ pub fn signed(mut bytes: Vec<u8>) -> Vec<u8> {
     bytes
 }
 
-/// An index with other contents, which begin at this byte.
+/// Replaces the contents of an index, which start at this byte.
 pub fn with_contents(bytes: &[u8], at: usize, contents: &[u8]) -> Vec<u8> {
     let mut crafted = [&bytes[..at], contents].concat();
     let length = crafted.len() as u64;
@@ -48,7 +48,7 @@ pub fn with_contents(bytes: &[u8], at: usize, contents: &[u8]) -> Vec<u8> {
     crafted
 }
 
-/// The same index as the first version wrote it: shorter records, without room for planes that are derived.
+/// Converts an index to version 1: shorter records, without room for derived planes.
 pub fn first_version(bytes: &[u8]) -> Vec<u8> {
     let word = |at: usize| u32::from_le_bytes(bytes[at..at + 4].try_into().unwrap());
     let long = |at: usize| u64::from_le_bytes(bytes[at..at + 8].try_into().unwrap()) as usize;

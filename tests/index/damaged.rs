@@ -1,9 +1,9 @@
-//! What is not an index any more, or one from another version, is refused or read as it was written.
+//! Damaged indexes, and those of other versions, are refused or read as they were written.
 
 use super::crafted::*;
 use super::*;
 
-/// A few points that are several nodes all the same, because they lie too far apart for one.
+/// A few points in several nodes, because they are too far apart for one.
 fn small(place: &Place) -> PathBuf {
     let mut points = shape(Shape::Uniform, 12, [i32::MIN; 3], [u32::MAX; 3], 1);
     points.extend(shape(Shape::Clusters, 12, [0; 3], [100; 3], 2));
@@ -12,7 +12,7 @@ fn small(place: &Place) -> PathBuf {
     place.at("small.pnti")
 }
 
-/// All that can be read: contents, and records with their planes.
+/// Reads everything: contents, records and planes.
 #[derive(Debug, PartialEq)]
 struct Told(Contents, Vec<(NodeRecord, BTreeMap<usize, Vec<u8>>)>);
 
@@ -221,7 +221,7 @@ fn crafted_directories_are_refused() {
         assert!(Index::open(&path).is_err(), "{what}");
     }
     let json = directory + nodes.len() * field::BYTES;
-    // More points of a class than there are, no class, and one twice.
+    // More points of a class than there are, an unknown class, and one twice.
     let told: serde_json::Value = serde_json::from_slice(&bytes[json..]).unwrap();
     for (kinds, counts) in [
         ("classes", "[[2,18446744073709551615]]"),
@@ -235,7 +235,7 @@ fn crafted_directories_are_refused() {
             Index::open(&place.write("crafted.pnti", &signed(crafted))).err().unwrap().to_string();
         assert!(error.contains("impossible numbers of points"), "{error}");
     }
-    // Contents that are no JSON, not these, or nested without end.
+    // Contents that are not JSON, are other JSON, or are nested without end.
     for contents in [&b"{}"[..], b"", b"\xff", &[b'['; 100_000], b"{\"points\": 1e999}"] {
         assert!(
             Index::open(
@@ -273,7 +273,7 @@ fn random_records_are_refused_or_can_be_read() {
             ][(n >> 32) as usize % 8];
             crafted[at] = value;
         }
-        // Either is well; neither panics.
+        // Both outcomes are fine; neither panics.
         file.write_all_at(&signed(crafted), 0).unwrap();
         let told = told(&copy);
         let index = Index::open(&copy);
@@ -314,7 +314,7 @@ fn an_index_that_shrinks_or_changes_while_it_is_open_is_an_error() {
         file.write_all_at(&bytes, 0).unwrap();
         all().unwrap();
     }
-    // While somebody reads.
+    // During a read.
     let stop = std::sync::atomic::AtomicBool::new(false);
     std::thread::scope(|scope| {
         scope.spawn(|| {
@@ -337,7 +337,7 @@ fn an_index_that_shrinks_or_changes_while_it_is_open_is_an_error() {
 fn an_index_of_the_first_version_is_read_as_it_was() {
     let place = Place::new();
     let mut points = shape(Shape::Plane, 200_000, [0; 3], [100_000; 3], 3);
-    // So many stations that no node numbers its own in 8 bits, which that version could not.
+    // So many stations that no node numbers them in 8 bits, which that version could not.
     points.iter_mut().enumerate().for_each(|(i, point)| point.source = (i % 1000) as u16);
     let now = place.faithful(&[place.las("a.las", &points, MILLIMETRES)], &OPTIONS);
     assert!(!now.has(Plane::Station));

@@ -1,4 +1,4 @@
-//! Inner nodes are pictures of their children, and no larger than they must be.
+//! Inner nodes resemble their children, and are no larger than needed.
 
 use super::crafted::{field, first_version, number, signed, with_contents};
 use super::*;
@@ -13,14 +13,14 @@ fn samples_of_several_stations_are_means_of_what_all_have_with_one_exposure() {
         index.directory.contents.balance.is_some()
             && index.nodes().iter().any(|node| !node.is_leaf())
     );
-    // Of an index that does not know them, nobody says any.
+    // An index without exposures reports none.
     place.write("first.pnti", &first_version(&fs::read(place.at("a.pnti")).unwrap()));
     let first = Index::open(&place.at("first.pnti")).unwrap();
     assert_eq!(
         first.directory.contents,
         Contents { balance: None, counts: None, ..index.directory.contents.clone() }
     );
-    // Too few, too many, and none that there can be.
+    // Too few, too many, and impossible ones.
     let bytes = fs::read(place.at("a.pnti")).unwrap();
     let json = number(&bytes, 24) as usize + index.nodes().len() * field::BYTES;
     let contents: serde_json::Value = serde_json::from_slice(&bytes[json..]).unwrap();
@@ -99,7 +99,7 @@ fn colours_of_8_and_16_bits_and_none() {
     let black = place.las("0.las", &colored(&|_| 0), MILLIMETRES);
     let index = place.faithful(std::slice::from_ref(&black), &OPTIONS);
     assert!(index.nodes().iter().all(|node| !node.has(Plane::Rgb)));
-    // Together: what is black everywhere has no colour, and is shown white.
+    // Together: all black counts as no colours, and is shown white.
     place.faithful(&[narrow, black.clone(), wide], &OPTIONS);
     place.faithful(&[black.clone(), black], &OPTIONS);
 }

@@ -1,8 +1,8 @@
-//! Work that is interrupted leaves nothing, and what cannot be done is refused.
+//! Interrupted work leaves nothing, and impossible requests are refused.
 
 use super::*;
 
-/// Counts ticks, and from one on says that it was interrupted.
+/// Counts ticks, and interrupts from one of them on.
 struct Stops {
     at: u64,
     ticks: AtomicU64,
@@ -14,7 +14,7 @@ impl Progress for Stops {
     }
 }
 
-/// Stops once only: whoever comes later is not told.
+/// Interrupts only once.
 struct StopsOnce(Stops);
 
 impl Progress for StopsOnce {
@@ -83,12 +83,12 @@ fn odd_outputs_and_requests_are_refused_or_taken() {
     fs::copy(&file, &odd).unwrap();
     place.build(std::slice::from_ref(&odd), "odd.pnti", &OPTIONS).unwrap();
     assert_eq!(Index::open(&place.at("odd.pnti")).unwrap().directory.contents.points, 1);
-    // A pipe that nobody writes to.
+    // A pipe without a writer.
     let pipe = std::ffi::CString::new(place.at("pipe").as_os_str().as_bytes()).unwrap();
-    // SAFETY: a plain system call with a string that ends in 0.
+    // SAFETY: a system call with a string that ends in 0.
     assert_eq!(unsafe { libc::mkfifo(pipe.as_ptr(), 0o600) }, 0);
     assert!(!Index::is_one(&place.at("pipe")) && Index::open(&place.at("pipe")).is_err());
-    // No threads, no memory: as few as there must be.
+    // No threads and no memory: the least is used.
     place
         .build(
             std::slice::from_ref(&file),

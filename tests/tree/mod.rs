@@ -12,7 +12,7 @@ use pointillist::index::format::{
 use std::path::Path;
 use std::sync::Arc;
 
-/// Points of one leaf or samples of one inner node, before they are written.
+/// Points of a leaf or samples of an inner node, before they are written.
 struct Grown {
     points: Vec<usize>,
     weights: Vec<u32>,
@@ -24,7 +24,7 @@ struct Grown {
 
 pub const STEP: f64 = 0.001;
 
-/// How the tree is to be.
+/// Shape of the tree.
 #[derive(Clone, Copy, Debug)]
 pub struct Shape {
     pub leaf_points: usize,
@@ -112,7 +112,7 @@ pub fn plant(path: &Path, at: &[[i32; 3]], rgb: &[[u8; 3]], shape: &Shape) -> Ar
             let spacing = frame.extent.iter().max().map_or(0.0, |&side| {
                 side.max(1) as f64 * STEP / (order.len() as f64).sqrt().max(1.0)
             });
-            // Points lie no further outside of the samples' box than that.
+            // Points lie no further outside the samples' box than that.
             let [low, high] = grown.bounds;
             let beyond = |axis: usize| {
                 (frame.origin[axis] - low[axis] as i64)
@@ -177,7 +177,7 @@ pub fn plant(path: &Path, at: &[[i32; 3]], rgb: &[[u8; 3]], shape: &Shape) -> Ar
     Arc::new(Index::open(path).unwrap())
 }
 
-/// Everything above a node, nearest first.
+/// Returns the ancestors of a node, nearest first.
 pub fn ancestors(index: &Index, node: usize) -> impl Iterator<Item = usize> + '_ {
     let above =
         |&node: &usize| Some(index.nodes()[node].parent as usize).filter(|&parent| parent != node);
