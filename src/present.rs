@@ -4,7 +4,7 @@
 //! The words are copied, so that a swapchain needs to be good for nothing but copies and a rasteriser's target, which all are, and holds the bytes of a PNG file. They stay
 //! until the next frame: what lies over the picture can change, and a window be uncovered, without anything being drawn again.
 //!
-//! On the device at once are at most [`UNDER_WAY`] presentations, and the picture after them (a software device shows a picture when it has copied it, so that there it is the picture alone).
+//! On the device at once are at most [`FRAMES_IN_FLIGHT`] presentations, and the picture after them (a software device shows a picture when it has copied it, so that there it is the picture alone).
 //! Nothing of what they use is touched before its time:
 //!
 //!   a presentation's commands, its vertices of the panel, and what it waits for: kept by its slot, whose fence is waited for before the slot is used again
@@ -27,15 +27,15 @@ use crate::gpu::{BufferDesc, Device, Place, failed};
 use crate::graph::Gpu;
 use ash::{khr, vk};
 use display::Display;
-use overlay::{Overlay, Painter};
+use overlay::{Overlay, OverlayRenderer};
 use std::sync::Arc;
 use winit::window::Window;
 
 /// Presentations that may be under way: one is shown while the next is drawn. More would only be further behind the hand that moves the camera.
-pub const UNDER_WAY: usize = 2;
+pub const FRAMES_IN_FLIGHT: usize = 2;
 
 /// Of a compositor that hands out no image, because the window cannot be seen.
-const PATIENCE_NS: u64 = 100_000_000;
+const ACQUIRE_TIMEOUT_NS: u64 = 100_000_000;
 
 /// A presentation's own commands.
 struct Slot {
@@ -82,7 +82,7 @@ pub struct Present {
     swapchain: Option<Swapchain>,
     slots: Vec<Slot>,
     next: usize,
-    painter: Option<Painter>,
+    overlay_renderer: Option<OverlayRenderer>,
     // After the surface.
     display: Display,
     window: Arc<Window>,
@@ -93,7 +93,7 @@ impl Present {
     pub fn open(gpu: &Gpu, window: Arc<Window>) -> Result<Present> {
         let device = &gpu.device;
         let surfaces = khr::surface::Instance::new(&device.entry, &device.instance);
-        let display = Display::of(&window)?;
+        let display = Display::connect(&window)?;
         let surface = display.surface(device, &window)?;
         let mut present = Present {
             device: device.raw.clone(),
@@ -106,13 +106,13 @@ impl Present {
             swapchain: None,
             slots: Vec::new(),
             next: 0,
-            painter: None,
+            overlay_renderer: None,
             display,
             window,
         };
-        present.format = present.format(device)?;
-        for _ in 0..UNDER_WAY {
-            present.slots.push(slot(device)?);
+        present.format = present.choose_format(device)?;
+        for _ in 0..FRAMES_IN_FLIGHT {
+            present.slots.push(create_slot(device)?);
         }
         Ok(present)
     }
@@ -121,7 +121,7 @@ impl Present {
     pub fn fit(&mut self, gpu: &mut Gpu, [width, height]: [u32; 2]) -> Result<bool> {
         let mut asked = self.capabilities(gpu);
         if self.lost || matches!(asked, Err(vk::Result::ERROR_SURFACE_LOST_KHR)) {
-            self.renew(gpu)?;
+            self.recreate_surface(gpu)?;
             asked = self.capabilities(gpu);
             if matches!(asked, Err(vk::Result::ERROR_SURFACE_LOST_KHR)) {
                 return Ok(false);
@@ -141,7 +141,7 @@ impl Present {
         }
         if self.swapchain.as_ref().is_none_or(|swapchain| swapchain.stale || swapchain.size != size)
         {
-            self.replace(gpu, &can, size)?;
+            self.recreate_swapchain(gpu, &can, size)?;
         }
         Ok(true)
     }
@@ -155,7 +155,7 @@ impl Present {
     }
 
     /// Whether nobody has written the screen since the swapchain was replaced: what shows a picture has to draw it first.
-    pub fn is_blank(&self) -> bool {
+    pub fn is_empty(&self) -> bool {
         self.swapchain.as_ref().is_none_or(|swapchain| swapchain.picture == [0, 0])
     }
 
@@ -170,7 +170,7 @@ impl Present {
     }
 
     /// A picture of this size has been written there.
-    pub fn holds(&mut self, gpu: &mut Gpu, picture: [u32; 2]) -> Result<()> {
+    pub fn set_picture_size(&mut self, gpu: &mut Gpu, picture: [u32; 2]) -> Result<()> {
         let swapchain = self.swapchain.as_mut().expect("fit says that it is there");
         let desc = (picture != swapchain.size)
             .then_some(ImageDesc { size: picture, format: self.format.format });
@@ -195,18 +195,18 @@ impl Present {
     }
 
     /// What is to lie over the picture from now on.
-    pub fn lay_over(&mut self, gpu: &Gpu, overlay: Overlay) -> Result<()> {
+    pub fn set_overlay(&mut self, gpu: &Gpu, overlay: Overlay) -> Result<()> {
         if !overlay.textures.is_empty() {
             let done: Vec<_> = self.slots.iter().map(|slot| slot.done).collect();
             // SAFETY: the fences are alive, and raised or will be.
             unsafe { self.device.wait_for_fences(&done, true, u64::MAX) }
                 .map_err(failed("vkWaitForFences"))?;
         }
-        if self.painter.is_none() {
-            self.painter = Some(Painter::new(&gpu.device, self.format.format)?);
+        if self.overlay_renderer.is_none() {
+            self.overlay_renderer = Some(OverlayRenderer::new(&gpu.device, self.format.format)?);
         }
         let pool = self.slots[self.next].pool;
-        self.painter.as_mut().expect("made above").take(&gpu.device, pool, overlay)
+        self.overlay_renderer.as_mut().expect("made above").set_overlay(&gpu.device, pool, overlay)
     }
 
     /// Shows what the frames that were submitted before leave on the screen. False if there is none, or the window had no room for it; then [`Present::fit`], draw and try again.
@@ -228,7 +228,7 @@ impl Present {
                 true => Err(vk::Result::ERROR_SURFACE_LOST_KHR),
                 false => self.swapchains.acquire_next_image(
                     swapchain.raw,
-                    PATIENCE_NS,
+                    ACQUIRE_TIMEOUT_NS,
                     slot.acquired,
                     vk::Fence::null(),
                 ),
@@ -275,10 +275,16 @@ impl Present {
                 .begin_command_buffer(slot.commands, &begin)
                 .map_err(failed("vkBeginCommandBuffer"))?;
             copy(&self.device, slot.commands, swapchain, target.image);
-            if let Some(painter) = &mut self.painter {
-                paint(&self.device, slot.commands, swapchain.size, target, painter)?;
+            if let Some(overlay_renderer) = &mut self.overlay_renderer {
+                draw_overlay(
+                    &self.device,
+                    slot.commands,
+                    swapchain.size,
+                    target,
+                    overlay_renderer,
+                )?;
             }
-            turn(
+            transition(
                 &self.device,
                 slot.commands,
                 target.image,
@@ -313,8 +319,8 @@ impl Present {
 
     /// Waits for all that is under way and gives everything back.
     pub fn free(mut self, gpu: &mut Gpu) {
-        self.idle();
-        self.painter = None;
+        self.wait_idle();
+        self.overlay_renderer = None;
         self.drop_swapchain(gpu);
         // SAFETY: nothing is under way, and this is called once.
         unsafe {
@@ -327,13 +333,13 @@ impl Present {
         }
     }
 
-    fn idle(&self) {
+    fn wait_idle(&self) {
         // SAFETY: no other thread uses the device's queue. A lost device is idle.
         let _ = unsafe { self.device.device_wait_idle() };
     }
 
     /// Eight bits a channel that a monitor takes for sRGB. Of a surface that the device can show pictures in.
-    fn format(&self, device: &Device) -> Result<vk::SurfaceFormatKHR> {
+    fn choose_format(&self, device: &Device) -> Result<vk::SurfaceFormatKHR> {
         // SAFETY: a live surface and a queue family of the device.
         let shows = unsafe {
             self.surfaces.get_physical_device_surface_support(
@@ -366,26 +372,28 @@ impl Present {
     }
 
     /// The system has taken the window's surface away.
-    fn renew(&mut self, gpu: &mut Gpu) -> Result<()> {
-        self.idle();
+    fn recreate_surface(&mut self, gpu: &mut Gpu) -> Result<()> {
+        self.wait_idle();
         self.drop_swapchain(gpu);
         // SAFETY: its swapchain is gone.
         unsafe { self.surfaces.destroy_surface(self.surface, None) };
         self.surface = vk::SurfaceKHR::null();
         self.surface = self.display.surface(&gpu.device, &self.window)?;
-        self.format = self.format(&gpu.device)?;
-        self.painter.as_mut().map_or(Ok(()), |painter| painter.aim(self.format.format))?;
+        self.format = self.choose_format(&gpu.device)?;
+        self.overlay_renderer
+            .as_mut()
+            .map_or(Ok(()), |overlay_renderer| overlay_renderer.set_format(self.format.format))?;
         self.lost = false;
         Ok(())
     }
 
-    fn replace(
+    fn recreate_swapchain(
         &mut self,
         gpu: &mut Gpu,
         can: &vk::SurfaceCapabilitiesKHR,
         size: [u32; 2],
     ) -> Result<()> {
-        self.idle();
+        self.wait_idle();
         self.drop_swapchain(gpu);
         let most = if can.max_image_count == 0 { u32::MAX } else { can.max_image_count };
         let alpha = match can.supported_composite_alpha.contains(vk::CompositeAlphaFlagsKHR::OPAQUE)
@@ -441,7 +449,7 @@ impl Present {
             swapchain.targets.push(Target {
                 image,
                 view,
-                written: semaphore(&gpu.device, "written")?,
+                written: create_semaphore(&gpu.device, "written")?,
             });
         }
         Ok(())
@@ -463,7 +471,7 @@ impl Present {
     }
 }
 
-fn semaphore(device: &Device, name: &str) -> Result<vk::Semaphore> {
+fn create_semaphore(device: &Device, name: &str) -> Result<vk::Semaphore> {
     // SAFETY: a plain creation on a live device.
     let semaphore =
         unsafe { device.raw.create_semaphore(&vk::SemaphoreCreateInfo::default(), None) };
@@ -472,7 +480,7 @@ fn semaphore(device: &Device, name: &str) -> Result<vk::Semaphore> {
     Ok(semaphore)
 }
 
-fn slot(device: &Device) -> Result<Slot> {
+fn create_slot(device: &Device) -> Result<Slot> {
     let pool_info = vk::CommandPoolCreateInfo::default()
         .queue_family_index(device.family)
         .flags(vk::CommandPoolCreateFlags::TRANSIENT);
@@ -490,7 +498,7 @@ fn slot(device: &Device) -> Result<Slot> {
             .allocate_command_buffers(&commands)
             .map_err(failed("vkAllocateCommandBuffers"))?[0];
         let done = device.raw.create_fence(&raised, None).map_err(failed("vkCreateFence"))?;
-        Ok(Slot { pool, commands, done, acquired: semaphore(device, "acquired")? })
+        Ok(Slot { pool, commands, done, acquired: create_semaphore(device, "acquired")? })
     }
 }
 
@@ -526,7 +534,7 @@ unsafe fn copy(
     let written = vk::ImageLayout::GENERAL;
     // SAFETY: the caller's; the buffer has a word for every pixel.
     unsafe {
-        turn(device, commands, image, vk::ImageLayout::UNDEFINED, written);
+        transition(device, commands, image, vk::ImageLayout::UNDEFINED, written);
         match &swapchain.small {
             None => device.cmd_copy_buffer_to_image(
                 commands,
@@ -536,7 +544,7 @@ unsafe fn copy(
                 &[region],
             ),
             Some((small, _)) => {
-                turn(device, commands, small.raw, vk::ImageLayout::UNDEFINED, written);
+                transition(device, commands, small.raw, vk::ImageLayout::UNDEFINED, written);
                 device.cmd_copy_buffer_to_image(
                     commands,
                     swapchain.screen.raw,
@@ -544,7 +552,7 @@ unsafe fn copy(
                     written,
                     &[region],
                 );
-                turn(device, commands, small.raw, written, written);
+                transition(device, commands, small.raw, written, written);
                 let corners = |[x, y]: [u32; 2]| {
                     [vk::Offset3D::default(), vk::Offset3D { x: x as i32, y: y as i32, z: 1 }]
                 };
@@ -564,7 +572,7 @@ unsafe fn copy(
                 );
             }
         }
-        turn(device, commands, image, written, written);
+        transition(device, commands, image, written, written);
     }
 }
 
@@ -572,12 +580,12 @@ unsafe fn copy(
 ///
 /// # Safety
 /// As of [`copy`].
-unsafe fn paint(
+unsafe fn draw_overlay(
     device: &ash::Device,
     commands: vk::CommandBuffer,
     size: [u32; 2],
     target: &Target,
-    painter: &mut Painter,
+    overlay_renderer: &mut OverlayRenderer,
 ) -> Result<()> {
     let extent = vk::Extent2D { width: size[0], height: size[1] };
     let color = [vk::RenderingAttachmentInfo::default()
@@ -588,10 +596,10 @@ unsafe fn paint(
     let area = vk::Rect2D { extent, ..Default::default() };
     let rendering =
         vk::RenderingInfo::default().render_area(area).layer_count(1).color_attachments(&color);
-    // SAFETY: the caller's; the painter's resources live until nothing is under way.
+    // SAFETY: the caller's; the overlay_renderer's resources live until nothing is under way.
     unsafe {
         device.cmd_begin_rendering(commands, &rendering);
-        let drawn = painter.draw(commands, extent);
+        let drawn = overlay_renderer.draw(commands, extent);
         device.cmd_end_rendering(commands);
         drawn
     }
@@ -601,7 +609,7 @@ unsafe fn paint(
 ///
 /// # Safety
 /// As of [`copy`].
-unsafe fn turn(
+unsafe fn transition(
     device: &ash::Device,
     commands: vk::CommandBuffer,
     image: vk::Image,

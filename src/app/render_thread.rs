@@ -273,7 +273,10 @@ impl RenderLoop {
                 self.schedule.change(Instant::now());
             }
             Message::Panel(overlay) => {
-                self.present.as_mut().expect("taken at the end").lay_over(&self.gpu, *overlay)?;
+                self.present
+                    .as_mut()
+                    .expect("taken at the end")
+                    .set_overlay(&self.gpu, *overlay)?;
                 self.schedule.show_due = true;
             }
             Message::Upload(upload) => {

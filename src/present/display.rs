@@ -22,7 +22,7 @@ pub struct Display {
 }
 
 impl Display {
-    pub fn of(window: &Window) -> Result<Display> {
+    pub fn connect(window: &Window) -> Result<Display> {
         let x11 = match handles(window)?.1 {
             RawWindowHandle::Xlib(_) => {
                 let (connection, screen) = XCBConnection::connect(None).map_err(|error| {

@@ -1,6 +1,6 @@
 //! What lies over the picture: triangles of a panel, drawn into a swapchain's image after the picture has been copied there.
 
-use super::UNDER_WAY;
+use super::FRAMES_IN_FLIGHT;
 use crate::error::{Error, Result};
 use crate::gpu::Device;
 use ash::vk;
@@ -17,7 +17,7 @@ pub struct Overlay {
 }
 
 /// Draws the newest overlay.
-pub struct Painter {
+pub struct OverlayRenderer {
     renderer: Renderer<DefaultAllocator>,
     triangles: Vec<egui::ClippedPrimitive>,
     pixels_per_point: f32,
@@ -27,7 +27,7 @@ fn failed(error: egui_ash_renderer::RendererError) -> Error {
     Error::Device(format!("cannot draw the panel: {error}"))
 }
 
-fn into(format: vk::Format) -> RenderMode {
+fn render_mode(format: vk::Format) -> RenderMode {
     let target = DynamicRendering {
         color_attachment_format: format,
         depth_attachment_format: None,
@@ -36,27 +36,32 @@ fn into(format: vk::Format) -> RenderMode {
     RenderMode::DynamicRendering(target)
 }
 
-impl Painter {
-    pub fn new(device: &Device, format: vk::Format) -> Result<Painter> {
-        let options = Options { in_flight_frames: UNDER_WAY, ..Options::default() };
+impl OverlayRenderer {
+    pub fn new(device: &Device, format: vk::Format) -> Result<OverlayRenderer> {
+        let options = Options { in_flight_frames: FRAMES_IN_FLIGHT, ..Options::default() };
         let renderer = Renderer::with_default_allocator(
             &device.instance,
             device.physical,
             device.raw.clone(),
-            into(format),
+            render_mode(format),
             options,
         );
         let renderer = renderer.map_err(failed)?;
-        Ok(Painter { renderer, triangles: Vec::new(), pixels_per_point: 1.0 })
+        Ok(OverlayRenderer { renderer, triangles: Vec::new(), pixels_per_point: 1.0 })
     }
 
     /// At images of another format. Nothing may be under way.
-    pub fn aim(&mut self, format: vk::Format) -> Result<()> {
-        self.renderer.set_render_mode(into(format)).map_err(failed)
+    pub fn set_format(&mut self, format: vk::Format) -> Result<()> {
+        self.renderer.set_render_mode(render_mode(format)).map_err(failed)
     }
 
     /// Nothing that was drawn before may be under way.
-    pub fn take(&mut self, device: &Device, pool: vk::CommandPool, overlay: Overlay) -> Result<()> {
+    pub fn set_overlay(
+        &mut self,
+        device: &Device,
+        pool: vk::CommandPool,
+        overlay: Overlay,
+    ) -> Result<()> {
         let Overlay { triangles, pixels_per_point, mut textures } = overlay;
         for (id, deltas) in std::mem::take(&mut textures.set) {
             deltas

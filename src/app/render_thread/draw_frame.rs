@@ -150,7 +150,7 @@ impl RenderLoop {
         if self.schedule.redraw == Redraw::NodesArriving
             && identity == self.last_drawn
             && !complete
-            && !present.is_blank()
+            && !present.is_empty()
         {
             return Ok(false);
         }
@@ -190,7 +190,7 @@ impl RenderLoop {
                     Error::Request(_) => {
                         (self.report)(RenderEvent::Failed(error));
                         self.schedule.redraw = Redraw::Nothing;
-                        let nothing_is_there = self.present.as_ref().is_some_and(Present::is_blank);
+                        let nothing_is_there = self.present.as_ref().is_some_and(Present::is_empty);
                         if nothing_is_there { self.blank().map(|()| true) } else { Ok(false) }
                     }
                     _ => Err(error),
@@ -217,7 +217,7 @@ impl RenderLoop {
         let frame = running.finish(&mut self.gpu)?;
         let took = began.elapsed();
         let reading_back = Instant::now();
-        present.holds(&mut self.gpu, size)?;
+        present.set_picture_size(&mut self.gpu, size)?;
         let pick_buffer = Arc::new(PickBuffer {
             view,
             depth: frame.read(&depth).to_vec(),
@@ -297,7 +297,7 @@ impl RenderLoop {
         let mut screen = g.import("screen", present.screen());
         g.fill(&mut screen, word | 255 << 24);
         g.submit_and_wait(&[screen.resource()])?.recycle(&mut self.gpu);
-        present.holds(&mut self.gpu, present.size())?;
+        present.set_picture_size(&mut self.gpu, present.size())?;
         self.schedule.show_due = false;
         if !present.show(&self.gpu)? {
             self.schedule.redraw = Redraw::Changed;

@@ -73,7 +73,7 @@ fn draw(
     let running = g.submit_async(&[screen.words.resource()]).unwrap();
     meanwhile(gpu, residency);
     let at_work = !running.is_done();
-    present.holds(gpu, SIZE).unwrap();
+    present.set_picture_size(gpu, SIZE).unwrap();
     assert!(present.show(gpu).unwrap() && present.show(gpu).unwrap());
     let frame = running.finish(gpu).expect("drawn, and no validation message");
     let words = frame.read(&words).to_vec();
