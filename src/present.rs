@@ -1,22 +1,30 @@
-//! SCREEN -> WINDOW: a buffer of 8-bit words, which frames write (passes/encode.rs), to the images of a swapchain.
+//! Presentation: copies the screen buffer, 8-bit RGBA that frames write (`passes::encode`), to the
+//! images of a swapchain.
 //!
-//! A picture that is smaller than the window, as while the camera moves, is drawn larger by the way, interpolated.
-//! The words are copied, so that a swapchain needs to be good for nothing but copies and a rasteriser's target, which all are, and holds the bytes of a PNG file. They stay
-//! until the next frame: what lies over the picture can change, and a window be uncovered, without anything being drawn again.
+//! A picture that is smaller than the window, as while the camera moves, is scaled up with linear
+//! filtering. The buffer is copied, so a swapchain needs only transfers and color attachments,
+//! which all support, and it holds the bytes of a PNG file. It stays valid until the next frame:
+//! the overlay can change, and the window be uncovered, without drawing again.
 //!
-//! On the device at once are at most [`FRAMES_IN_FLIGHT`] presentations, and the picture after them (a software device shows a picture when it has copied it, so that there it is the picture alone).
-//! Nothing of what they use is touched before its time:
+//! At most [`FRAMES_IN_FLIGHT`] presentations and the frame after them are on the device. (A
+//! software device presents a picture as it copies it, so there it is the frame alone.) What they
+//! use is protected as follows:
 //!
-//!   a presentation's commands, its vertices of the panel, and what it waits for: kept by its slot, whose fence is waited for before the slot is used again
-//!   what a presentation signals: kept by the swapchain's image, which nobody is given again before it has been shown
-//!   words of the screen, and the small picture: one for all. Presentations and frames go to one queue, and each begins with a barrier after all before it; so the next picture is written
-//!     when the last presentation has copied this one, while the CPU is ahead of both
-//!   textures of the panel: changed when all slots are done
-//!   pages of an index, which frames read and presentations do not: given to other nodes once the frame that read them has passed (resident/residency.rs)
-//!   the swapchain, and all of this at the end: given back when the device is idle
+//! - commands of a presentation, its vertices of the panel, and the semaphore it waits for belong
+//!   to a slot, whose fence is waited for before the slot is used again;
+//! - the semaphore that a presentation signals belongs to the swapchain's image, which is not
+//!   acquired again before it has been shown;
+//! - the screen buffer and the small picture exist once. Presentations and frames share a queue,
+//!   and each starts with a barrier after everything before it; so the next frame is written after
+//!   the last presentation has copied this one, while the CPU is ahead of both;
+//! - textures of the panel change when all slots are done;
+//! - pages of an index, which frames read and presentations do not, are reused once the frame that
+//!   read them is done (`resident::residency`);
+//! - the swapchain, and all of this at the end, is freed when the device is idle.
 //!
-//! A swapchain that no longer fits its window is replaced before the next picture; so is a surface that was lost. [`Present::show`] says whether it came to
-//! showing anything, and never waits for a window that nobody sees longer than a tenth of a second.
+//! A swapchain that no longer fits its window is recreated before the next picture, and so is a
+//! lost surface. [`Present::show`] returns whether it presented, and waits at most a tenth of a
+//! second for a window that is not visible.
 
 mod display;
 pub mod overlay;
@@ -31,26 +39,27 @@ use overlay::{Overlay, OverlayRenderer};
 use std::sync::Arc;
 use winit::window::Window;
 
-/// Presentations that may be under way: one is shown while the next is drawn. More would only be further behind the hand that moves the camera.
+/// Presentations in flight: one is shown while the next is drawn. More would only add latency.
 pub const FRAMES_IN_FLIGHT: usize = 2;
 
-/// Of a compositor that hands out no image, because the window cannot be seen.
+/// Longest wait for an image [ns]: compositors may hand out none while the window is not visible.
 const ACQUIRE_TIMEOUT_NS: u64 = 100_000_000;
 
-/// A presentation's own commands.
+/// Commands and synchronisation of one presentation in flight.
 struct Slot {
     pool: vk::CommandPool,
     commands: vk::CommandBuffer,
-    /// Raised when the device is done with the commands.
+    /// Signaled when the device is done with the commands.
     done: vk::Fence,
-    /// Raised when the image may be written.
+    /// Signaled when the image may be written.
     acquired: vk::Semaphore,
 }
 
+/// An image of the swapchain.
 struct Target {
     image: vk::Image,
     view: vk::ImageView,
-    /// Raised when the image may be shown.
+    /// Signaled when the image may be shown.
     written: vk::Semaphore,
 }
 
@@ -58,13 +67,13 @@ struct Swapchain {
     raw: vk::SwapchainKHR,
     targets: Vec<Target>,
     size: [u32; 2],
-    /// Frames write it: a word a pixel of the window, of which a smaller picture takes the first.
+    /// The screen buffer: a u32 per pixel of the window; a smaller picture uses the first ones.
     screen: RawBuffer,
-    /// What is on the screen, pixels; none where nobody has written it.
+    /// Size of the picture in the screen buffer [px]; 0 if none has been written.
     picture: [u32; 2],
-    /// Where a picture that is smaller than the window is scaled from, and what it lies in.
+    /// Image that a smaller picture is scaled from, and its memory.
     small: Option<(RawImage, Block)>,
-    /// The window has changed since.
+    /// Whether it no longer fits the window.
     stale: bool,
 }
 
@@ -75,21 +84,21 @@ pub struct Present {
     swapchains: khr::swapchain::Device,
     surface: vk::SurfaceKHR,
     format: vk::SurfaceFormatKHR,
-    /// The system has said that it has taken it away.
+    /// Whether the surface is lost.
     lost: bool,
-    /// Pictures until it is treated as if it had.
+    /// Number of pictures until the surface is treated as lost; for tests.
     lost_after: Option<u64>,
     swapchain: Option<Swapchain>,
     slots: Vec<Slot>,
     next: usize,
     overlay_renderer: Option<OverlayRenderer>,
-    // After the surface.
+    // Dropped after the surface is destroyed.
     display: Display,
     window: Arc<Window>,
 }
 
 impl Present {
-    /// On the thread that runs the window's events, as some systems want it.
+    /// Creates a surface and its slots. Some systems require the thread of the window's events.
     pub fn open(gpu: &Gpu, window: Arc<Window>) -> Result<Present> {
         let device = &gpu.device;
         let surfaces = khr::surface::Instance::new(&device.entry, &device.instance);
@@ -117,7 +126,8 @@ impl Present {
         Ok(present)
     }
 
-    /// Makes the swapchain fit the window, whose size the system has told, where it does not. False where there is nothing to see, as of a minimised window or one that is gone.
+    /// Recreates the swapchain if it does not fit the window's size [px]. Returns false if nothing
+    /// can be shown, as in a minimised window or one that is gone.
     pub fn fit(&mut self, gpu: &mut Gpu, [width, height]: [u32; 2]) -> Result<bool> {
         let mut asked = self.capabilities(gpu);
         if self.lost || matches!(asked, Err(vk::Result::ERROR_SURFACE_LOST_KHR)) {
@@ -129,7 +139,7 @@ impl Present {
         }
         let can = asked.map_err(failed("vkGetPhysicalDeviceSurfaceCapabilitiesKHR"))?;
         let size = match can.current_extent {
-            // The swapchain decides.
+            // The swapchain may choose the size.
             vk::Extent2D { width: u32::MAX, .. } => {
                 let (least, most) = (can.min_image_extent, can.max_image_extent);
                 [width.clamp(least.width, most.width), height.clamp(least.height, most.height)]
@@ -154,28 +164,29 @@ impl Present {
         }
     }
 
-    /// Whether nobody has written the screen since the swapchain was replaced: what shows a picture has to draw it first.
+    /// Returns whether no picture was written since the swapchain was recreated.
     pub fn is_empty(&self) -> bool {
         self.swapchain.as_ref().is_none_or(|swapchain| swapchain.picture == [0, 0])
     }
 
-    /// Pixels; none before it fits.
+    /// Returns the size of the swapchain [px]; 0 before [`Present::fit`].
     pub fn size(&self) -> [u32; 2] {
         self.swapchain.as_ref().map_or([0, 0], |swapchain| swapchain.size)
     }
 
-    /// To be written by frames, row by row from the top left: a word a pixel of a picture that is no larger than the window.
+    /// Returns the screen buffer, which frames write: a u32 per pixel, row by row from the top
+    /// left, of a picture no larger than the window.
     pub fn screen(&self) -> &RawBuffer {
-        &self.swapchain.as_ref().expect("fit says that it is there").screen
+        &self.swapchain.as_ref().expect("fit was true").screen
     }
 
-    /// A picture of this size has been written there.
+    /// Declares that a picture of this size [px] has been written to the screen buffer.
     pub fn set_picture_size(&mut self, gpu: &mut Gpu, picture: [u32; 2]) -> Result<()> {
-        let swapchain = self.swapchain.as_mut().expect("fit says that it is there");
+        let swapchain = self.swapchain.as_mut().expect("fit was true");
         let desc = (picture != swapchain.size)
             .then_some(ImageDesc { size: picture, format: self.format.format });
         if swapchain.small.as_ref().map(|(small, _)| small.desc) != desc {
-            // Whoever gets it next begins after what is under way.
+            // Its next user starts after everything in flight.
             swapchain
                 .small
                 .take()
@@ -189,16 +200,16 @@ impl Present {
         Ok(())
     }
 
-    /// Whether a word's lowest byte is blue.
+    /// Returns whether the lowest byte of a pixel is blue, else red.
     pub fn blue_first(&self) -> bool {
         self.format.format == vk::Format::B8G8R8A8_UNORM
     }
 
-    /// What is to lie over the picture from now on.
+    /// Sets what is drawn over the picture from now on.
     pub fn set_overlay(&mut self, gpu: &Gpu, overlay: Overlay) -> Result<()> {
         if !overlay.textures.is_empty() {
             let done: Vec<_> = self.slots.iter().map(|slot| slot.done).collect();
-            // SAFETY: the fences are alive, and raised or will be.
+            // SAFETY: the fences are alive, and signaled or will be.
             unsafe { self.device.wait_for_fences(&done, true, u64::MAX) }
                 .map_err(failed("vkWaitForFences"))?;
         }
@@ -209,7 +220,8 @@ impl Present {
         self.overlay_renderer.as_mut().expect("made above").set_overlay(&gpu.device, pool, overlay)
     }
 
-    /// Shows what the frames that were submitted before leave on the screen. False if there is none, or the window had no room for it; then [`Present::fit`], draw and try again.
+    /// Presents the picture that the frames submitted before write. Returns false if there is none,
+    /// or the window did not take it; then call [`Present::fit`], draw, and try again.
     pub fn show(&mut self, gpu: &Gpu) -> Result<bool> {
         let Some(swapchain) =
             self.swapchain.as_mut().filter(|swapchain| swapchain.picture != [0, 0])
@@ -219,7 +231,8 @@ impl Present {
         let slot = &self.slots[self.next];
         self.lost = self.lost || self.lost_after == Some(0);
         self.lost_after = self.lost_after.and_then(|pictures| pictures.checked_sub(1));
-        // SAFETY: the fence is alive and raised, or will be. The semaphore is waited for by nobody, as the slot's last submission is done.
+        // SAFETY: the fence is alive and signaled, or will be. Nothing waits for the semaphore,
+        // since the slot's last submission is done.
         let acquired = unsafe {
             self.device
                 .wait_for_fences(&[slot.done], true, u64::MAX)
@@ -317,12 +330,12 @@ impl Present {
         Ok(shown)
     }
 
-    /// Waits for all that is under way and gives everything back.
+    /// Waits until nothing is in flight, and frees everything.
     pub fn free(mut self, gpu: &mut Gpu) {
         self.wait_idle();
         self.overlay_renderer = None;
         self.drop_swapchain(gpu);
-        // SAFETY: nothing is under way, and this is called once.
+        // SAFETY: nothing is in flight, and this is called once.
         unsafe {
             for slot in &self.slots {
                 self.device.destroy_fence(slot.done, None);
@@ -338,7 +351,8 @@ impl Present {
         let _ = unsafe { self.device.device_wait_idle() };
     }
 
-    /// Eight bits a channel that a monitor takes for sRGB. Of a surface that the device can show pictures in.
+    /// Returns a format with eight bits a channel that is displayed as sRGB. Errors if the device
+    /// cannot present to the surface or has no such format.
     fn choose_format(&self, device: &Device) -> Result<vk::SurfaceFormatKHR> {
         // SAFETY: a live surface and a queue family of the device.
         let shows = unsafe {
@@ -350,7 +364,7 @@ impl Present {
         };
         if !shows.map_err(failed("vkGetPhysicalDeviceSurfaceSupportKHR"))? {
             return Err(Error::Device(format!(
-                "{} cannot show pictures in this window; --device names another",
+                "{} cannot present to this window; choose another device with --device",
                 device.name
             )));
         }
@@ -366,12 +380,12 @@ impl Present {
         let found = offered.iter().find(fits).copied();
         found.ok_or_else(|| {
             Error::Device(format!(
-                "the window takes none of the formats B8G8R8A8 and R8G8B8A8; it takes {offered:?}"
+                "the window supports neither B8G8R8A8 nor R8G8B8A8 in sRGB; it supports {offered:?}"
             ))
         })
     }
 
-    /// The system has taken the window's surface away.
+    /// Replaces a lost surface.
     fn recreate_surface(&mut self, gpu: &mut Gpu) -> Result<()> {
         self.wait_idle();
         self.drop_swapchain(gpu);
@@ -412,7 +426,7 @@ impl Present {
             .image_sharing_mode(vk::SharingMode::EXCLUSIVE)
             .pre_transform(can.current_transform)
             .composite_alpha(alpha)
-            // The one that there always is, and shows no half pictures.
+            // Always supported, and without tearing.
             .present_mode(vk::PresentModeKHR::FIFO)
             .clipped(true);
         let desc = BufferDesc { bytes: 4 * size[0] as u64 * size[1] as u64, place: Place::Device };
@@ -455,7 +469,7 @@ impl Present {
         Ok(())
     }
 
-    /// Nothing may be under way.
+    /// Destroys the swapchain; nothing may be in flight.
     fn drop_swapchain(&mut self, gpu: &mut Gpu) {
         let Some(swapchain) = self.swapchain.take() else { return };
         gpu.memory.destroy_buffer(swapchain.screen);
@@ -517,7 +531,7 @@ const LAYER: vk::ImageSubresourceLayers = vk::ImageSubresourceLayers {
     layer_count: 1,
 };
 
-/// The screen's words to an image, which is in GENERAL then.
+/// Copies the screen buffer to an image, which is in layout GENERAL afterwards.
 ///
 /// # Safety
 /// The command buffer is being recorded, and all of these live until it is done.
@@ -532,7 +546,7 @@ unsafe fn copy(
         .image_extent(vk::Extent3D { width, height, depth: 1 })
         .image_subresource(LAYER);
     let written = vk::ImageLayout::GENERAL;
-    // SAFETY: the caller's; the buffer has a word for every pixel.
+    // SAFETY: the caller's; the buffer has a u32 for every pixel.
     unsafe {
         transition(device, commands, image, vk::ImageLayout::UNDEFINED, written);
         match &swapchain.small {
@@ -576,7 +590,7 @@ unsafe fn copy(
     }
 }
 
-/// What lies over the picture.
+/// Draws the overlay.
 ///
 /// # Safety
 /// As of [`copy`].
@@ -596,7 +610,7 @@ unsafe fn draw_overlay(
     let area = vk::Rect2D { extent, ..Default::default() };
     let rendering =
         vk::RenderingInfo::default().render_area(area).layer_count(1).color_attachments(&color);
-    // SAFETY: the caller's; the overlay_renderer's resources live until nothing is under way.
+    // SAFETY: the caller's; the renderer's resources live until nothing is in flight.
     unsafe {
         device.cmd_begin_rendering(commands, &rendering);
         let drawn = overlay_renderer.draw(commands, extent);
@@ -605,7 +619,7 @@ unsafe fn draw_overlay(
     }
 }
 
-/// After everything before, an image from one layout to another.
+/// Transitions an image's layout, after all commands before.
 ///
 /// # Safety
 /// As of [`copy`].

@@ -1,7 +1,8 @@
-//! WINDOW -> SURFACE.
+//! Surfaces of windows.
 //!
-//! On an X server Vulkan has a connection of its own. Whoever sends much over a connection also takes in what has arrived there: pictures sent over the window's own would take in keys and clicks,
-//! of which the window's thread, asleep until something arrives, would hear no sooner than of the next ones.
+//! On an X server Vulkan gets a connection of its own. Sending over a connection also reads what
+//! has arrived on it. Pictures sent over the window's own would read its keys and clicks, and the
+//! window's thread, which sleeps until something arrives, would get them only with the next event.
 
 use crate::error::{Error, Result};
 use crate::gpu::{Device, failed};
@@ -15,18 +16,21 @@ use winit::raw_window_handle::{
 use winit::window::Window;
 use x11rb::xcb_ffi::XCBConnection;
 
-/// The way to the screen that a window is on; it has to outlive its surfaces.
+/// A connection to the screen of a window; it has to outlive its surfaces.
 pub struct Display {
-    /// And the number of the screen.
+    /// The connection, and the number of the screen; None on Wayland.
     x11: Option<(XCBConnection, i32)>,
 }
 
 impl Display {
+    /// Connects to the window's X server, if it is on one.
     pub fn connect(window: &Window) -> Result<Display> {
         let x11 = match handles(window)?.1 {
             RawWindowHandle::Xlib(_) => {
                 let (connection, screen) = XCBConnection::connect(None).map_err(|error| {
-                    Error::Device(format!("cannot reach the X server ({error})"))
+                    Error::Device(format!(
+                        "cannot connect to the X server ({error}); check DISPLAY"
+                    ))
                 })?;
                 Some((connection, screen as i32))
             }
@@ -35,7 +39,7 @@ impl Display {
         Ok(Display { x11 })
     }
 
-    /// The window has to outlive it, too.
+    /// Creates a surface, which the display and the window have to outlive.
     pub fn surface(&self, device: &Device, window: &Window) -> Result<vk::SurfaceKHR> {
         let (mut display, mut handle) = handles(window)?;
         if let (Some((connection, screen)), RawWindowHandle::Xlib(own)) = (&self.x11, handle) {
@@ -44,10 +48,11 @@ impl Display {
                 *screen,
             ));
             let number = NonZeroU32::new(own.window as u32)
-                .ok_or_else(|| Error::Device("the window has no number".to_string()))?;
+                .ok_or_else(|| Error::Device("the window has no X11 id".to_string()))?;
             handle = RawWindowHandle::Xcb(XcbWindowHandle::new(number));
         }
-        // SAFETY: whoever asks keeps the display and the window longer than the surface, and the device keeps the instance.
+        // SAFETY: the caller keeps display and window longer than the surface, and the device keeps
+        // the instance.
         unsafe {
             ash_window::create_surface(&device.entry, &device.instance, display, handle, None)
         }

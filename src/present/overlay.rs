@@ -1,4 +1,5 @@
-//! What lies over the picture: triangles of a panel, drawn into a swapchain's image after the picture has been copied there.
+//! The overlay: triangles of the panel, drawn into a swapchain's image after the picture is copied
+//! there.
 
 use super::FRAMES_IN_FLIGHT;
 use crate::error::{Error, Result};
@@ -8,11 +9,11 @@ use egui::epaint::textures::TexturesDelta;
 use egui_ash_renderer::allocator::DefaultAllocator;
 use egui_ash_renderer::{DynamicRendering, Options, RenderMode, Renderer};
 
-/// A panel as it is to be drawn, until the next one.
+/// Triangles and textures of the panel, until the next layout.
 pub struct Overlay {
     pub triangles: Vec<egui::ClippedPrimitive>,
     pub pixels_per_point: f32,
-    /// Since the last one.
+    /// Changes of textures since the last overlay.
     pub textures: TexturesDelta,
 }
 
@@ -50,12 +51,12 @@ impl OverlayRenderer {
         Ok(OverlayRenderer { renderer, triangles: Vec::new(), pixels_per_point: 1.0 })
     }
 
-    /// At images of another format. Nothing may be under way.
+    /// Changes the format of the images; nothing may be in flight.
     pub fn set_format(&mut self, format: vk::Format) -> Result<()> {
         self.renderer.set_render_mode(render_mode(format)).map_err(failed)
     }
 
-    /// Nothing that was drawn before may be under way.
+    /// Sets the overlay. If it changes textures, nothing drawn before may be in flight.
     pub fn set_overlay(
         &mut self,
         device: &Device,
@@ -76,7 +77,7 @@ impl OverlayRenderer {
         Ok(())
     }
 
-    /// Within a rendering into an image of this size.
+    /// Records the triangles, within a rendering into an image of this size.
     pub fn draw(&mut self, commands: vk::CommandBuffer, extent: vk::Extent2D) -> Result<()> {
         self.renderer
             .cmd_draw(commands, extent, self.pixels_per_point, &self.triangles)
