@@ -54,7 +54,28 @@ fn say(what: &str) {
     drop(writeln!(std::io::stderr(), "pointillist: {what}"));
 }
 
+/// Prints what the library logs and cannot return: errors of objects that are being dropped.
+struct Logger;
+
+impl log::Log for Logger {
+    fn enabled(&self, metadata: &log::Metadata) -> bool {
+        metadata.level() == log::Level::Error && metadata.target().starts_with("pointillist")
+    }
+
+    fn log(&self, record: &log::Record) {
+        if self.enabled(record.metadata()) {
+            say(&record.args().to_string());
+        }
+    }
+
+    fn flush(&self) {}
+}
+
 fn main() -> ExitCode {
+    // Errors only if there is a logger already, which there is not.
+    if log::set_logger(&Logger).is_ok() {
+        log::set_max_level(log::LevelFilter::Error);
+    }
     let program = Program::parse();
     let arguments: Vec<String> =
         std::env::args_os().skip(1).map(|word| word.to_string_lossy().into_owned()).collect();

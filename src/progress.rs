@@ -13,6 +13,9 @@ pub trait Progress: Sync {
     /// is 0 if unknown. Errors if the work is to stop.
     fn tick(&self, doing: &str, done: u64, total: u64) -> Result<()>;
 
+    /// Reports one line about the work: what it found, or what it left out.
+    fn note(&self, _line: &str) {}
+
     /// Registers `act`, to be called on any thread when work is to stop. For work that waits and so
     /// does not tick.
     fn when_interrupted(&self, _act: Box<dyn Fn() + Send>) {}
@@ -32,6 +35,10 @@ impl Progress for Whole<'_> {
         self.progress.tick(self.doing, self.done, self.total)
     }
 
+    fn note(&self, line: &str) {
+        self.progress.note(line);
+    }
+
     fn when_interrupted(&self, act: Box<dyn Fn() + Send>) {
         self.progress.when_interrupted(act);
     }
@@ -48,6 +55,10 @@ pub struct Part<'p> {
 impl Progress for Part<'_> {
     fn tick(&self, doing: &str, done: u64, _total: u64) -> Result<()> {
         self.progress.tick(doing, self.done + done, self.total)
+    }
+
+    fn note(&self, line: &str) {
+        self.progress.note(line);
     }
 }
 

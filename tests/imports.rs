@@ -296,6 +296,22 @@ fn unsafe_code_and_vulkan_stay_where_they_are_read_with_care() {
     assert!(wrong.is_empty(), "{}", wrong.join("\n"));
 }
 
+/// Its program and its window print; the library returns notes, reports to `Progress`, or logs.
+#[test]
+fn the_library_prints_nothing() {
+    let mut wrong = Vec::new();
+    for (path, code) in sources() {
+        let prints = path.starts_with("cli/") || path.starts_with("app/") || path == "main.rs";
+        let code = code.split("#[cfg(test)]").next().unwrap();
+        for printer in ["println!", "print!", "dbg!", "stderr()", "stdout()"] {
+            if !prints && code.contains(printer) {
+                wrong.push(format!("src/{path} uses {printer}"));
+            }
+        }
+    }
+    assert!(wrong.is_empty(), "{}", wrong.join("\n"));
+}
+
 #[test]
 fn every_shader_has_a_pass() {
     let passes: String = sources()

@@ -102,6 +102,10 @@ impl Progress for ProgressReporter {
         }
         Ok(())
     }
+
+    fn note(&self, line: &str) {
+        (self.report)(line.to_string());
+    }
 }
 
 /// What to load first of files. An index always has everything: its strokes are stored, or computed

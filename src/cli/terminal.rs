@@ -80,6 +80,12 @@ impl Progress for Terminal {
         Ok(())
     }
 
+    fn note(&self, line: &str) {
+        let shown = self.bar.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
+        let print = || eprintln!("pointillist: {line}");
+        shown.as_ref().map_or_else(print, |(_, bar)| bar.suspend(print));
+    }
+
     fn when_interrupted(&self, act: Box<dyn Fn() + Send>) {
         WAITING.lock().unwrap_or_else(|poisoned| poisoned.into_inner()).push(act);
         // The signal may have come before the callback was registered.

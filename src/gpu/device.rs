@@ -8,7 +8,6 @@ use super::failed;
 use crate::error::{Error, Result};
 use ash::{ext, khr, vk};
 use std::ffi::{CStr, c_char, c_void};
-use std::io::Write;
 use std::sync::Mutex;
 
 /// Options of `--device` and `--validate`, and switches for tests.
@@ -190,7 +189,7 @@ impl Drop for Device {
             self.raw.destroy_device(None);
             // Reports objects that outlived the device; an error cannot be returned here.
             if let Err(error) = self.take_validation_errors() {
-                drop(writeln!(std::io::stderr(), "pointillist: {error}"));
+                log::error!("{error}");
             }
             if let Some((debug, messenger)) = self.messenger.take() {
                 debug.destroy_debug_utils_messenger(messenger, None);

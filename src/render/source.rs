@@ -139,12 +139,12 @@ impl Source {
         let (place, build) = (opening.place()?, build::Options::reading(&opening.read));
         let Cached { index, made } = cache::find_or_build(paths, &place, &build, progress)?;
         match made {
-            Some(made) => eprintln!(
-                "pointillist: indexed in {:.1} s, because {why}; kept: {}",
+            Some(made) => progress.note(&format!(
+                "indexed in {:.1} s, because {why}; kept: {}",
                 made.seconds,
                 kept(&place)
-            ),
-            None => eprintln!("pointillist: drawn from {}, because {why}", index.path().display()),
+            )),
+            None => progress.note(&format!("drawn from {}, because {why}", index.path().display())),
         }
         opening.equipped(index)
     }

@@ -157,7 +157,7 @@ pub fn run<Q: Question>(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> 
             .for_each(|scene| add(&mut pools, scene, sampling, &sums));
         Ok(())
     })?;
-    left_out.iter().for_each(|line| eprintln!("study {} leaves out {line}", Q::NAME));
+    left_out.iter().for_each(|line| progress.note(&format!("study {} leaves out {line}", Q::NAME)));
     // Stable: scenes and densities stay in their order.
     pools.sort_by_key(|pool| pool.scene != ALL);
     let mut rows: Vec<Row> =

@@ -65,7 +65,7 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
     {
         let path = Path::new("../shared/data").join(file);
         if !path.exists() {
-            eprintln!("study meshes leaves out {scene}: {} is not there", path.display());
+            progress.note(&format!("study meshes leaves out {scene}: no file {}", path.display()));
             continue;
         }
         let mesh = Mesh::read(&path, |place| place)?;
@@ -108,7 +108,7 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
                     .chain([errors.interior.to_string()]);
                 let line: Vec<String> =
                     line.chain(shares.map(|share| format!("{share:.1e}"))).collect();
-                println!("{}", line.join("  "));
+                progress.note(&line.join("  "));
                 table.rows.push(line);
             }
             resident.free(gpu);

@@ -144,7 +144,7 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
         rows.extend(own);
         Ok(())
     })?;
-    left_out.iter().for_each(|line| eprintln!("study surface leaves out {line}"));
+    left_out.iter().for_each(|line| progress.note(&format!("study surface leaves out {line}")));
     let figures = METRICS
         .iter()
         .map(|&(metric, y_axis, caption)| figure(metric, y_axis, caption, &mut marks))

@@ -116,7 +116,7 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
         let median = metrics::quartiles(&flips)[1];
         let line =
             vec![style.to_string(), format!("{max:.4}"), at.to_string(), format!("{median:.4}")];
-        println!("{}", line.join("  "));
+        progress.note(&line.join("  "));
         table.rows.push(line);
         all.extend(rows(["torus", "zoom"], ["surface", style], METRICS, &[max, median], &times));
     }
