@@ -1,5 +1,6 @@
-//! Malformed, hostile and odd files through the program itself: a picture of what could be read, with a note that counts what could not,
-//! or one line and exit code 1; in a second or two, and in bounded memory (RELIABILITY, P1 and P3).
+//! Malformed, hostile and odd files through the program itself: a picture of what is readable, with
+//! a note that counts the rest, or one line and exit code 1; within a second or two, and in bounded
+//! memory (guide: reliability).
 
 mod support;
 
@@ -8,11 +9,11 @@ use std::time::Duration;
 use support::{Cost, failed, pointillist, read_png, shared, succeeded, text, watch};
 
 const SIZE: &str = "320x180";
-/// Beyond what drawing an empty cloud costs.
+/// Longest time beyond that of drawing an empty cloud.
 const TIME: Duration = Duration::from_secs(2);
 const MEMORY: u64 = 256 << 20;
 
-/// Files of which points are lost, and a number that the note has to name.
+/// Files that lose points, and a text that the note must contain.
 const LOST: &[(&str, &str)] = &[
     ("ply_inf_coordinates.ply", "3 points"),
     ("d_las_count_times_10.las", "2732 could be read"),

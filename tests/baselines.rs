@@ -1,4 +1,4 @@
-//! What filling is compared with: fixed-size splats and pull-push, on a plane with holes.
+//! Baselines of filling, fixed-size splats and pull-push, on a plane with holes.
 
 mod gpu;
 
@@ -11,7 +11,7 @@ use pointillist::view::{Camera, View};
 const SIZE: [u32; 2] = [67, 61];
 const LATTICE: Lattice = Lattice { step: DVec3::splat(0.001), offset: DVec3::ZERO };
 
-/// 10 m wide, a point every 10 cm, but for holes of 40 cm.
+/// Returns a plane 10 m wide with a point every 10 cm, except for holes of 40 cm.
 fn plane() -> Cloud {
     let all = (-50..=50).flat_map(|x| (-50..=50).map(move |y| [x, y]));
     let points: Vec<[i32; 3]> = all
@@ -22,7 +22,7 @@ fn plane() -> Cloud {
     cloud(vec![part(LATTICE, &points, Some(colors))])
 }
 
-/// A pixel is about 15 cm wide: from above, and leaning.
+/// Returns cameras from above and oblique; a pixel is about 15 cm wide.
 fn cameras() -> [Camera; 3] {
     let lean = DVec3::new(3.0, -5.0, 11.0);
     [
@@ -44,7 +44,8 @@ fn drawn(camera: Camera, effects: &[&str]) -> Layers {
     layers
 }
 
-/// Pixels whose centre's ray meets the plane, `inset` metres from its rim, or so far beyond where it is negative; and the depth there.
+/// Returns the depth of pixels whose centre's ray meets the plane, at least `inset` metres from its
+/// rim, or at most -`inset` beyond it.
 fn true_depth(camera: Camera, inset: f64) -> Vec<Option<f64>> {
     let view = View::new(camera, SIZE).unwrap();
     let pixel = |i: u32| {

@@ -1,4 +1,5 @@
-//! Clip boxes: exactly the points are drawn, shade others and are loaded that an f64 comparison of their coordinates keeps.
+//! Clip boxes: exactly the points that an f64 comparison of coordinates keeps are drawn, cast
+//! shadows and are loaded.
 
 mod gpu;
 mod support;
@@ -24,7 +25,7 @@ use std::collections::BTreeSet;
 use support::{pointillist, read_exr, render, scan, succeeded};
 
 const SIDE: u32 = 600;
-/// Steps of a millimetre a pixel.
+/// Steps of a millimetre per pixel.
 const PIXEL: i32 = 40;
 const LATTICE: Lattice =
     Lattice { step: DVec3::splat(0.001), offset: DVec3::new(500_000.25, 5_000_000.125, -3.0) };
@@ -37,7 +38,7 @@ fn world(q: [i32; 3]) -> DVec3 {
     LATTICE.world(q.map(i64::from))
 }
 
-/// A point somewhere in every pixel of a picture from above.
+/// Returns a point at a random place in every pixel of a picture from above.
 fn carpet(random: &mut Random) -> Cloud {
     let points: Vec<[i32; 3]> = (0..(SIDE * SIDE) as i32)
         .map(|i| {
@@ -49,7 +50,7 @@ fn carpet(random: &mut Random) -> Cloud {
     gpu::cloud(vec![part(LATTICE, &points, None)])
 }
 
-/// Boxes with faces on points, a rounding beside them, and anywhere.
+/// Returns boxes with faces on points, one rounding beside them, and anywhere.
 fn boxes(cloud: &Cloud, random: &mut Random) -> Vec<String> {
     let columns = &cloud.parts[0].columns;
     let mut corner = |nudge: i64| {
@@ -87,7 +88,7 @@ fn the_points_drawn_are_those_that_an_f64_comparison_keeps() {
     let random = &mut Random(0xC11B);
     let cloud = carpet(random);
     let middle = world([SIDE as i32 * PIXEL / 2, SIDE as i32 * PIXEL / 2, 250]);
-    // Pixel borders lie on the lattice, no point does.
+    // Pixel borders lie on the lattice, points do not.
     let camera = orthographic(middle + DVec3::Z * 10.0, middle, SIDE as f64 * PIXEL as f64 * 0.001);
     let view = View::new(pointillist::view::Camera { up: DVec3::Y, ..camera }, [SIDE; 2]).unwrap();
     let mut sides = BTreeSet::new();
@@ -135,7 +136,7 @@ fn the_points_drawn_are_those_that_an_f64_comparison_keeps() {
     assert!(sides.contains(&(true, true, false)), "{sides:?}");
 }
 
-/// The same cloud in the same nodes, once clipped and once with another class for what boxes leave out, which is not drawn.
+/// Compares clipping with drawing the same nodes with another, hidden class for the clipped points.
 #[test]
 fn what_is_clipped_shows_nowhere_casts_no_shadow_and_has_no_part_in_luminance_and_strokes() {
     let random = &mut Random(0x5AD0);

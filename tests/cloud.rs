@@ -1,4 +1,4 @@
-//! FILE -> POINTS, on real files, on hostile ones, and on files made here with known contents.
+//! Readers, on real files, on hostile ones, and on generated ones with known contents.
 //!
 //! Real and bad files lie in `../shared`; tests that need it are skipped if it is missing.
 
@@ -24,7 +24,7 @@ fn read_strictly(path: &Path) -> Result<Cloud> {
     cloud::read(&[path.to_owned()], &ReadOptions::new(ColumnSet::ALL, true), &Silent)
 }
 
-/// Reads bytes as a file of this name; the file lives as long as the call.
+/// Reads bytes as a file of this name, which is removed afterwards.
 fn read_bytes(name: &str, bytes: &[u8]) -> Result<Cloud> {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join(name);
@@ -106,7 +106,7 @@ fn copc_holds_the_points_of_its_las_twin_in_another_order() {
 
 #[test]
 fn counts_and_bounds_are_those_of_the_points() {
-    // From the table in ../shared/data/README.md, to the digits it gives.
+    // The digits given in the table of ../shared/data/README.md.
     let table = [
         (
             "aerial/autzen_trim.laz",
@@ -590,7 +590,7 @@ fn an_e57_scan_of_records_without_bits_is_refused() {
     assert!(error.contains("of zero bytes each"), "{error}");
 }
 
-/// An E57 file that is all XML, in pages of 1024 bytes with their checksums.
+/// Returns an E57 file that is all XML, in pages of 1024 bytes with their checksums.
 fn e57_with_xml(xml: &str) -> Vec<u8> {
     let mut header = Vec::from(*b"ASTM-E57");
     header.extend([1u32, 0].map(u32::to_le_bytes).concat());
@@ -625,7 +625,7 @@ fn what_is_no_file_is_a_typed_error() {
     }
 }
 
-// ---- LAS made here
+// ---- generated LAS
 
 #[test]
 fn hard_24_sixteen_bit_colours_are_rounded_exactly() {
@@ -660,7 +660,8 @@ fn hard_24_colour_depth_is_decided_over_the_whole_file() {
         narrow.notes
     );
 
-    // One wide value is an outlier; wide ones in a fifth of the file are none, wherever they were read, and then all others are 16-bit values too.
+    // One wide value is an outlier. Wide ones in a fifth of the file are not, wherever they were
+    // read, and then all others are 16-bit values too.
     for wide_at in [0, 8191, 8192, 10_000, count - 1] {
         let values = (0..count).map(|i| if i == wide_at { 256 } else { (i % 256) as u16 });
         let one = read_bytes("one.las", &las(&colors(values.clone()))).unwrap();
@@ -703,7 +704,7 @@ fn hard_30_the_whole_i32_range_keeps_its_lattice() {
 fn a_count_below_what_the_file_holds_is_said() {
     let mut file = las(&colors(0..100));
     file[107..111].copy_from_slice(&60u32.to_le_bytes());
-    // Whole records that are not blank are points, as of a writer that did not come to its end.
+    // Non-blank whole records are points, as of an interrupted writer.
     let cloud = read_bytes("low.las", &file).unwrap();
     assert_eq!((cloud.len(), cloud.parts[0].columns.x[99]), (100, 99));
     assert!(
@@ -716,7 +717,7 @@ fn a_count_below_what_the_file_holds_is_said() {
     let path = folder.path().join("low.las");
     fs::write(&path, &file).unwrap();
     assert!(read_strictly(&path).unwrap_err().to_string().contains("number of point records"));
-    // Padding is none, nor is what is no whole record.
+    // Padding is not, nor is an incomplete record.
     for tail in [vec![0u8; 26 * 3], vec![7u8; 25]] {
         let mut padded = las(&colors(0..100));
         padded.extend(tail);
@@ -767,7 +768,7 @@ fn negative_scales_are_read_as_they_are() {
             let path = Made { scale, offset, points: points.clone(), ..Made::default() }
                 .write(folder.path(), name);
             let mut header = fs::read(&path).unwrap();
-            // A header knows which end is larger.
+            // The header distinguishes minimum and maximum.
             for axis in 0..3 {
                 let at = 179 + 16 * axis;
                 let [a, b] = [at, at + 8]
@@ -791,7 +792,7 @@ fn negative_scales_are_read_as_they_are() {
                     "{own} {right}"
                 );
             }
-            // A picked point is the one of the file.
+            // A picked point is that of the file.
             let sought = Sought { position: world(&cloud)[17], ..Sought::default() };
             let found =
                 find::find(std::slice::from_ref(&path), ReadOptions::default(), &sought, &Silent)
@@ -834,7 +835,7 @@ fn extra_bytes_without_room_are_said_and_not_listed() {
         assert_eq!(read_strictly(&path).is_ok(), fit == 3, "{extra}");
         assert_eq!(cloud.len(), 5000);
     }
-    // Bytes that nothing declares are not read.
+    // Undeclared bytes are not read.
     let path = Made { extra: 40, vlrs: vec![("LASF_Spec", 4, declared)], ..Made::default() }
         .write(folder.path(), "b.las");
     let cloud = read(&path).unwrap();
@@ -989,7 +990,7 @@ fn a_million_coincident_points_are_no_bomb() {
     }
 }
 
-// ---- PLY and text made here
+// ---- generated PLY and text
 
 fn ply(coding: &str, properties: &str, count: usize, body: &[u8]) -> Vec<u8> {
     let mut file = format!(
@@ -1066,7 +1067,7 @@ fn text_columns_are_known_by_name_or_guessed() {
         ("c.csv", "//X,Y,Z,R,G,B\n1,2,3,255,0,0\n4,5,6,0,255,0\n", true, false, false),
         ("d.txt", "# made by hand\n1\t2\t3\t255\t0\t9\n4 5 6 7 8 9\n", true, false, false),
         ("e.xyz", "1 2 3 0 0 -1\n4 5 6 1 0 0\n", false, false, true),
-        // None of which is one.
+        // Nothing that is a normal.
         ("n.csv", "x,y,z,nx,ny,nz\n1,2,3,nan,nan,nan\n4,5,6,0,0,0\n", false, false, false),
         ("f.pts", "2\n1 2 3 -5 200 1 2\n4 5 6 7 8 9 10\n", true, true, false),
         ("g.txt", "1 2 3 0.5 1 0 7\n4 5 6 7 1 2 3\n", true, true, false),
@@ -1145,7 +1146,7 @@ fn spacing_of_a_grid_is_that_of_its_eight_neighbours_with_or_without_a_stray_poi
 
 #[test]
 fn spacing_is_the_quartile_that_brute_force_finds() {
-    // As many points as seeds at most, so that every point is one.
+    // At most as many points as seeds, so that every point is one.
     let mut state = 1u64;
     let mut next = || {
         state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
@@ -1174,7 +1175,7 @@ fn spacing_is_the_quartile_that_brute_force_finds() {
     );
 }
 
-// ---- anything
+// ---- generated points
 
 proptest! {
     #![proptest_config(ProptestConfig { cases: 256, ..ProptestConfig::default() })]
@@ -1216,7 +1217,8 @@ proptest! {
         for ((back, again), point) in world(&binary).iter().zip(world(&ascii)).zip(&points) {
             let off = (*back - DVec3::from_array(point.map(f64::from))).abs().max_element();
             prop_assert!(off <= half, "{off} {half}");
-            // Text gives each f32 its shortest decimal, which as f64 is another number, a little off.
+            // Text gives each f32 its shortest decimal, which as f64 is a slightly different
+            // number.
             prop_assert!((*back - again).abs().max_element() <= 2.0 * half + 0.04);
         }
     }
@@ -1233,7 +1235,8 @@ proptest! {
     }
 }
 
-/// All that the file has of a point, as the crate `las` reads it from the first record to the last.
+/// Compares all attributes of a point with those read by the crate `las` from the first record to
+/// the last.
 #[test]
 fn a_point_that_is_looked_up_comes_with_every_attribute_of_its_file() {
     let [mut colours, mut extras] = [0; 2];

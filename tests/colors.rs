@@ -1,6 +1,7 @@
-//! What colours count to is decided by those of most points, whatever a format means or a header says; and it can be said.
+//! The range of colours is decided by most points, whatever the format or header, and can be given.
 //!
-//! Files are made here. Those that people have met lie in `../shared/cases`; the test that needs it is skipped if it is missing.
+//! Files are generated; real ones lie in `../shared/cases`, and the test that needs it is skipped
+//! if it is missing.
 
 mod support;
 
@@ -38,7 +39,7 @@ fn scale(cloud: &Cloud) -> (f64, By) {
     (scale.full, scale.by)
 }
 
-/// The colour of most pixels of a picture.
+/// Returns the colour of most pixels of a picture.
 fn drawn(path: &Path, more: &str) -> [u8; 3] {
     let picture = path.with_extension("png");
     let line = format!("--size 64x64 --view top --style points --effect edl=off --no-cache {more}");
@@ -72,7 +73,8 @@ fn rgb_of(info: &Value) -> &Value {
     &info["parts"][0]["attributes"]["rgb"]
 }
 
-/// 200, 100, 50 in 16-bit fields, and so many of 5000 that are others.
+/// Returns 5000 points of colour 200, 100, 50 in 16-bit fields, this many of them with another
+/// value.
 fn las(outliers: usize, value: u16) -> Las {
     Las {
         points: sheet(|i| if i * outliers % 5000 < outliers { [value; 3] } else { [200, 100, 50] }),
@@ -97,11 +99,11 @@ fn eight_bits_in_sixteen_are_seen_past_outliers_in_every_kind_of_las() {
                 "8-bit values in 16-bit fields".into()
             };
             assert!(cloud.notes.iter().any(|line| line.contains(&note)), "{:?}", cloud.notes);
-            // Nothing is lost where all are bytes.
+            // Nothing is lost if all are bytes.
             assert_eq!(read_strictly(&path).is_ok(), outliers == 0);
             assert_eq!(colors(&read_as(&path, RgbRange::Words))[4999], [1, 0, 0]);
         }
-        // Outliers of nothing but black, and a file that is really dark.
+        // Only outliers that are not black, and a file that is really dark.
         let dark = Las {
             points: sheet(|i| if i % 100 == 0 { [20_000, 300, 0] } else { [0; 3] }),
             ..Las::default()
@@ -114,7 +116,7 @@ fn eight_bits_in_sixteen_are_seen_past_outliers_in_every_kind_of_las() {
 #[test]
 fn a_look_that_misses_is_made_good_by_reading_again_and_an_index_agrees() {
     let folder = tempfile::tempdir().unwrap();
-    // Points of which a look at some sees one in eight runs at most: colours there, black elsewhere.
+    // Points of which a sample sees one in eight runs at most: colours there, black elsewhere.
     for (name, wide) in [("wide.las", 40_000u16), ("narrow.las", 200)] {
         let place = |i: usize| (2500..2504).contains(&i);
         let points = sheet(|i| {
@@ -160,7 +162,7 @@ fn mixed_depths_are_said() {
     );
 }
 
-/// A binary PLY of the sheet whose further properties are f32.
+/// Returns a binary PLY of the sheet with further f32 properties.
 fn ply(
     folder: &Path,
     name: &str,
@@ -240,7 +242,7 @@ fn gaussian_splats_have_the_colours_of_their_harmonics() {
         );
     }
     assert_eq!(drawn(&path, ""), [200, 100, 50]);
-    // Colours of their own go before.
+    // Plain colours are preferred.
     let both = ply(
         folder.path(),
         "both.ply",
@@ -250,7 +252,7 @@ fn gaussian_splats_have_the_colours_of_their_harmonics() {
     assert_eq!(colors(&read(&both))[0], [51, 102, 153]);
 }
 
-/// An E57 of the sheet whose colours have these limits.
+/// Writes an E57 of the sheet with these colour limits.
 fn e57(folder: &Path, name: &str, limits: i64, rgb: impl Fn(usize) -> [i64; 3]) -> PathBuf {
     use e57::{ColorLimits, E57Writer, Record, RecordDataType, RecordName, RecordValue};
     let path = folder.join(name);
@@ -341,7 +343,7 @@ fn files_that_people_have_met_have_their_colours() {
     }
 }
 
-/// Share of the drawn pixels whose colour is none of the points': red and green, in turn.
+/// Returns the share of drawn pixels whose colour is not one of the points', red and green in turn.
 fn mixed(name: &str, points: Vec<[i32; 3]>) -> f64 {
     let folder = tempfile::tempdir().unwrap();
     let color = |i: usize| if i.is_multiple_of(2) { [65_535, 0, 0] } else { [0, 65_535, 0] };

@@ -1,4 +1,5 @@
-//! The cut: every visible leaf is shown exactly once, within the budget, and never coarser where more was asked for.
+//! The LOD cut: every visible leaf is shown exactly once, within the budget, and never coarser for
+//! a smaller threshold.
 
 mod gpu;
 mod tree;
@@ -37,7 +38,7 @@ fn visible(index: &Index, view: &View, node: usize) -> bool {
     view.least_depth(index.bounds(&index.nodes()[node])).is_some()
 }
 
-/// What any cut must be. Leaves that `lost` says of are in none.
+/// Checks the invariants of a cut. Leaves in `lost` are in none.
 fn check(index: &Index, view: &View, budget: u64, cut: &Cut, lost: impl Fn(usize) -> bool) {
     let chosen: HashSet<usize> = cut.nodes.iter().map(|wanted| wanted.node).collect();
     assert_eq!(chosen.len(), cut.nodes.len(), "a node twice");
@@ -90,7 +91,7 @@ proptest! {
         let view = view(seed);
         let cut = choose(&index, &view, &Clips::default(), &Detail { budget: u64::MAX, lod_px: 0.0, ..Detail::of(view.size) }, &lost);
         prop_assert!(cut.nodes.iter().all(|wanted| !lost.contains(&wanted.node)));
-        // Only a leaf above which nothing can be read may be missing.
+        // Only a leaf without a readable ancestor may be missing.
         let gone = |leaf: usize| lost.contains(&leaf) && ancestors(&index, leaf).all(|node| lost.contains(&node));
         check(&index, &view, u64::MAX, &cut, gone);
     }

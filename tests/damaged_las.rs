@@ -1,5 +1,6 @@
-//! DAMAGED LAS AND LAZ: what a changed header, a changed variable-length record or a cut end makes of a file is an error, or is said, or changes no
-//! value. Bytes of points are no part of it: no reader can tell one from another.
+//! Damaged LAS and LAZ: a changed header, a changed variable-length record or a truncated end is an
+//! error, or is reported, or changes no value. Changed bytes of points are not tested, since they
+//! cannot be detected.
 
 mod support;
 
@@ -11,16 +12,16 @@ use proptest::test_runner::{Config, RngAlgorithm, TestRng, TestRunner};
 use std::cell::Cell;
 use support::made::{Las, sheet};
 
-/// A change to a file: its kind, where, and a byte.
+/// A change of a file: its kind, place, and byte.
 type Edit = (Kind, prop::sample::Index, u8);
 
 #[derive(Clone, Copy, Debug)]
 enum Kind {
     Byte,
     Bit,
-    /// Four bytes from a multiple of four on become zeros.
+    /// Four bytes from a multiple of four become zeros.
     Zeros,
-    /// The file ends here.
+    /// The file is truncated here.
     End,
 }
 
@@ -47,7 +48,8 @@ fn places(cloud: &Cloud) -> Vec<DVec3> {
     cloud.parts.iter().flat_map(of_part).collect()
 }
 
-/// Whether all values are the same: places to a step of the lattice, of which a header's last bits may be no part.
+/// Tests whether all values are equal: positions up to a lattice step, since a header's last bits
+/// may not matter.
 fn are_same(a: &Cloud, b: &Cloud) -> bool {
     let attributes = |cloud: &Cloud| {
         let columns = |part: &cloud::Part| {
@@ -103,10 +105,10 @@ fn what_damage_changes_is_an_error_or_said() {
         let read = |strict| cloud::read(std::slice::from_ref(&path), &options(strict), &Silent);
         let whole = read(true).unwrap();
         let points_at = u32::from_le_bytes(file[96..100].try_into().unwrap()) as usize;
-        // Of a compressed file also where its table of chunks is.
+        // For a compressed file also the offset of its chunk table.
         let damaged = if compressed { points_at + 8 } else { points_at };
         for (kind, at, byte) in &edits {
-            // A cut comes last.
+            // Truncation comes last.
             if file.len() >= damaged {
                 kind.apply(&mut file, damaged, *at, *byte);
             }

@@ -1,4 +1,4 @@
-//! Transparency: layers and what they show together, against all surfaces on a ray, sorted and laid over each other in f64.
+//! Transparency: layers and their blend, against all surfaces on a ray, sorted and blended in f64.
 
 mod gpu;
 
@@ -20,11 +20,11 @@ use pointillist::view::{Camera, Preset, Projection, View};
 
 const SIDE: usize = 192;
 
-/// Of classes 1, 2 and 3: the tori from the inside out.
+/// Colours of classes 1, 2 and 3: the tori from the inside out.
 const COLORS: [[u8; 3]; 3] = [[250, 40, 30], [40, 220, 60], [30, 60, 240]];
 
 struct Drawn {
-    /// Linear, over black; alpha is what is hidden of the background.
+    /// Linear, over black; alpha is the coverage of the background.
     front: Vec<[f32; 4]>,
     peeled: Vec<f32>,
     left_over: bool,
@@ -79,7 +79,8 @@ fn view(cloud: &Cloud) -> View {
     View::new(Camera::framing(Preset::Fit, &cloud.core_points(), size), size).unwrap()
 }
 
-/// HARD_CASES 15: the exact "over" of all surfaces on the ray, within 3 L 2^-23 + 2^-9.
+/// Compares with the exact "over" of all surfaces on the ray, within 3 L 2^-23 + 2^-9 (guide:
+/// numerics, case 15).
 #[test]
 fn hard_15_layers_are_laid_over_each_other_as_sorted_surfaces_are() {
     let (world, cloud) = tori(3_000_000);
@@ -116,7 +117,7 @@ fn hard_15_layers_are_laid_over_each_other_as_sorted_surfaces_are() {
                     miscounted += 1;
                     continue;
                 }
-                // What medians and means bring is packed into 8 bits of the square root.
+                // Results of medians and means are packed into 8 bits of the square root.
                 let packed = if fill == "fill=auto" { count as f64 * 0.5 / 255.0 } else { 0.0 };
                 let bound = 3.0 * count as f64 * 2f64.powi(-23) + 2f64.powi(-9) + packed;
                 let off = (0..3)
@@ -138,7 +139,8 @@ fn hard_15_layers_are_laid_over_each_other_as_sorted_surfaces_are() {
     }
 }
 
-/// Where points are farther apart than masks close gaps: two planes behind each other, three and two and a half pixels from point to point.
+/// Where points are too sparse for masks: two planes behind each other, point spacings of three and
+/// two and a half pixels.
 #[test]
 fn layers_of_sparse_points_have_no_holes() {
     let lattice = |apart: i32, y: i32| {
@@ -149,7 +151,7 @@ fn layers_of_sparse_points_have_no_holes() {
         points.iter().map(|point| if point[1] == 10_000 { COLORS[0] } else { COLORS[2] }).collect();
     let lattice = Lattice { step: DVec3::splat(0.001), offset: DVec3::ZERO };
     let cloud = gpu::cloud(vec![gpu::part(lattice, &points, Some(colors))]);
-    // Ten pixels a metre, and the planes' edges out of sight.
+    // Ten pixels per metre, and the planes' edges out of sight.
     let view = View::new(gpu::orthographic(DVec3::ZERO, DVec3::Y, 4.8), [48, 48]).unwrap();
     let over = oracle::over(
         [COLORS[0], COLORS[2]]
@@ -176,11 +178,12 @@ fn layers_of_sparse_points_have_no_holes() {
     assert_eq!(found, 0);
 }
 
-/// What half of the picture is too sparse for has no holes there, however many points the other half has.
+/// A half of the picture that is too sparse has no holes, however many points the other half has.
 #[test]
 fn a_sparse_part_beside_a_dense_one_has_no_holes() {
     let lattice = Lattice { step: DVec3::splat(0.001), offset: DVec3::ZERO };
-    // Ten pixels a metre: from point to point half a pixel to the left, and two and a half to the right.
+    // Ten pixels per metre: spacing of half a pixel on the left, and of two and a half on the
+    // right.
     let grid = |apart: i32, from: i32, to: i32| {
         let across = (0..(to - from) / apart).map(move |i| from + apart * i);
         let points: Vec<_> = across
@@ -201,11 +204,13 @@ fn a_sparse_part_beside_a_dense_one_has_no_holes() {
     assert_eq!(found, 0);
 }
 
-/// Where surfaces turn away and points are two and a half pixels apart, their depths are those of points some pixels away: what is left of a surface is no layer of its own, and none of the next is left out.
+/// Where surfaces turn away and points are two and a half pixels apart, depths are those of points
+/// some pixels away: the rest of a surface is not a layer of its own, and no later one is omitted.
 #[test]
 fn layers_of_sparse_surfaces_are_counted_where_these_turn_away() {
     let (world, cloud) = tori(750_000);
-    // Onto the inner side of the tube that lies behind, from near the axis: beside each other its front, its back and its inside.
+    // Onto the inner side of the tube that lies behind, from near the axis: side by side its front,
+    // its back and its inside.
     let (eye, target) = (DVec3::new(1.3, -2.6, 1.45), DVec3::new(-0.515, -0.497, 0.32));
     let camera = Camera {
         eye,
@@ -240,7 +245,8 @@ fn layers_of_sparse_surfaces_are_counted_where_these_turn_away() {
     }
 }
 
-/// Opacity 0 leaves points out; opacity 1 stops at once; what is allowed is drawn, and what is left over is said.
+/// Opacity 0 removes points; opacity 1 ends the layers; the limit of layers holds, and what it
+/// omits is reported.
 #[test]
 fn points_of_no_opacity_are_not_there_and_layers_end_where_they_are_told_to() {
     let (_, cloud) = tori(400_000);
@@ -268,7 +274,7 @@ fn points_of_no_opacity_are_not_there_and_layers_end_where_they_are_told_to() {
     };
     for way in [Way::Compute64, Way::Compute32] {
         let plain = ["visibility=off", "fill=off", "smooth=off"];
-        // The points left out have a part in the spacing that a layer distance would come from.
+        // Hidden points count for the spacing that a default layer distance would come from.
         let known = [&plain[..], &["transparency=layer=0.05"]].concat();
         let left_out = draw(&cloud, &view, way, &["class:3=0", "class:2=0.5"], &known);
         let gone = draw(&without(3), &view, way, &["class:3=0", "class:2=0.5"], &known);
@@ -284,11 +290,12 @@ fn points_of_no_opacity_are_not_there_and_layers_end_where_they_are_told_to() {
     }
 }
 
-/// HARD_CASES 15: where the layer distance is less than a quantum of the depth every layer is still deeper than the one before, and peeling ends.
+/// If the layer distance is less than the depth resolution, every layer is still deeper than the
+/// one before, and peeling ends (guide: numerics, case 15).
 #[test]
 fn hard_15_peeling_ends_where_a_layer_is_less_than_a_quantum() {
     let (_, mut cloud) = tori(20_000);
-    // As seen from 100 km away, where depths are 8 mm apart.
+    // Seen from 100 km away, where depths are 8 mm apart.
     let mut camera = Camera::framing(Preset::Fit, &cloud.core_points(), [64, 64]);
     camera.eye = camera.target + (camera.eye - camera.target).normalize() * 1e5;
     camera.fov_y = 2e-3;
@@ -306,11 +313,12 @@ fn hard_15_peeling_ends_where_a_layer_is_less_than_a_quantum() {
     assert!(drawn.peeled.iter().any(|&layers| layers > 16.0));
 }
 
-/// Tiles where a layer shows nothing are left alone by the layers behind it, whatever effects carry over from tile to tile, and the picture is the same, bit by bit.
+/// Tiles where a layer shows nothing are skipped by the layers behind it, whatever effects carry
+/// over between tiles, and the picture is the same, bit by bit.
 #[test]
 fn layers_are_drawn_only_where_they_show_something_and_the_picture_is_the_same() {
     let (_, cloud) = tori(60_000);
-    // Holes all over, a near part of the ring and much background.
+    // Holes everywhere, a near part of the ring and much background.
     let mut camera = Camera::framing(Preset::Iso, &cloud.core_points(), [200, 136]);
     camera.eye = camera.target + (camera.eye - camera.target) * 0.6;
     let view = View::new(camera, [200, 136]).unwrap();

@@ -1,4 +1,5 @@
-//! Points far outside and points that occur many times decide nothing: pictures, spacing and elevation colours are those of the cloud without them, from files and through an index.
+//! Strays and duplicate points have no influence: pictures, spacing and elevation colours are those
+//! of the cloud without them, from files and through an index.
 
 mod support;
 

@@ -1,4 +1,5 @@
-//! FILE -> BATCHES is FILE -> POINTS in another order: the same points, counts, notes and errors, on every file there is and on files made here.
+//! Streaming in batches gives the same points, counts, notes and errors as reading, on all real
+//! files and on generated ones.
 //!
 //! Real and bad files lie in `../shared`; tests that need it are skipped if it is missing.
 
@@ -15,7 +16,8 @@ use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 use support::shared;
 
-/// A part's title, what else is told about it, and its points, each as a hash of all it has: the largest file has ten million.
+/// A part's title, other properties, and its points, each as a hash of all columns: the largest
+/// file has ten million.
 type Told = (String, String, Vec<u64>);
 
 fn rows(columns: &Columns) -> Vec<u64> {
@@ -58,7 +60,7 @@ fn read(path: &Path, options: &ReadOptions) -> Result<(Vec<Told>, Vec<String>)> 
     Ok((cloud.parts.iter().map(told).collect(), cloud.notes))
 }
 
-/// Takes all batches of a source, as its consumer has to.
+/// Collects all batches of a source as a consumer does.
 fn collect(source: &stream::Source) -> Result<(Vec<u64>, Streamed)> {
     let batches = Mutex::new(Vec::new());
     let stream = || {
@@ -107,7 +109,7 @@ fn streamed(path: &Path, options: &ReadOptions) -> Result<(Vec<Told>, Vec<String
     Ok((parts, notes))
 }
 
-/// Holds both against each other, and returns how many points there were, or the error.
+/// Compares reading with streaming. Returns the number of points, or the error.
 #[track_caller]
 fn agree(path: &Path, options: &ReadOptions) -> std::result::Result<usize, String> {
     match (read(path, options), streamed(path, options)) {
@@ -147,7 +149,7 @@ fn agree_bytes(
     agree(&path, options)
 }
 
-// ---- files that are there
+// ---- real files
 
 fn files(folder: PathBuf) -> Vec<PathBuf> {
     let mut folders = vec![folder];
@@ -258,7 +260,7 @@ fn lies_and_cuts_are_judged_alike() {
     }
 }
 
-// ---- files made here
+// ---- generated files
 
 /// Point formats 3 and 7, with their record lengths.
 const FORMATS: [(u8, usize); 2] = [(3, 34), (7, 36)];
@@ -287,7 +289,7 @@ fn record(i: usize, format: u8, color: u16) -> Vec<u8> {
     record
 }
 
-/// The header of a LAS file whose points follow it right after `between`.
+/// Returns the header of a LAS file whose points follow right after `between`.
 fn header(format: u8, width: usize, count: usize, between: usize) -> Vec<u8> {
     let modern = format >= 6;
     let mut head = vec![0u8; if modern { 375 } else { 227 }];
@@ -348,7 +350,8 @@ fn laz((format, width): (u8, usize), colors: &[u16], chunks: Chunks) -> Vec<u8> 
 
 const COUNT: usize = 150_001;
 
-/// Low values, with wide ones for a fifth of the file about this place, which a look at some points may miss.
+/// Returns low values with wide ones for a fifth of the file around this place, which a sample may
+/// miss.
 fn colors(wide_at: Option<usize>) -> Vec<u16> {
     let is_wide = |i: usize| wide_at.is_some_and(|wide_at| i.abs_diff(wide_at) < COUNT / 5);
     (0..COUNT).map(|i| if is_wide(i) { 0x1234 } else { (i % 256) as u16 }).collect()
@@ -397,7 +400,7 @@ fn laz_made_here_streams_with_and_without_its_table() {
                     (3, Chunks::Varying) | (7, Chunks::Of(1_000_000)) => drop(half.unwrap_err()),
                     _ => assert!((COUNT / 4..COUNT * 3 / 4).contains(&half.unwrap())),
                 }
-                // Noise within one chunk; the others are whole.
+                // Noise within one chunk; the others are intact.
                 let mut damaged = file.clone();
                 let middle = points_at + (table_at - points_at) / 5;
                 damaged[middle..middle + 400].fill(0xA5);
@@ -523,7 +526,8 @@ fn a_sample_is_points_of_the_file_from_all_over_it() {
     }
 }
 
-/// Whatever is large enough to be seen in the whole is seen in a sample: no part of the scene is left out between the places that it is taken from.
+/// A sample shows everything that is large enough: no part of the scene is missing between the
+/// sampled places.
 #[test]
 fn a_sample_is_coarse_and_has_no_gaps() {
     let folder = tempfile::tempdir().unwrap();
@@ -587,7 +591,7 @@ fn a_sample_of_odd_files_is_what_they_have() {
         [0, 1, 63, 65, 1000, 1001, u64::MAX].map(sampled),
         [0, 64, 64, 125, 1000, 1000, 1000]
     );
-    // Cut off, and without any point.
+    // Truncated, and without any point.
     std::fs::write(&path, &bytes[..227 + 34 * 500 + 7]).unwrap();
     assert_eq!([10, 500, 5000].map(sampled), [62, 500, 500]);
     std::fs::write(&path, &bytes[..227]).unwrap();

@@ -1,4 +1,4 @@
-//! The studies, tiny: what their files promise to whoever reads them.
+//! The studies at tiny sizes: their files hold what they promise.
 
 mod gpu;
 mod support;
@@ -37,7 +37,7 @@ fn the_precision_study_keeps_its_promises() {
     errors_fall_as_bits_rise(&rows);
     fronts_are_fronts(&rows);
     let page = std::fs::read_to_string(folder.path().join("study.html")).unwrap();
-    // Names of namespaces are no links; anything that a browser would fetch is.
+    // Names of namespaces are not links; anything that a browser would fetch is.
     for fetched in ["<link", "<script", "<img", "src=", "@import", "url(", "href=\"http"] {
         assert!(!page.contains(fetched), "study.html fetches {fetched}");
     }
@@ -82,7 +82,7 @@ fn csv_holds_exactly(text: &str, rows: &[Row], [study, knob, auto]: [&str; 3], c
     }
 }
 
-/// Runs one study into a folder: its rows, the text of its CSV, and how many figures there are.
+/// Runs one study into a folder. Returns its rows, the text of its CSV, and the number of figures.
 fn made(name: &str, plan: &Plan) -> (Vec<Row>, String, usize) {
     let folder = tempfile::tempdir().unwrap();
     let rows = gpu::with(Way::Compute64, |gpu| {
@@ -149,7 +149,8 @@ fn the_lod_study_keeps_its_promises() {
     assert!(deepest > 0.05, "the far views cut nothing");
 }
 
-/// Leaves of LAS input are equal to it (HARD_CASES 29); with fewer planes a point is drawn from the middle of its cell, of at most 2^30 / 2^(10 k) steps.
+/// Leaves of LAS input are equal to it (guide: numerics, case 29); with fewer planes a point is
+/// drawn from the middle of its cell, of at most 2^30 / 2^(10 k) steps.
 #[test]
 fn the_index_study_keeps_its_promises() {
     let (rows, text, figures) = made("index", &Plan { points: 100_000, ..PLAN });
@@ -179,14 +180,15 @@ fn groups(rows: &[Row]) -> BTreeMap<(&str, &str, &str), Vec<&Row>> {
     groups
 }
 
-/// 10 bits are worst, visibly so from near; more bits are better down to what f32 arithmetic leaves, 12 u f pixels (HARD_CASES 1.2): f is at most 64 px / (2 tan 20 degrees) = 88 px here,
-/// and the depths are below 10 km, where the same 12 u are 7 mm.
+/// 10 bits are worst, visibly so from near. More bits are better down to the error of f32
+/// arithmetic, 12 u f pixels (guide: numerics, case 1.2): f is at most 64 px / (2 tan 20 degrees) =
+/// 88 px here, and the depths are below 10 km, where the same 12 u are 7 mm.
 fn errors_fall_as_bits_rise(rows: &[Row]) {
     let u = 2f64.powi(-24);
     for ((scene, view, metric), rows) in groups(rows) {
         let error = |value: &str| rows.iter().find(|row| row.value == value).unwrap().error;
         if metric == "bytes_read" {
-            // Four bytes a point and plane.
+            // Four bytes per point and plane.
             assert!(
                 error("10") <= error("20")
                     && error("20") <= error("all")
@@ -223,13 +225,14 @@ fn errors_fall_as_bits_rise(rows: &[Row]) {
         );
         if metric == "px_max" && view == "close-up" {
             assert!(error("10") > 0.5, "10 bits do not fail visibly: {at}");
-            // What auto promises of quantisation, beside the floor; in a corner of this picture a point is 1.25 times as far from the eye as it is deep.
+            // The quantisation bound of auto, plus the floor; in a corner of this picture a point
+            // is 1.25 times as far from the eye as it is deep.
             assert!(error("auto") <= 1.25 / 4096.0 + floor, "{at}");
         }
     }
 }
 
-/// By the definition itself, apart from the code that marked them.
+/// Checks the definition, independently of the code that marked them.
 fn fronts_are_fronts(rows: &[Row]) {
     for (group, rows) in groups(rows) {
         for row in &rows {
@@ -251,7 +254,7 @@ fn a_study_that_there_is_not_names_those_that_there_are() {
     assert!(error.contains("speed") && error.contains("precision"), "{error}");
 }
 
-/// Closed-form scenes, small.
+/// Visits closed-form scenes, small.
 fn visited(scenes: &[&str], densities: &[f64], mut visit: impl FnMut(&Case)) -> Vec<String> {
     let options = Options {
         size: [96, 80],
@@ -318,7 +321,7 @@ fn the_truth_has_no_errors_and_what_is_not_true_has() {
     assert_eq!(count, 2 * 3 * 2, "two scenes, three views, two noises");
 }
 
-/// Every pixel's nearest point, naively.
+/// Returns every pixel's nearest point, naively.
 fn projected(case: &Case) -> Vec<f32> {
     let [width, height] = case.view.size.map(f64::from);
     let mut depth = vec![f32::INFINITY; (width * height) as usize];
@@ -342,8 +345,9 @@ fn projected(case: &Case) -> Vec<f32> {
     depth
 }
 
-/// Points of the first surface fall as a Poisson process: evenly spread, 1 - exp(-d) of the pixels would get one; towards limbs they crowd, so fewer do. Noise is within what is
-/// allowed for it; what it excuses behind limbs is not on the first surface.
+/// Points of the first surface fall as a Poisson process: evenly spread, 1 - exp(-d) of the pixels
+/// get one; towards limbs they crowd, so fewer do. Noise is within its tolerance; what it excuses
+/// behind limbs is not on the first surface.
 #[test]
 fn points_of_a_case_lie_on_its_surface_and_are_as_dense_as_they_say() {
     let left_out = visited(&["sphere", "torus"], &[0.25, 2.0, 1e4], |case| {
@@ -366,7 +370,7 @@ fn points_of_a_case_lie_on_its_surface_and_are_as_dense_as_they_say() {
             case.scene,
             case.view_name
         );
-        // Without what lies behind, nothing is wrong: what is left is on the surface, up to its noise.
+        // Without the points behind, nothing is wrong: the rest is on the surface, up to its noise.
         let front: Vec<f32> = raw
             .iter()
             .zip(&kept)
@@ -398,7 +402,7 @@ impl Surface for Triangles {
     }
 }
 
-/// An octahedron, every triangle cut into four again and again, on the unit sphere.
+/// Returns an octahedron on the unit sphere, with every triangle repeatedly split into four.
 fn sphere_mesh(levels: u32) -> Mesh {
     let mut vertices = vec![DVec3::X, DVec3::Y, DVec3::Z, -DVec3::X, -DVec3::Y, -DVec3::Z];
     let mut faces: Vec<[u32; 3]> = vec![
@@ -446,7 +450,8 @@ fn a_sphere_of_triangles_is_the_sphere() {
         "{errors:?}"
     );
     let interior = |i: &usize| round.interior[*i];
-    // A chord of 90 / 128 degrees lies 1 - cos(half of it) = 2e-5 below its arc; a steep pixel sees that under 2 px of its limb.
+    // A chord of 90 / 128 degrees lies 1 - cos(half of it) = 2e-5 below its arc; a steep pixel sees
+    // that under 2 px of its limb.
     let farthest = (0..depth.len())
         .filter(interior)
         .map(|i| (round.depth[i] - flat.depth[i]).abs())
@@ -481,7 +486,7 @@ fn the_surface_study_keeps_its_promises() {
             rows.len() == 6 && rows.iter().all(|row| (0.0..=1.0).contains(&row.error)),
             "{case:?}"
         );
-        // Points alone: no hole is closed, and every point is taken for visible.
+        // Points alone: no hole is closed, and every point counts as visible.
         assert!(
             !case.2.starts_with("points")
                 || error("lost_visible") == 0.0 && error("spilled") < 0.01,
@@ -499,7 +504,8 @@ fn the_surface_study_keeps_its_promises() {
     assert!(holes(" 0.04/px") > holes(" 0.1/px") && holes(" 0.1/px") > holes(" 0.25/px"));
 }
 
-/// All rows of a study of configurations on two scenes, tiny; `configurations` of them, of which one is automatic, in each of two scenes and both together, at three densities.
+/// Runs a study of configurations on two tiny scenes: `configurations` of them, one automatic, in
+/// each of two scenes and both together, at three densities.
 fn configured(name: &str, configurations: usize, metrics: usize, figures: usize) -> Vec<Row> {
     let plan =
         Plan { points: 50_000, repeat: 2, scenes: vec!["sphere".into(), "torus".into()], ..PLAN };
@@ -515,7 +521,7 @@ fn configured(name: &str, configurations: usize, metrics: usize, figures: usize)
             (configurations, 1),
             "{group:?}"
         );
-        // What floods the background can spill more than the silhouette holds.
+        // Flooded background can spill more than the silhouette holds.
         let most = if ["spilled", "false_holes"].contains(&group.2) { f64::INFINITY } else { 1.0 };
         assert!(
             rows.iter()
@@ -539,7 +545,7 @@ fn the_visibility_study_keeps_its_promises() {
     let rows = configured("visibility", 32, 4, 4 * 7 + 1);
     let thresholds: Vec<_> = rows.iter().filter(|row| row.knob == "threshold").cloned().collect();
     for scene in ["all scenes", "sphere", "torus"] {
-        // A higher threshold takes more for hidden.
+        // A higher threshold hides more.
         let along = |metric: &str| {
             ["0.5", "1.5", "2.5", "4"].map(|threshold| of(&thresholds, scene, metric, threshold))
         };
@@ -558,7 +564,8 @@ fn the_fill_study_keeps_its_promises() {
     let rows = configured("fill", 31, 4, 4 * 5);
     for scene in ["all scenes", "sphere", "torus"] {
         let error = |metric: &str, value: &str| of(&rows, scene, metric, value);
-        // Larger splats leave fewer holes and spill more; without visibility pull-push floods the background; what is only points spills nothing.
+        // Larger splats leave fewer holes and spill more; without visibility pull-push floods the
+        // background; points alone spill nothing.
         let splats = |metric: &str| {
             ["splat 1 px", "splat 3 px", "splat 9 px"].map(|value| error(metric, value))
         };
@@ -583,11 +590,12 @@ fn the_smooth_study_keeps_its_promises() {
     let rows = configured("smooth", 15, 2, 4 * 2);
     for scene in ["all scenes", "sphere", "torus"] {
         let error = |metric: &str, value: &str| of(&rows, scene, metric, value);
-        // Every filter takes steps away.
+        // Every filter removes steps.
         let [none, filters @ ..] =
             ["none", "alleviated", "gaussian", "box"].map(|value| error("roughness_rms", value));
         assert!(filters.iter().all(|filter| *filter < 0.8 * none), "{scene}: {none}, {filters:?}");
-        // They lie where something was filled: smoothing there takes nearly as much of a surface's roughness as smoothing all, and leaves it as near to the truth.
+        // They lie where something was filled: smoothing there takes nearly as much of a surface's
+        // roughness as smoothing all, and leaves it as near to the truth.
         for filled in ["auto", "alleviated"] {
             let taken =
                 [filled, "all, alleviated"].map(|value| none - error("roughness_rms", value));
@@ -627,7 +635,8 @@ fn the_ao_study_keeps_its_promises() {
     }
 }
 
-/// What both corrections leave of steps and take of details, beside the offline reference; a tenth more than by that is allowed. And what is called for brings the picture nearer to the truth by 6 dB.
+/// Compares the remaining steps and lost details of both corrections with the offline reference; a
+/// tenth more is allowed. The default brings the picture nearer to the truth by 6 dB.
 #[test]
 fn the_luminance_study_keeps_its_promises() {
     let (rows, text, figures) =
@@ -653,13 +662,14 @@ fn the_luminance_study_keeps_its_promises() {
         match metric {
             "step" => assert!(after < 0.9 * before && after <= 1.1 * reference, "{view}"),
             "detail_lost" => assert!(after <= reference + 0.1 && before < 0.05, "{view}"),
-            // Exposures that have become one are not the truth's.
+            // Exposures that have become equal are not the truth's.
             _ => assert!(after <= reference, "{view}"),
         }
     }
 }
 
-/// Scattering, border, shadowing: what averages on the screen leaves less of each than averages over neighbours do.
+/// Scattering, border, shadowing: averaging on the screen leaves less of each than averaging over
+/// neighbours.
 #[test]
 fn where_stations_meet_on_a_wall_the_correction_leaves_less_than_the_reference() {
     let plan = Plan { points: 60_000, size: [128, 72], repeat: 1, ..PLAN };
@@ -678,9 +688,9 @@ fn where_stations_meet_on_a_wall_the_correction_leaves_less_than_the_reference()
             "{}",
             region[0][0]
         );
-        // Each station's own side stays as it is: nothing there says which of the two is right.
+        // Each station's own side stays unchanged: nothing tells which of the two is right.
         assert!(after[2] <= before[2] && after[2] <= 1.1 * reference[2], "{}", region[0][0]);
-        // A factor a station mends all but a shadow, and does no harm to that.
+        // A factor per station mends all but a shadow, and does no harm to that.
         assert!(
             region[0][0] == "shadowing" || (0..3).all(|k| even[k] < 0.1 * before[k]),
             "{}: {even:?}",
@@ -694,13 +704,14 @@ fn where_stations_meet_on_a_wall_the_correction_leaves_less_than_the_reference()
     }
 }
 
-/// Two strips of an airborne scan, which see the same roofs and trees from two sides, in their intensities; nobody knows the truth of it, but the offline reference may be compared with.
+/// Two strips of an airborne scan, which see the same roofs and trees from two sides, by their
+/// intensities. Their truth is unknown, but the offline reference can be compared.
 #[test]
 fn strips_of_a_real_scan_meet_as_closely_as_offline_and_keep_as_many_details() {
     let Some(path) = support::shared("data/aerial/ign_2strips.laz") else { return };
     let mut strips =
         cloud::read(&[path], &ReadOptions::new(ColumnSet::ALL, false), &Silent).unwrap();
-    // The reference is one of colours.
+    // The reference needs colours.
     let columns = &mut strips.parts[0].columns;
     let intensity = columns.intensity.take().unwrap();
     let most = *intensity.iter().max().unwrap() as f64;
@@ -734,7 +745,9 @@ fn strips_of_a_real_scan_meet_as_closely_as_offline_and_keep_as_many_details() {
         let draw = |cloud: &Cloud, settings| gpu::draw(Way::Compute64, cloud, &view, settings);
         let station: Vec<bool> =
             draw(&marked, &plain).color.iter().map(|color| color[0] > color[2]).collect();
-        // What neighbours on one surface differ by, stops: the mean between stations, from the second to the first, beside which what there is to see adds up to nothing; and the mean square within one; and the first one's standard error.
+        // Differences of neighbours on one surface in stops: the mean between stations, from the
+        // second to the first, in which the scene's own differences cancel; the mean square within
+        // one; and the first one's standard error.
         let judged = |cloud: &Cloud, settings| {
             let drawn = draw(cloud, settings);
             let (mut between, mut within) = (Vec::new(), Vec::new());
@@ -775,7 +788,7 @@ fn strips_of_a_real_scan_meet_as_closely_as_offline_and_keep_as_many_details() {
             lost(after),
             lost(reference)
         );
-        // Both are near nothing, and a mean of so many steps is known to its standard error.
+        // Both are near zero, and a mean of this many steps is known to its standard error.
         assert!(
             after[0] <= 1.1 * reference[0] + 2.0 * after[2] && after[0] < 0.02 * before[0],
             "{after:?} {reference:?}"
@@ -784,7 +797,8 @@ fn strips_of_a_real_scan_meet_as_closely_as_offline_and_keep_as_many_details() {
     }
 }
 
-/// Every pass is nearer to the exact sort, sixteen are near enough for a torus, and another order is another picture.
+/// Every pass is nearer to the exact sort, sixteen are near enough for a torus, and another order
+/// is another picture.
 #[test]
 fn the_strokes_study_keeps_its_promises() {
     let (rows, text, figures) = made("strokes", &Plan { points: 4_000, repeat: 1, ..PLAN });
@@ -805,7 +819,7 @@ fn the_strokes_study_keeps_its_promises() {
     }
 }
 
-/// By looking at all points.
+/// Compares with a search through all points.
 #[test]
 fn the_offline_reference_averages_the_nearest() {
     let world = synth::build(SceneKind::Sphere, 1, 0.0);
@@ -822,7 +836,7 @@ fn the_offline_reference_averages_the_nearest() {
     for i in (0..3_000).step_by(7) {
         let mut others: Vec<usize> = (0..3_000).filter(|&k| squared(i, k) > 0.0).collect();
         others.sort_by(|&a, &b| squared(i, a).total_cmp(&squared(i, b)));
-        // Of equally far ones either may count.
+        // Either of equally far ones may count.
         if squared(i, others[10]) == squared(i, others[11]) {
             continue;
         }
@@ -847,7 +861,7 @@ fn the_shadows_study_keeps_its_promises() {
     }
 }
 
-/// Noise is evened out by more points; what the renderer does is within the bounds that it promises.
+/// More points average out noise; the default is within its documented bounds.
 #[test]
 fn the_normals_study_keeps_its_promises() {
     let (rows, text, figures) = made("normals", &Plan { points: 20_000, repeat: 1, ..PLAN });

@@ -1,5 +1,5 @@
-//! The simulated scans keep their word: hits lie on the surfaces, points on the hits, counts and bytes are exact.
-//! No GPU. Oracles are closed forms, or a ray cast back along the normal.
+//! Simulated scans: hits lie on the surfaces, points on the hits, counts and bytes are exact.
+//! Checked without a GPU against closed forms, or a ray cast back along the normal.
 
 use clap::Parser;
 use glam::DVec3;
@@ -37,7 +37,7 @@ fn synth_file(path: &Path, line: &str, threads: usize) -> Vec<u8> {
     std::fs::read(path).unwrap()
 }
 
-/// All points of a scan, noise-free unless asked.
+/// Returns all points of a scan, with this noise.
 fn scan(world: &World, points: u64, noise: f64) -> Vec<Chunk> {
     let mut chunks = Vec::new();
     let mut keep = |chunk: &Chunk| -> Result<()> {
@@ -48,7 +48,7 @@ fn scan(world: &World, points: u64, noise: f64) -> Vec<Chunk> {
     chunks
 }
 
-/// (chunk, index, position relative to the offset).
+/// Returns chunk, index, and position relative to the offset.
 fn positions(chunks: &[Chunk]) -> impl Iterator<Item = (&Chunk, usize, DVec3)> {
     chunks.iter().flat_map(|c| {
         (0..c.len()).map(move |i| {
@@ -61,7 +61,7 @@ fn torus_distance(p: DVec3, minor: f64) -> f64 {
     (p.x.hypot(p.y) - 1.0).hypot(p.z) - minor
 }
 
-/// Distance to the nearest surface of a closed-form scene.
+/// Returns the distance to the nearest surface of a closed-form scene.
 fn distance(scene: SceneKind, p: DVec3) -> f64 {
     match scene {
         SceneKind::Plane => p.z.abs(),
@@ -76,7 +76,7 @@ fn distance(scene: SceneKind, p: DVec3) -> f64 {
     }
 }
 
-/// Rays of a coarse picture from the scene's own camera.
+/// Returns the rays of a coarse picture from the scene's own camera.
 fn camera_rays(world: &World) -> Vec<(DVec3, DVec3)> {
     let view = View::new(camera(world.camera()), [96, 54]).unwrap();
     let ray = |i: u32| view.ray((i % 96) as f64 + 0.5, (i / 96) as f64 + 0.5);
@@ -101,7 +101,8 @@ fn hits_lie_on_the_surface() {
                     && hit.lit.is_finite(),
                 "{scene:?}: {hit:?}"
             );
-            // From a millimetre above, straight down: the surface must be there. Something else may stand between (a leaf).
+            // From a millimetre above, straight down, the surface must be hit. A leaf may be in
+            // between.
             let again = world
                 .trace(hit.point + hit.normal * 1e-3, -hit.normal)
                 .expect("the surface just hit");
@@ -137,7 +138,7 @@ proptest! {
                 marched = Some(t);
             }
         }
-        // A march may step over a sliver; what it finds must be found, and not later.
+        // Marching may step over a sliver; what it finds must be found, and not later.
         let hit = world.trace(origin, direction);
         if let Some(marched) = marched {
             prop_assert!(hit.is_some_and(|h| h.t <= marched + 1e-9));

@@ -1,7 +1,9 @@
-//! Tables of text: whatever way they are written, they are read as written, or refused with the line; and nothing is lost or guessed without a note.
+//! Text tables: they are read as written in any style, or refused with the line; and nothing is
+//! lost or guessed without a note.
 //!
-//! Tables are made with every choice that writers have (delimiter, decimal mark, names, units, encoding, quotes, gaps, line ends, forms of numbers)
-//! and read back, every column; damaged ones are compared with what a few obvious lines make of them. Files of `../shared` have known values.
+//! Tables are generated with every choice of writers (delimiter, decimal mark, names, units,
+//! encoding, quotes, gaps, line ends, number formats) and read back, every column. Damaged ones are
+//! compared with a simple reference. Files of `../shared` have known values.
 
 mod support;
 
@@ -52,9 +54,9 @@ fn says(cloud: &Cloud, words: &str) -> bool {
     cloud.notes.iter().any(|note| note.contains(words))
 }
 
-// ---- what a point is, as written and as read
+// ---- points as written and as read
 
-/// Values of a row; what is missing is none.
+/// Values of a row; `None` if missing.
 #[derive(Clone, Debug, Default, PartialEq)]
 struct Values {
     position: [f64; 3],
@@ -68,7 +70,7 @@ struct Values {
     normal: Option<[f64; 3]>,
 }
 
-/// Which values rows have.
+/// The columns of rows.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Column {
     Axis(usize),
@@ -84,7 +86,7 @@ enum Column {
     Text,
 }
 
-/// Compares what was read with rows, every column that they have.
+/// Compares a cloud with rows in every column they have.
 fn compare(cloud: &Cloud, rows: &[Values], columns: &[Column]) -> std::result::Result<(), String> {
     let [part] = cloud.parts.as_slice() else { return Err(format!("{} parts", cloud.parts.len())) };
     if part.columns.len() != rows.len() {
@@ -165,7 +167,7 @@ fn compare(cloud: &Cloud, rows: &[Values], columns: &[Column]) -> std::result::R
     Ok(())
 }
 
-// ---- how tables are written
+// ---- styles of tables
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Encoding {
@@ -190,18 +192,18 @@ enum Quotes {
     All,
 }
 
-/// All that a writer chooses.
+/// The choices of a writer.
 #[derive(Clone, Debug)]
 struct Style {
     delimiter: &'static str,
     decimal: char,
     heading: Heading,
     unit: &'static str,
-    /// Which of the names that programs have for a column.
+    /// Which of the common names of a column.
     dialect: usize,
     encoding: Encoding,
     quotes: Quotes,
-    /// Instead of a value.
+    /// Text for a missing value.
     gap: &'static str,
     line_end: &'static str,
     ends: bool,
@@ -218,7 +220,7 @@ enum Form {
     Exponent,
     Fortran,
     Plus,
-    /// Whole numbers, of coordinates.
+    /// Integer coordinates.
     Whole,
 }
 
@@ -334,7 +336,7 @@ impl Style {
     }
 }
 
-/// As `1.25e+03`.
+/// Formats as `1.25e+03`.
 fn exponent(value: f64, mark: &str) -> String {
     let text = format!("{value:e}");
     let (digits, power) = text.split_once('e').unwrap();
@@ -385,7 +387,8 @@ fn style() -> impl Strategy<Value = Style> {
                     unit,
                     dialect,
                     encoding,
-                    // Where commas are everything, quotes say which are delimiters; behind a blank they are no quotes.
+                    // If commas are everything, quotes tell which are delimiters; behind a blank
+                    // they are not quotes.
                     quotes: match quotes {
                         _ if (delimiter, decimal) == (",", ',') => Quotes::All,
                         _ if delimiter.len() > 1 && !is_blank => Quotes::None,
@@ -403,7 +406,7 @@ fn style() -> impl Strategy<Value = Style> {
         )
 }
 
-/// Columns in some order: of those without names, an order that needs none.
+/// Returns columns in some order; unnamed ones in an order that needs no names.
 fn columns(named: bool) -> BoxedStrategy<Vec<Column>> {
     let triple = |of: fn(usize) -> Column| (0..3).map(of).collect::<Vec<_>>();
     let position = triple(Column::Axis);
@@ -494,7 +497,7 @@ fn values(gaps: bool) -> impl Strategy<Value = Values> {
         )
 }
 
-/// A row without gaps.
+/// Returns a row without gaps.
 fn full() -> Values {
     Values {
         position: [0.0; 3],
@@ -512,12 +515,12 @@ fn full() -> Values {
 fn table() -> impl Strategy<Value = Written> {
     style().boxed().prop_flat_map(|style| {
         let named = style.heading != Heading::None;
-        // A table of one point, whose colours are 0 and 1, could be anything.
+        // A table of one point with colours 0 and 1 could be anything.
         (Just(style), columns(named), prop::collection::vec(values(named), 4..24).boxed())
     })
 }
 
-/// As `proptest!` does it, but for what it says where a case fails.
+/// Runs cases as `proptest!` does, with another report of failures.
 fn run<S: Strategy>(
     count: u32,
     strategy: &S,
@@ -542,7 +545,7 @@ fn tables_are_read_as_written_or_refused_with_the_line() {
     let path = folder.path().join("table.txt");
     let refusals = Cell::new(0);
     let test = |(style, columns, mut rows): Written| {
-        // A column of which nothing is there is one of words; whole intensities up to 1 are fractions.
+        // An entirely missing column is one of words; integer intensities up to 1 are fractions.
         rows[0] = Values { position: rows[0].position, ..full() };
         if style.form == Form::Whole {
             rows.iter_mut().for_each(|row| row.position = row.position.map(f64::round));
@@ -591,7 +594,7 @@ fn tables_are_read_as_written_or_refused_with_the_line() {
 
 // ---- damage
 
-/// What a few obvious lines make of a line: a row, nothing worth a word, or something that has to be said.
+/// The reference's reading of a line: a row, nothing, or something that needs a note.
 #[derive(Debug, PartialEq)]
 enum Plain {
     Row([f64; 3]),
@@ -599,7 +602,7 @@ enum Plain {
     Odd,
 }
 
-/// As the undamaged table is written, without quotes.
+/// Reads a line as the undamaged table is written, without quotes.
 fn plainly(line: &str, style: &Style, columns: &[Column]) -> Plain {
     let is_blank = style.delimiter.trim().is_empty() && style.delimiter != "\t";
     let line = if style.delimiter == "\t" {
@@ -621,7 +624,7 @@ fn plainly(line: &str, style: &Style, columns: &[Column]) -> Plain {
             .map(|field| field.trim_matches([' ', '\t', '\x0c']))
             .collect(),
     };
-    // A delimiter behind every row makes one more column, of nothing.
+    // A delimiter behind every row adds an empty column.
     let width = columns.len() + (style.trailing && !is_blank) as usize;
     if fields.len() == width + 1 && fields.last() == Some(&"") {
         fields.pop();
@@ -666,7 +669,7 @@ fn plainly(line: &str, style: &Style, columns: &[Column]) -> Plain {
 
 type Written = (Style, Vec<Column>, Vec<Values>);
 
-/// A byte changed, some cut out, or one put in; where, which, and how many.
+/// A byte changed, some removed, or one inserted; where, which, and how many.
 type Edit = (usize, prop::sample::Index, u8, usize);
 
 #[test]
@@ -702,7 +705,7 @@ fn what_damage_changes_is_said_or_is_what_the_damaged_line_says() {
             }
         };
         let lossy = String::from_utf8_lossy(&text).into_owned();
-        // Where another table was found, its note says so. What quotes enclose is no matter of obvious lines.
+        // If another table was found, its note reports it. The reference does not handle quotes.
         if !whole.is_ok_and(|whole| whole.notes[0] == cloud.notes[0]) || lossy.contains('"') {
             said.set(said.get() + 1);
             return Ok(());
@@ -751,7 +754,7 @@ fn what_damage_changes_is_said_or_is_what_the_damaged_line_says() {
     assert!(exact.get() > 500);
 }
 
-// ---- one thing at a time
+// ---- single features
 
 fn points(cloud: &Cloud) -> Vec<[f64; 3]> {
     world(cloud).iter().map(DVec3::to_array).collect()
@@ -769,16 +772,16 @@ fn two_meanings_are_an_error_that_shows_both() {
     ] {
         assert!(error.contains(part), "{error}");
     }
-    // One of them is not what the line says.
+    // One of them contradicts the line.
     let cloud = read("b.csv", "x,y,z\n500000,5,5000000,25,100,75\n");
     assert_eq!(points(&cloud), [[500000.5, 5000000.25, 100.75]]);
     assert!(says(&cloud, "decimal commas"), "{:?}", cloud.notes);
     let cloud = read("c.csv", "x,y,z,r,g,b\n1,5,5,25,100,75\n");
     assert_eq!(points(&cloud), [[1.0, 5.0, 5.0]]);
-    // No fraction is below 0, and no whole number is written as 05.
+    // No fraction is below 0, and no integer is written as 05.
     assert_eq!(points(&read("d.csv", "1,-5,5,25,100,75\n")), [[1.0, -5.0, 5.0]]);
     assert_eq!(points(&read("e.csv", "1,05,5,25,100,75\n")), [[1.05, 5.25, 100.75]]);
-    // Names that are one fewer than fields, as tables with numbered rows have them.
+    // One name fewer than fields, as in tables with numbered rows.
     let error = refused("f.txt", "x y z\n1 0.5 0.6 0.7\n2 1.5 1.6 1.7\n");
     assert!(
         error.contains("line 1 names 3 columns, but rows have 4 fields")
@@ -814,7 +817,7 @@ fn columns_that_are_no_part_of_a_point_are_attributes_of_their_own() {
         [extra("Planarity (0.1)", -0.5, 0.75, 0), extra("depth", 7.0, 9.0, 1)]
     );
     assert!(says(&cloud, "text that is not kept: \"name\""), "{:?}", cloud.notes);
-    // One of them is intensity, where it is asked for; by a name as other programs write it, too.
+    // One of them is intensity if requested, also by a name as other programs write it.
     for name in ["Planarity (0.1)", "scalar_planarity", "column 4"] {
         let scalar = ReadOptions {
             text: TextOptions { scalar: Some(name), ..TextOptions::NONE },
@@ -884,7 +887,7 @@ fn decimals_stay_the_decimals_they_are() {
         (DVec3::splat(0.001), DVec3::new(500000.001, 5000000.25, 97.5))
     );
     assert_eq!(part.columns.x, [0, 19998, 7499]);
-    // Where that is no loss, steps are powers of two; and where there are more digits than steps, too.
+    // Steps are powers of two if that loses nothing, and if there are more digits than steps.
     assert_eq!(read("b.xyz", "0.5 0.25 0\n1 2 3\n").parts[0].lattice.step, DVec3::splat(0.25));
     let many = read("c.xyz", "0.123456789012345 0 0\n1000 1 1\n");
     assert_eq!(many.parts[0].lattice.step.x.log2().fract(), 0.0);
@@ -936,7 +939,7 @@ fn names_are_known_whatever_stands_around_them() {
             .facts
             .contains(&("names".into(), "Point ID, X [m], Y [m], Z [m], Gps Time".into()))
     );
-    // Latin-1, a directive of Excel, a line of units, numbers of rows without a name.
+    // Latin-1, a directive of Excel, a line of units, row numbers without a name.
     let latin = b"sep=;\nRechtswert;Hochwert;H\xF6he\nm;m;m\n1,5;2,5;3,5\n";
     let cloud = read_as("b.csv", latin, &ALL).unwrap();
     assert_eq!(points(&cloud), [[1.5, 2.5, 3.5]]);
@@ -945,7 +948,7 @@ fn names_are_known_whatever_stands_around_them() {
         points(&read("c.csv", ",x,y,z\n0,1,2,3\n1,4,5,6\n")),
         [[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]]
     );
-    // Remarks may be anything.
+    // Comments may be anything.
     let cloud = read("d.txt", "# x y z of an old church\n1 2 3 10 20 30\n");
     assert_eq!(points(&cloud), [[1.0, 2.0, 3.0]]);
     assert!(
@@ -964,7 +967,7 @@ fn names_are_known_whatever_stands_around_them() {
         ([4.0, 5.0, 6.0], Some(vec![7, 9]))
     );
     assert!(says(&cloud, "no x, y and z among the names in line 1"), "{:?}", cloud.notes);
-    // Words of several parts between blanks.
+    // Text of several words, separated by blanks.
     assert_eq!(read("g.txt", "1 2 3 a tree\n4 5 6 grass\n7 8 9 a big tree\n").len(), 3);
 }
 
@@ -991,19 +994,19 @@ fn lines_that_are_no_rows_are_counted_and_the_first_is_shown() {
         error.contains("line 5 is not a row of the table: \"1 2 3\": 3 fields, not 4"),
         "{error}"
     );
-    // What a line lacks that is no row is not counted.
+    // Missing values of a line that is not a row are not counted.
     let cloud = read("gaps.csv", "x,y,z,i,class\n1,2,3,,5\n4,5,6,\n-1.7e38,0,0,,1\n7,8,9,1,2\n");
     assert!(
         says(&cloud, "1 line without a value for \"i\", the first is line 2"),
         "{:?}",
         cloud.notes
     );
-    // In a later block, too.
+    // Also in a later block.
     let mut long: String = (0..700_000).map(|i| format!("{i}.25 {} -7\n", i % 1000)).collect();
     long += "one two three\n1 2 3\n";
     let cloud = read("long.xyz", &long);
     assert!(says(&cloud, "line 700001: \"one two three\""), "{:?}", cloud.notes);
-    // A first row that is damaged is no heading.
+    // A damaged first row is not a heading.
     let cloud = read("b.xyz", "1.2.3 4 5\n6 7 8\n");
     assert!(
         says(&cloud, "1 line is not a point and was skipped; line 1: \"1.2.3 4 5\""),
@@ -1038,12 +1041,12 @@ fn counts_are_held_against_what_is_there() {
     let part = &cloud.parts[0];
     assert_eq!((part.header.format.as_str(), part.header.points), ("PTS", Some(3)));
     assert_eq!(part.columns.rgb.as_ref().unwrap()[2], [70, 80, 90]);
-    // Integers are kept as they are, from the least on.
+    // Integers are kept, counted from the least.
     assert_eq!(
         (part.intensity_range, part.columns.intensity.clone()),
         ([-500.0, 65035.0], Some(vec![0, 1200, 500]))
     );
-    // What the table and its colours are taken for; nothing about counts.
+    // The readings of the table and its colours; nothing about counts.
     assert_eq!(cloud.notes.len(), 2, "{:?}", cloud.notes);
     let cloud = read("a.txt", &blocks.replace("1\n7", "5\n7"));
     assert!(says(&cloud, "count lines declare 7 points, 3 could be read"), "{:?}", cloud.notes);
@@ -1089,7 +1092,7 @@ fn ptx_scans_stand_where_their_matrices_say() {
     let cloud = read("cut.ptx", cut);
     assert_eq!(cloud.len(), 2);
     assert!(says(&cloud, "says 4 lines, and has 3"), "{:?}", cloud.notes);
-    // A line is missing, or too many: the next scan is found where it begins.
+    // With a line missing or too many, the next scan is found where it begins.
     let missing = PTX.replace("0 2 0 0.25\n", "") + PTX;
     let cloud = read("missing.ptx", &missing);
     assert_eq!((cloud.parts.len(), cloud.len()), (2, 5), "{:?}", cloud.notes);
@@ -1118,7 +1121,8 @@ fn what_other_text_files_are_is_said() {
     let error = read_as("a.txt", &utf16, &ALL).unwrap_err().to_string();
     assert!(error.contains("UTF-16 without a byte order mark"), "{error}");
     assert!(refused("a.xyz", "nothing here\n").contains("\"nothing here\""));
-    // The x of an integer in front is no coordinate of two that follow a blank: this is no table between commas.
+    // The x of an integer in front is not a coordinate of two that follow a blank: this is not a
+    // table with commas.
     assert!(
         refused("b.txt", "1 2 3,4,5,6\n7 8 9,1,2,3\n")
             .contains("no rows of at least three numbers")
@@ -1140,7 +1144,7 @@ fn decimal_commas_of_ply() {
 
 // ---- files of known contents
 
-/// A file, its points, their bounds, and what notes have to say.
+/// A file, its points, their bounds, and the required notes.
 type Case = (&'static str, u64, [[f64; 3]; 2], &'static [&'static str]);
 
 const CASES: &[Case] = &[
@@ -1262,7 +1266,7 @@ fn program(words: &[&str]) -> std::process::Output {
     Command::new(env!("CARGO_BIN_EXE_pointillist")).args(words).output().unwrap()
 }
 
-/// Through `info`, `index` and `render`.
+/// Reads tables with `info`, `index` and `render`.
 #[test]
 fn the_program_reads_the_same() {
     let folder = tempfile::tempdir().unwrap();

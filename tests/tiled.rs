@@ -1,4 +1,4 @@
-//! Pictures that are drawn in pieces: the same, bit by bit, as those that are drawn whole, and of any size.
+//! Pictures drawn in pieces: equal, bit by bit, to those drawn whole, and of any size.
 
 mod support;
 

@@ -1,6 +1,7 @@
-//! What coordinates mean: units, systems, and degrees that are drawn in metres; and how many of their digits are printed.
+//! Coordinate systems: units, projections, degrees drawn in metres, and significant digits.
 //!
-//! Files are made here. Those that people have met, and real ones in feet, lie in `../shared`; tests that need it are skipped if it is missing.
+//! Files are generated; real ones, also in feet, lie in `../shared`; tests that need it are skipped
+//! if it is missing.
 
 mod support;
 
@@ -29,7 +30,7 @@ fn system_of(cloud: &Cloud) -> &System {
     cloud.parts[0].header.system.as_ref().expect("a system")
 }
 
-/// A cloud as windows and pictures know it, of files or of an index.
+/// Opens files or an index as windows and pictures do.
 fn source(path: &Path) -> Source {
     if Index::is_one(path) {
         Source::Index(Index::open(path).unwrap().into())
@@ -44,7 +45,7 @@ fn wkt(text: &str) -> Vlr {
 
 const DEGREE: &str = r#"GEOGCS["NAD83",DATUM["North_American_Datum_1983",SPHEROID["GRS 1980",6378137,298.257222101]],PRIMEM["Greenwich",0],UNIT["degree",0.0174532925199433]]"#;
 
-/// Lambert's conic of Oregon in this unit, with these nodes behind it.
+/// Returns Lambert's conic of Oregon in this unit, with further nodes.
 fn oregon(unit: &str, behind: &str) -> String {
     format!(
         r#"PROJCS["Oregon",{DEGREE},PROJECTION["Lambert_Conformal_Conic_2SP"],PARAMETER["standard_parallel_1",43],PARAMETER["standard_parallel_2",45.5],PARAMETER["latitude_of_origin",41.75],PARAMETER["central_meridian",-120.5],PARAMETER["false_easting",1312335.958],PARAMETER["false_northing",0],{unit}{behind}]"#
@@ -53,19 +54,19 @@ fn oregon(unit: &str, behind: &str) -> String {
 
 const UTM_2: &str = r#"PROJCRS["WGS 84 / UTM zone 32N",BASEGEOGCRS["WGS 84",DATUM["World Geodetic System 1984",ELLIPSOID["WGS 84",6378137,298.257223563,LENGTHUNIT["metre",1]]],PRIMEM["Greenwich",0,ANGLEUNIT["degree",0.0174532925199433]]],CONVERSION["UTM zone 32N",METHOD["Transverse Mercator"],PARAMETER["Latitude of natural origin",0,ANGLEUNIT["degree",0.0174532925199433]],PARAMETER["Longitude of natural origin",9,ANGLEUNIT["degree",0.0174532925199433]],PARAMETER["Scale factor at natural origin",0.9996,SCALEUNIT["unity",1]],PARAMETER["False easting",500000,LENGTHUNIT["US survey foot",0.304800609601219]],PARAMETER["False northing",0,LENGTHUNIT["metre",1]]],CS[Cartesian,2],AXIS["(E)",east,ORDER[1],LENGTHUNIT["US survey foot",0.304800609601219]],AXIS["(N)",north,ORDER[2],LENGTHUNIT["US survey foot",0.304800609601219]],ID["EPSG",32632]]"#;
 
-/// GeoTIFF keys: of each its number and its value.
+/// Returns GeoTIFF keys with their values.
 fn geotiff(keys: &[(u16, u16)]) -> Vlr {
     let head = [1, 1, 0, keys.len() as u16];
     let all = head.into_iter().chain(keys.iter().flat_map(|&(key, value)| [key, 0, 1, value]));
     ("LASF_Projection", 34735, all.flat_map(u16::to_le_bytes).collect())
 }
 
-/// The sheet, 20 units wide, where Oregon is.
+/// Returns the sheet, 20 units wide, in Oregon.
 fn made(vlrs: Vec<Vlr>) -> Las {
     Las { vlrs, offset: [636_000.0, 849_000.0, 400.0], scale: [0.01; 3], ..Las::default() }
 }
 
-/// A name, records, and what they say: unit, EPSG code, and unit of heights where it is another.
+/// A name, records, and their meaning: unit, EPSG code, and unit of heights if different.
 type Case = (&'static str, Vec<Vlr>, Option<&'static str>, Option<u32>, Option<&'static str>);
 
 #[test]
@@ -113,10 +114,10 @@ fn units_are_those_of_text_and_of_keys() {
             Some(2903),
             None,
         ),
-        // The unit is that of the system that has this number.
+        // The unit is that of the system with this number.
         ("code", vec![geotiff(&[(1024, 1), (3072, 2992)])], Some("ft"), Some(2992), None),
         ("metres", vec![geotiff(&[(1024, 1), (3072, 32632)])], Some("m"), Some(32632), None),
-        // Text goes before keys.
+        // Text is preferred to keys.
         (
             "both",
             vec![geotiff(&[(1024, 1), (3072, 32632)]), wkt(&oregon(foot, ""))],
@@ -150,7 +151,7 @@ fn units_are_those_of_text_and_of_keys() {
         }
         assert_eq!(of_files["notes"], of_index["notes"], "{name}");
     }
-    // Behind the points, where a header of 65,535 bytes has no room for it.
+    // Behind the points, since a header of 65,535 bytes has no room for it.
     let behind = Las {
         minor: 4,
         format: 6,
@@ -170,7 +171,7 @@ fn units_are_those_of_text_and_of_keys() {
     );
 }
 
-/// Two points as the window has them once they are picked.
+/// Returns two points as the window picks them.
 fn picked(source: &Source, places: [DVec3; 2]) -> Measure {
     let points =
         places.map(|position| Picked::new(Point { position, exact: true, kind: None })).to_vec();
@@ -197,7 +198,7 @@ fn measures_in_feet_have_metres_beside() {
         let facts = &json["features"][0]["properties"];
         assert_eq!((&facts["length"], &facts["unit"]), (&json!(500.0), &json!("ft")));
         assert!((facts["length_m"].as_f64().unwrap() - 152.4).abs() < 1e-9);
-        // As PROJ has it: a test of the whole way from text to longitude and latitude.
+        // Compared with PROJ: a test from text to longitude and latitude.
         let place = json["features"][0]["geometry"]["coordinates"][0].as_array().unwrap();
         let [lon, lat, height] = [0, 1, 2].map(|i| place[i].as_f64().unwrap());
         assert!(
@@ -239,7 +240,7 @@ fn geojson_of_an_unknown_system_says_so() {
         json!([636_003.0, 849_004.0, 400.0])
     );
     assert!(json["note"].as_str().unwrap().contains("site, local, in metre"), "{json}");
-    // A number alone that has no known projection is still told to programs that read it.
+    // A number without a known projection is still reported to other programs.
     let coded = made(vec![wkt(&local.replace("]]", r#"],AUTHORITY["EPSG","5800"]]"#))])
         .write(folder.path(), "coded.las");
     assert_eq!(
@@ -251,7 +252,7 @@ fn geojson_of_an_unknown_system_says_so() {
     assert!(json["note"].as_str().unwrap().contains("that no file names"), "{json}");
 }
 
-/// Degrees beside metres: about so many of both over 20 m, at this corner.
+/// Returns degrees beside metres: about equally many over 20 m, at this corner.
 fn angular(lon: f64, lat: f64) -> Las {
     let text = format!("{}]", DEGREE.trim_end_matches(']').to_owned() + "]");
     Las {
@@ -268,7 +269,8 @@ fn angular(lon: f64, lat: f64) -> Las {
     }
 }
 
-/// The distance of two places along the ellipsoid's surface where they are near, by the middle latitude (Bowring 1981).
+/// Returns the distance of two near places along the ellipsoid, by the middle latitude (Bowring
+/// 1981).
 fn apart([lon1, lat1]: [f64; 2], [lon2, lat2]: [f64; 2]) -> f64 {
     let (a, e2) = (6_378_137.0, 0.006_694_379_990_14);
     let middle = ((lat1 + lat2) / 2.0_f64).to_radians();
@@ -324,7 +326,7 @@ fn degrees_are_drawn_on_a_plane_in_metres_in_memory_and_through_an_index() {
                 && (hi - lo).max_element() < 30.0,
             "{lo} {hi}"
         );
-        // What is picked is found in the file, and lies where it says.
+        // A picked point is found in the file at its position.
         let sought = Sought { position: place(17), ..Sought::default() };
         let found = find::find(std::slice::from_ref(&path), ALL, &sought, &Silent)
             .unwrap()
@@ -397,7 +399,7 @@ fn strays_do_not_move_a_plane_and_what_are_no_degrees_stay_as_they_are() {
         cloud.notes
     );
     assert_eq!(cloud.parts[0].lattice.offset.x, 636_000.0);
-    // A header that says nothing true of its box.
+    // A header with a wrong box.
     let mut bytes = angular(10.0, 50.0).bytes();
     bytes[179..227].fill(0);
     let path = folder.path().join("box.las");
@@ -408,7 +410,7 @@ fn strays_do_not_move_a_plane_and_what_are_no_degrees_stay_as_they_are() {
     assert_eq!(system_of(&cloud).plane.unwrap(), own);
 }
 
-/// Floats of angles and metres get a lattice as fine as each needs; and readers say of columns that they are angles.
+/// Floats of angles and metres get a lattice as fine as each needs; readers mark columns of angles.
 #[test]
 fn a_table_whose_columns_are_longitude_and_latitude_is_drawn_in_metres() {
     let folder = tempfile::tempdir().unwrap();
