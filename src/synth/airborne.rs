@@ -25,7 +25,7 @@ pub struct Airborne<'a> {
 const PULSES_PER_JOB: u64 = 16_384;
 /// LAS 1.2 counts returns in three bits, and five is what its formats define.
 const MOST_RETURNS: usize = 5;
-/// How likely a leaf lets part of the pulse by.
+/// Probability that a leaf lets part of the pulse through.
 const PASSES_LEAF: f64 = 0.6;
 const STRIP_S: f64 = 600.0;
 const PULSE_S: f64 = 4e-6;
@@ -47,7 +47,7 @@ impl<'a> Airborne<'a> {
         }
     }
 
-    /// Pulses across and along, and along-track rows a job.
+    /// Returns pulses across and along, and along-track rows per job.
     fn grid(&self, spacing: f64) -> (u64, u64, u64) {
         let across = (2.0 * self.half_angle * self.height / spacing).ceil() as u64;
         let along = ((self.track.1 - self.track.0) / spacing).ceil() as u64;
@@ -73,7 +73,7 @@ impl<'a> Airborne<'a> {
         answers.clear();
         let mut from = 0.0;
         while let Some(hit) = self.world.trace_beyond(origin, direction, from) {
-            // A receiver cannot part echoes closer than this, metres.
+            // A receiver cannot separate echoes closer than this [m].
             from = hit.t + 0.25;
             answers.push(hit);
             if hit.class != CLASS_TREE

@@ -1,7 +1,7 @@
-//! A scene of closed-form surfaces in, points uniform by area out.
+//! Sampling of closed-form surfaces, uniform by area.
 //!
-//! Independent draws, not a lattice: the number of points on a patch is Poisson, so holes of every
-//! size occur, as in a merged raw cloud.
+//! Draws are independent, not on a lattice: the number of points on a patch is Poisson distributed,
+//! so holes of every size occur, as in a merged raw cloud.
 
 use super::chunk::{CHUNK, Chunk, Pulse};
 use super::noise::Random;
@@ -9,7 +9,7 @@ use super::world::World;
 use glam::DVec3;
 use std::ops::Range;
 
-/// Points `range` of `points`: solid k has the points from shares[..k] to shares[..=k].
+/// Returns points `range` of `points`: solid k has those from shares[..k] to shares[..=k].
 pub fn chunk(
     world: &World,
     shares: &[f64],

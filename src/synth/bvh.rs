@@ -1,9 +1,8 @@
-//! Boxes in, the order in which a ray meets them out: a bounding volume hierarchy over the
-//! primitives of a scene.
+//! A bounding volume hierarchy over the primitives of a scene, walked in the order in which a ray
+//! meets the boxes.
 //!
 //! Built top down by the surface area heuristic with 16 bins (Wald 2007); walked front to back with
-//! a small stack. What is inside a box is the caller's business: the walk hands out primitive
-//! numbers and takes back hit distances.
+//! a small stack. The walk hands out primitive numbers and takes back hit distances.
 
 use glam::DVec3;
 
@@ -32,14 +31,14 @@ impl Aabb {
         (self.min + self.max) * 0.5
     }
 
-    /// Half the surface; all that the heuristic needs.
+    /// Returns half the surface, which suffices for the heuristic.
     fn area(self) -> f64 {
         let d = (self.max - self.min).max(DVec3::ZERO);
         d.x * d.y + d.y * d.z + d.z * d.x
     }
 
-    /// The part of a ray inside the box, cut to [t_min, t_max]. `inverse` is 1/direction; a NaN (0
-    /// x infinity, the origin in the plane of a face that the ray runs along) drops out of min and
+    /// Returns the part of a ray inside the box within [t_min, t_max]. `inverse` is 1/direction; a
+    /// NaN (0 x infinity, the origin in the plane of a face along the ray) drops out of min and
     /// max, which keeps the box.
     pub fn clip(
         &self,
@@ -55,7 +54,7 @@ impl Aabb {
     }
 }
 
-/// `count` 0: an inner node whose children are `first` and `first + 1`; else a leaf over
+/// A node: if `count` is 0 an inner one with children `first` and `first + 1`, else a leaf over
 /// `order[first .. first + count]`.
 struct Node {
     bounds: Aabb,
@@ -82,8 +81,8 @@ impl Bvh {
         while let Some((node, first, end, depth)) = todo.pop() {
             let order = &mut bvh.order[first..end];
             let bounds = order.iter().fold(Aabb::EMPTY, |b, &i| b.union(boxes[i as usize]));
-            // A hair of slack: the clip's division errs by an ulp, and a flat box must not lose the
-            // surface that lies in it.
+            // Slightly larger: the clip's division errs by an ulp, and a flat box must not lose its
+            // surface.
             bvh.nodes[node].bounds = bounds.grown(1e-9);
             let middle =
                 if end - first <= LEAF || depth + 8 > STACK { None } else { split(order, boxes) };
@@ -108,8 +107,8 @@ impl Bvh {
         bvh
     }
 
-    /// Gives the primitives from `first` on new numbers in tree order, so that those a ray tests
-    /// together lie together in memory. Returns their old numbers in that order.
+    /// Renumbers the primitives from `first` in tree order, so that those tested together are
+    /// adjacent in memory. Returns their old numbers in that order.
     pub fn renumber(&mut self, first: u32) -> Vec<u32> {
         let mut old = Vec::new();
         for primitive in self.order.iter_mut().filter(|p| **p >= first) {
@@ -191,8 +190,8 @@ impl Bvh {
     }
 }
 
-/// Reorders `order` into two halves and returns the length of the first; None where one leaf is
-/// cheaper (all centres coincide).
+/// Reorders `order` into two halves. Returns the length of the first; `None` if one leaf is cheaper
+/// (all centres coincide).
 fn split(order: &mut [u32], boxes: &[Aabb]) -> Option<usize> {
     let centres = order.iter().fold(Aabb::EMPTY, |b, &i| b.including(boxes[i as usize].centre()));
     let extent = centres.max - centres.min;

@@ -1,32 +1,31 @@
-//! Points on their way from a scanner to a file: a struct of arrays on the file's integer lattice.
+//! Simulated points between scanner and file: a struct of arrays on the file's integer lattice.
 
 use super::world::{Hit, LUMINANCE, World};
 use crate::error::{Error, Result};
 use glam::{DVec3, I64Vec3};
 
-/// About so many points are made at once; a few of these per thread are all that a scan holds in
-/// memory.
+/// Approximate points of a chunk; a few chunks per thread are all that a scan holds in memory.
 pub const CHUNK: usize = 65_536;
 
-/// Coordinate = offset + step * integer.
+/// A lattice: coordinate = offset + step * integer.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Lattice {
     pub step: f64,
     pub offset: DVec3,
 }
 
-/// What a scanner knows about a point beside the surface it hit.
+/// Attributes of a point from the scanner, besides the surface.
 #[derive(Clone, Copy, Debug)]
 pub struct Pulse {
-    /// Exposure and white balance, a factor on the light.
+    /// Exposure and white balance, a factor on linear light.
     pub gain: DVec3,
-    /// The geometric part of the intensity, about 1 for a near surface that faces the scanner;
-    /// reflectance comes from the albedo.
+    /// Geometric part of the intensity, about 1 for a near surface facing the scanner; reflectance
+    /// comes from the albedo.
     pub echo: f64,
     pub source: u16,
     pub returns: (u8, u8),
     pub gps_time: f64,
-    /// Degrees from straight down, LAS's rank.
+    /// Angle from straight down [degrees], as LAS's scan angle rank.
     pub scan_angle: i8,
 }
 
@@ -36,17 +35,17 @@ pub struct Chunk {
     pub x: Vec<i32>,
     pub y: Vec<i32>,
     pub z: Vec<i32>,
-    /// sRGB-encoded, 16 bits.
+    /// Colours, sRGB, 16 bits.
     pub rgb: Vec<[u16; 3]>,
     pub intensity: Vec<u16>,
     pub class: Vec<u8>,
-    /// LAS point source id: station or strip, counted from 1; 0 where there is none.
+    /// LAS point source id: station or strip, from 1; 0 if none.
     pub source: Vec<u16>,
-    /// (number of this return, returns of the pulse).
+    /// Return number and number of returns of the pulse.
     pub returns: Vec<(u8, u8)>,
-    /// Seconds.
+    /// Time [s].
     pub gps_time: Vec<f64>,
-    /// Degrees from straight down; 0 for scanners on the ground.
+    /// Angle from straight down [degrees]; 0 for scanners on the ground.
     pub scan_angle: Vec<i8>,
 }
 
@@ -55,7 +54,7 @@ impl World {
         Lattice { step: self.step, offset: self.offset }
     }
 
-    /// Refuses a lattice too fine for 32-bit integers.
+    /// Errors if the lattice is too fine for 32-bit integers.
     pub fn check_lattice(&self) -> Result<()> {
         let reach = self.bounds().min.abs().max(self.bounds().max.abs()).max_element() + 1.0;
         let steps = reach / self.step;
@@ -108,7 +107,7 @@ impl Chunk {
         self.scan_angle.truncate(length);
     }
 
-    /// One point at `position` (relative to the offset) with the colour and class of `hit`.
+    /// Adds a point at `position` (relative to the offset) with the colour and class of `hit`.
     pub fn push(&mut self, hit: &Hit, position: DVec3, pulse: Pulse) {
         let steps: I64Vec3 = (position / self.lattice.step).round().as_i64vec3();
         self.x.push(steps.x as i32);
@@ -126,7 +125,7 @@ impl Chunk {
     }
 }
 
-/// Linear light to the sRGB curve (IEC 61966-2-1), 16 bits.
+/// Encodes linear light as sRGB (IEC 61966-2-1), 16 bits.
 pub fn srgb16(linear: DVec3) -> [u16; 3] {
     let encode = |v: f64| {
         let v = v.clamp(0.0, 1.0);

@@ -1,4 +1,4 @@
-//! A simulated scan straight into memory: for benchmarks, studies and tests.
+//! Simulated scans in memory, for benchmarks, studies and tests.
 
 use super::{Chunk, World, scan};
 use crate::cloud::color::{By, RgbRange, Scale};
@@ -8,8 +8,7 @@ use crate::progress::Progress;
 use glam::DVec3;
 use std::path::PathBuf;
 
-/// The points that `scan` makes, with all columns that a file of them would have, 8 bits a colour
-/// channel.
+/// Returns the points of `scan` with all columns that a file would have, 8 bits a colour channel.
 pub fn collect(
     name: &str,
     world: &World,

@@ -1,9 +1,9 @@
-//! Chunks in, a LAS or LAZ file out: LAS 1.2, point format 3 (time and colour), streamed and
+//! LAS and LAZ files of simulated scans: LAS 1.2, point format 3 (time and colour), streamed and
 //! atomic.
 //!
-//! The file is whole or not there (`atomic_file`). Records are packed here, 34 bytes each, and
-//! handed to the `las` crate as they are, which keeps the header's counts and bounds and compresses
-//! when the name ends in `.laz`.
+//! The file is complete or absent (`atomic_file`). Records are packed here, 34 bytes each, and
+//! passed to the `las` crate, which keeps the header's counts and bounds and compresses if the name
+//! ends in `.laz`.
 
 use super::chunk::{Chunk, Lattice};
 use crate::atomic_file::AtomicFile;
@@ -18,15 +18,14 @@ const RECORD_BYTES: usize = 34;
 
 pub struct LasFile {
     path: PathBuf,
-    // Before the file that it writes to, so that it is closed before that is removed.
+    // Declared before the file, so that it is closed before the file is removed.
     writer: Writer<Sink>,
     file: AtomicFile,
     lattice: Lattice,
 }
 
 impl LasFile {
-    /// `points` is how many will come: more than LAS 1.2 can count are refused before any work is
-    /// done.
+    /// Creates a file for `points` points. Errors early if LAS 1.2 cannot count them.
     pub fn create(path: &Path, lattice: Lattice, points: u64) -> Result<LasFile> {
         if points > u32::MAX as u64 {
             return Err(Error::Request(format!(
@@ -78,7 +77,7 @@ impl LasFile {
         points.map_err(|e| failed(&self.path, e))
     }
 
-    /// Completes the header and gives the file its name.
+    /// Completes the header and renames the file to its final name.
     pub fn finish(mut self) -> Result<()> {
         self.writer.close().map_err(|e| failed(&self.path, e))?;
         let file = self.writer.into_inner().map_err(|e| failed(&self.path, e))?;
@@ -87,8 +86,8 @@ impl LasFile {
     }
 }
 
-/// Writes until the first failure, which it reports, and from then on only pretends to: the `las`
-/// writer closes itself when it is dropped, and panics where that fails.
+/// A writer that reports its first failure and then discards everything: the `las` writer closes
+/// itself when dropped, and panics if that fails.
 struct Sink {
     file: BufWriter<File>,
     broken: bool,

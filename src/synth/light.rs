@@ -1,40 +1,38 @@
-//! Sun, sky and ground in, how bright a surface is out: the light that is baked into the points, as
-//! it is in any photograph of a scan.
+//! Illumination baked into simulated points: sun, sky and ground.
 //!
-//! Lambert's law under one sun and a sky of constant colour. What the sky cannot reach is not
-//! sampled but known: the part of the sky seen from a street canyon has a closed form, which is
-//! smooth where a few sampling rays would band or sparkle.
+//! Lambert's law under one sun and a sky of constant colour. The part of the sky seen from a street
+//! canyon has a closed form, which is smooth where a few sampling rays would band or sparkle.
 
 use glam::{DVec2, DVec3};
 
 /// Linear RGB irradiance over pi, of a surface that faces it.
 #[derive(Clone, Debug)]
 pub struct Light {
-    /// Towards the sun, unit.
+    /// Direction towards the sun, unit.
     pub sun_direction: DVec3,
     pub sun: DVec3,
     pub sky: DVec3,
-    /// Coming back from the ground.
+    /// Light reflected by the ground.
     pub bounce: DVec3,
-    /// Ask for a shadow ray.
+    /// Whether to cast shadow rays.
     pub shadows: bool,
     /// Two rows of houses along y: half the distance between them, and their height.
     pub canyon: Option<(f64, f64)>,
-    /// What hides the sky from the ground below it.
+    /// Objects that hide the sky from the ground below.
     pub covers: Vec<Cover>,
 }
 
-/// Something low over the ground, a car: a rectangle seen from above.
+/// A low object above the ground, such as a car: a rectangle seen from above.
 #[derive(Clone, Copy, Debug)]
 pub struct Cover {
     pub centre: DVec2,
-    /// Unit, the way its length runs.
+    /// Direction of its length, unit.
     pub along: DVec2,
     pub half: DVec2,
 }
 
 impl Cover {
-    /// 1 in the open, less below and beside it, metres around.
+    /// Returns 1 in the open, less below and beside it.
     fn open(&self, at: DVec2) -> f64 {
         let p = at - self.centre;
         let out = DVec2::new(p.dot(self.along).abs(), p.perp_dot(self.along).abs()) - self.half;
@@ -57,7 +55,7 @@ impl Light {
         }
     }
 
-    /// What the sky and the ground give, without the sun.
+    /// Returns the light of sky and ground, without the sun.
     pub fn ambient(&self, point: DVec3, normal: DVec3) -> DVec3 {
         let up = 0.5 + 0.5 * normal.z;
         let mut open =
@@ -69,8 +67,8 @@ impl Light {
     }
 }
 
-/// How much of the sky that an open field would show is left inside the canyon, in [0, 1]: by the
-/// angles under which the two eaves are seen, weighted by which of them the surface faces.
+/// Returns the visible share of the sky inside the canyon, in [0, 1]: by the angles under which the
+/// two eaves are seen, weighted by which of them the surface faces.
 fn canyon_sky(half: f64, height: f64, point: DVec3, normal: DVec3) -> f64 {
     let above = (height - point.z).max(0.0);
     let free = |away: f64| {
@@ -82,6 +80,6 @@ fn canyon_sky(half: f64, height: f64, point: DVec3, normal: DVec3) -> f64 {
     let seen = east * towards_east + west * (1.0 - towards_east);
     // Behind the fronts (arcades) it gets darker; on the roofs it does not.
     let inside = (point.x.abs() - half - 0.05).max(0.0) * (above / height).min(1.0);
-    // Facades opposite are lit themselves, so that no place is quite dark.
+    // Opposite facades are lit themselves, so that no place is quite dark.
     (0.30 + 0.70 * seen).min(1.0) / (1.0 + 0.9 * inside.min(3.0))
 }

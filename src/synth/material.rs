@@ -1,8 +1,7 @@
-//! A place on a surface in, its albedo out: brick, stone, plaster, tiles, paving, paint, all by
-//! formula.
+//! Procedural albedo of surfaces: brick, stone, plaster, tiles, paving, paint.
 //!
-//! Albedo is linear RGB. The second value is how much of the sky the place sees, 1 in the open:
-//! deep recesses are dark because of it, not because somebody painted them so.
+//! Albedo is linear RGB. The second value is the visible share of the sky, 1 in the open, which
+//! darkens deep recesses.
 
 use super::noise::{cell, mottle};
 use super::shapes::{Shape, Solid};
@@ -74,7 +73,7 @@ pub enum Material {
     Land,
 }
 
-/// Bricks or blocks in running bond: which one, and how far from the nearest joint, metres.
+/// Returns the brick or block in running bond, and the distance from the nearest joint [m].
 fn bond(u: f64, v: f64, length: f64, height: f64) -> (i64, i64, f64) {
     let row = (v / height).floor();
     let shifted = u / length + 0.5 * (row.rem_euclid(2.0));
@@ -87,7 +86,7 @@ fn mix(a: DVec3, b: DVec3, t: f64) -> DVec3 {
     a + (b - a) * t.clamp(0.0, 1.0)
 }
 
-/// The wall's albedo at (u, v), v up.
+/// Returns the wall's albedo at (u, v), v up.
 fn masonry(wall: Wall, color: DVec3, u: f64, v: f64, salt: u64) -> DVec3 {
     match wall {
         Wall::Plaster => {
@@ -114,7 +113,7 @@ fn masonry(wall: Wall, color: DVec3, u: f64, v: f64, salt: u64) -> DVec3 {
     }
 }
 
-/// Plane coordinates on a surface of any direction: (along, up), metres.
+/// Returns plane coordinates on a surface of any direction: along and up [m].
 fn unrolled(p: DVec3, n: DVec3) -> (f64, f64) {
     let a = n.abs();
     if a.z > 0.8 {
@@ -126,8 +125,8 @@ fn unrolled(p: DVec3, n: DVec3) -> (f64, f64) {
     }
 }
 
-/// Albedo and openness of `solid` at a point: `p`, `n` in the scene (n towards the viewer), `local`
-/// and `local_normal` in the solid.
+/// Returns albedo and openness of `solid` at a point: `p`, `n` in the scene (n towards the viewer),
+/// `local` and `local_normal` in the solid.
 pub fn albedo(
     solid: &Solid,
     p: DVec3,
@@ -303,7 +302,8 @@ fn window(
     (if drawn { DVec3::new(0.36, 0.33, 0.28) * folds } else { room }, open)
 }
 
-/// Asphalt with a patched surface, a dashed middle line, lines at the edges and a zebra crossing.
+/// Returns asphalt with a patched surface, a dashed middle line, lines at the edges and a zebra
+/// crossing.
 fn road(p: DVec3) -> DVec3 {
     let grain = 0.085
         + 0.035 * mottle(p.x * 18.0, p.y * 18.0, 21)

@@ -1,9 +1,9 @@
-//! A world and a number of points in, exactly so many points out, in chunks and in a fixed order.
+//! Scanning a world with an exact number of points, in chunks and in a fixed order.
 //!
-//! A scanner samples angles, so how many points a spacing gives is only known afterwards. A pilot
-//! scan measures the yield, a first pass aims a little low, and further, ever sparser passes (other
-//! phase, whole field of view) fill up; the last one is cut. Chunks are made in parallel but handed
-//! on in order, and each is a function of the seed alone, so threads change nothing.
+//! A scanner samples angles, so the number of points for a spacing is only known afterwards. A
+//! pilot scan measures the yield, a first pass aims slightly low, and further, ever sparser passes
+//! (other phase, whole field of view) fill up; the last one is truncated. Chunks are made in
+//! parallel but passed on in order, and each depends on the seed alone, so threads change nothing.
 
 use super::airborne::Airborne;
 use super::area;
@@ -14,22 +14,21 @@ use crate::error::{Error, Result};
 use crate::progress::Progress;
 use rayon::prelude::*;
 
-/// Something that casts rays at a spacing (radians or metres) and gets about `yield_of / spacing^2`
-/// points.
+/// A caster of rays at a spacing (radians or metres), with about `yield_of / spacing^2` points.
 pub trait Scanner: Sync {
     fn yield_at_unit_spacing(&self) -> f64;
-    /// The coarsest spacing that still looks everywhere.
+    /// Returns the coarsest spacing that covers the whole field of view.
     fn coarsest(&self) -> f64;
     fn jobs(&self, spacing: f64) -> u64;
     fn job(&self, spacing: f64, pass: u64, job: u64) -> Chunk;
 }
 
-/// The first passes aim at this part of what is missing: the pilot's error must not cut off the
+/// Share of the missing points that the first passes aim at: the pilot's error must not cut off the
 /// last station.
 const AIM: f64 = 0.97;
 
-/// Gives exactly `points` points to `sink`. `noise` is the standard deviation of the range, metres
-/// (along the normal where there is no ray).
+/// Passes exactly `points` points to `sink`. `noise` is the standard deviation of the range [m]
+/// (along the normal if there is no ray).
 pub fn scan(
     world: &World,
     points: u64,
@@ -105,8 +104,8 @@ fn passes(
     Ok(())
 }
 
-/// Makes chunks in parallel, a few per thread at a time, and gives them on in order. False: no more
-/// are wanted.
+/// Makes chunks in parallel, a few per thread at a time, and passes them on in order. Returns false
+/// if no more are wanted.
 fn in_order(
     jobs: u64,
     make: impl Fn(u64) -> Chunk + Sync,

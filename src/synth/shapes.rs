@@ -1,9 +1,8 @@
-//! The analytic primitives of a scene: a ray in, the first crossing out, with the surface known in
-//! closed form.
+//! Analytic primitives of a scene: first crossings of rays, in closed form.
 //!
-//! Every shape lives in local coordinates and is posed by an orthonormal frame, so that a hit is as
-//! exact as f64 is at the size of the shape, wherever the shape stands. Normals are outward, or
-//! towards the ray for shapes without an inside.
+//! Every shape is defined in local coordinates and posed by an orthonormal frame, so that a hit is
+//! as exact as f64 at the size of the shape, wherever it is. Normals are outward, or towards the
+//! ray for shapes without an inside.
 
 use super::bvh::Aabb;
 use super::material::Material;
@@ -13,7 +12,7 @@ use super::{terrain, torus};
 use glam::DVec3;
 use std::f64::consts::{PI, TAU};
 
-/// Where a shape stands: its origin and its local x, y, z in scene coordinates, orthonormal.
+/// The pose of a shape: its origin and its local x, y, z in scene coordinates, orthonormal.
 #[derive(Clone, Copy, Debug)]
 pub struct Pose {
     pub origin: DVec3,
@@ -27,14 +26,14 @@ impl Pose {
         Pose { origin, x: DVec3::X, y: DVec3::Y, z: DVec3::Z }
     }
 
-    /// Local x along `x`, local z as near to `z` as a right angle allows.
+    /// Returns a pose with local x along `x`, local z as near to `z` as a right angle allows.
     pub fn facing(origin: DVec3, x: DVec3, z: DVec3) -> Pose {
         let x = x.normalize();
         let z = (z - x * z.dot(x)).normalize();
         Pose { origin, x, y: z.cross(x), z }
     }
 
-    /// Turned about the vertical, degrees, counter-clockwise from above.
+    /// Returns a pose turned about the vertical [degrees], counter-clockwise from above.
     pub fn turned(origin: DVec3, degrees: f64) -> Pose {
         let (sin, cos) = degrees.to_radians().sin_cos();
         Pose { origin, x: DVec3::new(cos, sin, 0.0), y: DVec3::new(-sin, cos, 0.0), z: DVec3::Z }
@@ -56,7 +55,7 @@ impl Pose {
         DVec3::new(v.dot(self.x), v.dot(self.y), v.dot(self.z))
     }
 
-    /// The same orientation, elsewhere; `p` is local.
+    /// Returns the same orientation at another origin; `p` is local.
     pub fn moved(&self, p: DVec3) -> Pose {
         Pose { origin: self.point(p), ..*self }
     }
@@ -104,7 +103,7 @@ pub enum Shape {
     },
 }
 
-/// A shape in its place, and what it is made of.
+/// A posed shape and its material.
 #[derive(Clone, Debug)]
 pub struct Solid {
     pub pose: Pose,
@@ -117,7 +116,7 @@ pub struct Solid {
 }
 
 impl Solid {
-    /// The first crossing with t in (t_min, t_max): its parameter and local normal.
+    /// Returns the first crossing with t in (t_min, t_max): its parameter and local normal.
     pub fn intersect(
         &self,
         origin: DVec3,
@@ -186,7 +185,7 @@ impl Solid {
         (0..8).fold(Aabb::EMPTY, |b, i| b.including(self.pose.point(corner(i))))
     }
 
-    /// Square metres, for the shapes that are sampled by area.
+    /// Returns the area [m^2] of shapes that are sampled by area.
     pub fn area(&self) -> f64 {
         match &self.shape {
             Shape::Panel(p) => p.size.x * p.size.y,
@@ -196,7 +195,7 @@ impl Solid {
         }
     }
 
-    /// A point of the surface, uniform by area, and its normal; local.
+    /// Returns a point uniform by area, and its normal; local.
     pub fn sample(&self, random: &mut Random) -> (DVec3, DVec3) {
         match &self.shape {
             Shape::Panel(p) => {
@@ -226,7 +225,7 @@ impl Solid {
     }
 }
 
-/// The nearer of `middle` -+ sqrt(`rest`) that lies in (t_min, t_max).
+/// Returns the nearer of `middle` -+ sqrt(`rest`) within (t_min, t_max).
 fn pick(middle: f64, rest: f64, t_min: f64, t_max: f64) -> Option<f64> {
     let half = (rest >= 0.0).then(|| rest.sqrt())?;
     [middle - half, middle + half].into_iter().find(|&t| t > t_min && t < t_max)

@@ -1,5 +1,4 @@
-//! The closed-form scenes: plane, sphere, torus, nested tori, step. Small numbers, known
-//! everything.
+//! The closed-form scenes: plane, sphere, torus, nested tori, step.
 
 use super::light::Light;
 use super::material::Material;
@@ -75,8 +74,8 @@ pub fn torus() -> World {
     by_area(vec![torus_solid(0.4, [TEAL, CREAM], 0)], viewpoint([1.6, -3.0, 2.4], [0.0, 0.0, 0.0]))
 }
 
-/// Dobrev's figure 17: one ring inside the other, brown in green in blue, a third of the points
-/// each, six layers on a ray.
+/// Builds Dobrev's figure 17: one ring inside the other, brown in green in blue, a third of the
+/// points each, six layers on a ray.
 pub fn nested_tori() -> World {
     let brown = [DVec3::new(0.36, 0.19, 0.08), DVec3::new(0.46, 0.27, 0.13)];
     let green = [DVec3::new(0.13, 0.48, 0.14), DVec3::new(0.25, 0.60, 0.22)];
@@ -93,8 +92,8 @@ pub fn nested_tori() -> World {
     )
 }
 
-/// A layer at z = 0, 4 m x 4 m, and `gap` above it another that covers its half x > 0: a depth step
-/// of known size, and a hidden layer.
+/// Builds a layer at z = 0, 4 m x 4 m, and `gap` above it another that covers its half x > 0: a
+/// depth step of known size, and a hidden layer.
 pub fn step(gap: f64) -> World {
     let low = square(4.0, 4.0, DVec3::new(-2.0, -2.0, 0.0), [NIGHT, TEAL], 0);
     let high = square(2.0, 4.0, DVec3::new(0.0, -2.0, gap), [SAND, CREAM], 1);

@@ -1,9 +1,10 @@
-//! A ray and a torus around the z axis: the first crossing, to the last digit that f64 has.
+//! The first crossing of a ray with a torus around the z axis, exact to the last digits of f64.
 //!
 //! The quartic is not solved by formula (Ferrari loses half of the digits near double roots, which
-//! is every silhouette). Its derivatives' roots cut the ray into intervals on which the polynomial
-//! is monotone; each interval with a change of sign holds one root, which bisection finds whatever
-//! its multiplicity beside it. Newton on the signed distance, which is well scaled, then polishes.
+//! is every silhouette). The roots of its derivatives cut the ray into intervals on which the
+//! polynomial is monotonic. Each interval with a change of sign holds one root, which bisection
+//! finds whatever other roots are near. Newton on the signed distance, which is well scaled, then
+//! polishes.
 
 use glam::DVec3;
 
@@ -74,8 +75,8 @@ pub fn intersect(
     })
 }
 
-/// Where the polynomial (lowest power first, degree up to 4) changes sign in (low, high),
-/// ascending. Returns how many.
+/// Returns where the polynomial (lowest power first, degree up to 4) changes sign in (low, high),
+/// ascending, and the number of changes.
 fn roots(polynomial: &[f64], low: f64, high: f64, found: &mut [f64; 4]) -> usize {
     let degree = polynomial.len() - 1;
     if degree == 1 {
@@ -103,7 +104,7 @@ fn roots(polynomial: &[f64], low: f64, high: f64, found: &mut [f64; 4]) -> usize
     count
 }
 
-/// The root in a bracket: the false position in its Illinois form, halved whenever it stalls.
+/// Returns the root in a bracket by false position in its Illinois form, halved whenever it stalls.
 fn bisect(value: impl Fn(f64) -> f64, from: (f64, f64), to: (f64, f64)) -> f64 {
     let ((mut a, mut fa), (mut b, mut fb)) = (from, to);
     for round in 0..200 {

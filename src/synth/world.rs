@@ -1,7 +1,7 @@
-//! A scene, and what a ray meets in it: the ground truth of every study.
+//! A scene for ray casting: the ground truth of every study.
 //!
-//! Coordinates are metres relative to `offset`. A hit lies on its surface to better than 1e-9 m;
-//! what is random about a scene was drawn when it was built, so a ray has one answer for ever.
+//! Coordinates are metres relative to `offset`. A hit lies on its surface to better than 1e-9 m.
+//! Random parts of a scene are drawn when it is built, so a ray always has the same answer.
 
 use super::bvh::{Aabb, Bvh};
 use super::light::Light;
@@ -9,19 +9,19 @@ use super::material;
 use super::shapes::{Pose, Solid};
 use glam::DVec3;
 
-/// What the first surface on a ray is like.
+/// The first surface on a ray.
 #[derive(Clone, Copy, Debug)]
 pub struct Hit {
-    /// In units of the direction's length.
+    /// Ray parameter, in units of the direction's length.
     pub t: f64,
     pub point: DVec3,
-    /// Unit, towards the side the ray comes from.
+    /// Unit normal towards the origin of the ray.
     pub normal: DVec3,
-    /// Linear RGB.
+    /// Albedo, linear RGB.
     pub albedo: DVec3,
     /// Albedo times baked light, linear RGB, before any station's exposure.
     pub lit: DVec3,
-    /// Of `lit` (Rec. 709 weights).
+    /// Luminance of `lit` (Rec. 709 weights).
     pub luminance: f64,
     /// The object: a torus, a house, a car.
     pub part: u32,
@@ -39,15 +39,15 @@ pub struct Leaf {
     pub part: u32,
 }
 
-/// Where a scanner stood, and how its camera was set.
+/// A scanner's position, and the exposure of its camera.
 #[derive(Clone, Copy, Debug)]
 pub struct Station {
     pub position: DVec3,
-    /// A factor on `lit`, per channel: exposure times white balance.
+    /// Factor on `lit` per channel: exposure times white balance.
     pub gain: DVec3,
 }
 
-/// How a scene is turned into points.
+/// The way a scene is sampled.
 #[derive(Clone, Debug)]
 pub enum Method {
     /// Every solid's surface, uniform by area; `shares` is each solid's part of the points, summing
@@ -60,8 +60,7 @@ pub enum Method {
     Strips { height: f64, half_angle: f64, lines: Vec<(f64, f64)> },
 }
 
-/// A good first camera, as plain numbers (world coordinates with the offset, degrees);
-/// `view::Camera` is made of it by the caller.
+/// A suitable first camera, as plain numbers (world coordinates with the offset, degrees).
 #[derive(Clone, Copy, Debug)]
 pub struct Viewpoint {
     pub eye: DVec3,
@@ -70,9 +69,9 @@ pub struct Viewpoint {
 }
 
 pub struct World {
-    /// Added to everything on the way out: where the scene stands in its map projection, metres.
+    /// Added to all output: the position of the scene in its map projection [m].
     pub offset: DVec3,
-    /// The lattice that coordinates are rounded to on the way out, metres.
+    /// Lattice that output coordinates are rounded to [m].
     pub step: f64,
     pub method: Method,
     pub light: Light,
@@ -83,8 +82,8 @@ pub struct World {
     tree: Bvh,
 }
 
-/// Rays towards the sun start this far above the surface, metres: above the rounding of any hit,
-/// below any detail.
+/// Start of rays towards the sun above the surface [m]: above the rounding of any hit, below any
+/// detail.
 const LIFT_M: f64 = 1e-6;
 
 /// ASPRS: high vegetation.
@@ -113,7 +112,7 @@ impl World {
         World { offset: DVec3::ZERO, step: 1e-4, method, light, solids, leaves, viewpoint, tree }
     }
 
-    /// Of all surfaces, relative to the offset.
+    /// Returns the box around all surfaces, relative to the offset.
     pub fn bounds(&self) -> Aabb {
         self.tree.bounds()
     }
@@ -133,18 +132,18 @@ impl World {
         }
     }
 
-    /// The first surface with t > 0, coloured and lit. Origin relative to the offset; the direction
-    /// need not be unit.
+    /// Returns the first surface with t > 0, coloured and lit. Origin relative to the offset; the
+    /// direction need not be unit.
     pub fn trace(&self, origin: DVec3, direction: DVec3) -> Option<Hit> {
         self.trace_beyond(origin, direction, 0.0)
     }
 
-    /// How far the first surface with t > 0 is, and nothing else about it.
+    /// Returns the distance of the first surface with t > 0.
     pub fn first(&self, origin: DVec3, direction: DVec3) -> Option<f64> {
         self.nearest(origin, direction, 0.0).map(|(t, ..)| t)
     }
 
-    /// The first surface with t > `t_min`: for the later returns of a pulse.
+    /// Returns the first surface with t > `t_min`, for the later returns of a pulse.
     pub fn trace_beyond(&self, origin: DVec3, direction: DVec3, t_min: f64) -> Option<Hit> {
         let (t, normal, primitive) = self.nearest(origin, direction, t_min)?;
         let point = origin + direction * t;
@@ -164,7 +163,7 @@ impl World {
         }
     }
 
-    /// The first primitive with t > `t_min`: t, its local normal, its number.
+    /// Returns the first primitive with t > `t_min`: t, its local normal, its number.
     fn nearest(&self, origin: DVec3, direction: DVec3, t_min: f64) -> Option<(f64, DVec3, u32)> {
         let mut nearest = None;
         self.tree.walk(origin, direction, t_min, f64::INFINITY, false, |primitive, t_max| {
@@ -175,8 +174,7 @@ impl World {
         nearest
     }
 
-    /// A point of a solid's surface, uniform by area, as a hit at t = 0. Local draws are the
-    /// caller's.
+    /// Returns a point uniform on a solid's surface, as a hit at t = 0.
     pub fn sampled(&self, solid: usize, random: &mut super::noise::Random) -> Hit {
         let solid = &self.solids[solid];
         let (local, normal) = solid.sample(random);
@@ -213,8 +211,7 @@ impl World {
                 .solids
                 .get(primitive as usize)
                 .is_some_and(|s| matches!(s.shape, super::shapes::Shape::Terrain { .. }));
-            // Gentle hills under a high sun shade nothing, and marching along them is what would
-            // cost.
+            // Gentle hills under a high sun cast no shadows, and marching along them would be slow.
             if ground {
                 None
             } else {
@@ -247,7 +244,7 @@ impl World {
         )
     }
 
-    /// Leaves scatter light through: half as bright from behind, never quite dark.
+    /// Shades a leaf, which scatters light through: half as bright from behind, never quite dark.
     fn shade_leaf(&self, leaf: &Leaf, t: f64, point: DVec3, normal: DVec3) -> Hit {
         let facing = normal.dot(self.light.sun_direction);
         let sunlit = !(self.light.shadows && self.in_shadow(point, self.light.sun_direction));
@@ -282,7 +279,7 @@ fn finish(
 /// Rec. 709 weights of linear RGB.
 pub const LUMINANCE: DVec3 = DVec3::new(0.2126, 0.7152, 0.0722);
 
-/// For scenes made of a few posed shapes.
+/// Returns a solid, for scenes of few posed shapes.
 pub fn solid(
     pose: Pose,
     shape: super::shapes::Shape,
