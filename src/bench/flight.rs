@@ -80,7 +80,7 @@ const PLACES: usize = 6;
 pub fn run(options: &DeviceOptions, plan: &Plan, progress: &dyn Progress) -> Result<Vec<Flight>> {
     let index = Arc::new(Index::open(&plan.index)?);
     if index.nodes().is_empty() {
-        return Err(Error::format(&plan.index, "has no points to fly through"));
+        return Err(Error::format(&plan.index, "has no points"));
     }
     let mut gpu = Gpu::open(options)?;
     plan.sizes.iter().map(|&size| fly(&mut gpu, &index, plan, size, progress)).collect()

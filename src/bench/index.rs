@@ -130,7 +130,7 @@ fn read_alone(input: &Path, progress: &dyn Progress) -> Result<f64> {
 
 fn index(input: &Path, output: &Path, memory: &str) -> Result<Summary> {
     let failed = |what: String| {
-        Error::Request(format!("the process that was to index {} failed: {what}", input.display()))
+        Error::Request(format!("the process indexing {} failed: {what}", input.display()))
     };
     let program = std::env::current_exe().map_err(|error| failed(error.to_string()))?;
     let done = Command::new(program)

@@ -106,7 +106,7 @@ fn measure(plan: &Plan, folder: &Path, progress: &dyn Progress) -> Result<Vec<Ro
     if let Some(file) = &plan.index {
         let index = Index::open(file)?;
         if index.nodes().is_empty() {
-            return Err(Error::format(file, "has no points to fly through"));
+            return Err(Error::format(file, "has no points"));
         }
         let name = file.file_name().unwrap_or_default().to_string_lossy().into_owned();
         for &size in &plan.sizes {
@@ -135,7 +135,7 @@ fn on_foot(viewpoint: synth::Viewpoint) -> Vec<Camera> {
 
 fn view(words: &[OsString]) -> Result<Summary> {
     let failed =
-        |what: String| Error::Request(format!("the window that was to be measured failed: {what}"));
+        |what: String| Error::Request(format!("the measured window failed: {what}"));
     let program = std::env::current_exe().map_err(|error| failed(error.to_string()))?;
     let done =
         Command::new(program).args(words).output().map_err(|error| failed(error.to_string()))?;

@@ -48,7 +48,7 @@ impl Mesh {
             false => ply(&bytes),
         };
         let (vertices, faces) =
-            found.ok_or_else(|| Error::format(path, "is not a whole mesh in PLY or OBJ"))?;
+            found.ok_or_else(|| Error::format(path, "is not a complete mesh in PLY or OBJ"))?;
         if vertices.iter().any(|p| !p.is_finite())
             || faces.iter().flatten().any(|&vertex| vertex as usize >= vertices.len())
         {

@@ -24,7 +24,7 @@ impl Points {
         let mut nodes = nodes.iter();
         let mut points = Vec::new();
         for part in parts {
-            let organised = index::partition(&part.columns, &Silent).expect("nobody stops it");
+            let organised = index::partition(&part.columns, &Silent).expect("Silent never cancels");
             let own: Vec<_> = organised.nodes.iter().zip(nodes.by_ref()).collect();
             points.par_extend(own.into_par_iter().map(|(range, node)| NodePoints {
                 first_point: node.first_point(),
