@@ -89,7 +89,7 @@ struct Reading {
     since: Option<Instant>,
     before: Duration,
     /// File in which the system reports the thread's processor time.
-    told: Option<PathBuf>,
+    cpu_time_file: Option<PathBuf>,
 }
 
 fn lock(reading: &Mutex<Reading>) -> MutexGuard<'_, Reading> {
@@ -139,8 +139,8 @@ impl Loader {
     /// it has ended. On systems other than Linux, the time spent reading, waiting included.
     pub fn worked(&self) -> Duration {
         let reading = lock(&self.reading);
-        match &reading.told {
-            Some(told) => processor_time(told).unwrap_or_default(),
+        match &reading.cpu_time_file {
+            Some(cpu_time_file) => processor_time(cpu_time_file).unwrap_or_default(),
             None => reading.before + reading.since.map_or(Duration::ZERO, |since| since.elapsed()),
         }
     }
@@ -171,14 +171,14 @@ impl Loader {
 
 /// Returns the file in which Linux reports this thread's processor time [ns], the first number of
 /// three.
-fn told_of_this_thread() -> Option<PathBuf> {
+fn cpu_time_file() -> Option<PathBuf> {
     let thread = std::fs::read_link("/proc/thread-self").ok()?;
-    let told = Path::new("/proc").join(thread).join("schedstat");
-    processor_time(&told).map(|_| told)
+    let cpu_time_file = Path::new("/proc").join(thread).join("schedstat");
+    processor_time(&cpu_time_file).map(|_| cpu_time_file)
 }
 
-fn processor_time(told: &Path) -> Option<Duration> {
-    let text = std::fs::read_to_string(told).ok()?;
+fn processor_time(cpu_time_file: &Path) -> Option<Duration> {
+    let text = std::fs::read_to_string(cpu_time_file).ok()?;
     text.split_whitespace().next()?.parse().ok().map(Duration::from_nanos)
 }
 
@@ -220,7 +220,7 @@ struct Thread<P> {
 
 impl<P: FnMut()> Thread<P> {
     fn run(mut self) {
-        lock(&self.reading).told = told_of_this_thread();
+        lock(&self.reading).cpu_time_file = cpu_time_file();
         while let Some(next) = self.queue.next() {
             let (node, outcome) = match next {
                 // The pages return to the frame before it gets the answer.

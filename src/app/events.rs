@@ -38,7 +38,8 @@ impl App {
 
     /// Opens a device and a render thread, and loads all open files.
     fn draw_in(&mut self, window: Arc<Window>) -> Result<()> {
-        let gpu = Gpu::open(&DeviceOptions { window: true, ..self.options.wish.clone() })?;
+        let gpu =
+            Gpu::open(&DeviceOptions { window: true, ..self.options.device_options.clone() })?;
         self.stats.device = format!("{} ({})", gpu.device.name, gpu.device.driver);
         let size = window.inner_size();
         let present = Present::open(&gpu, window)?;
@@ -71,7 +72,8 @@ impl App {
         // As at the start, nothing is on the screen.
         (self.load.displayed, self.pick_buffer, self.ui.shown, self.ui.loading) =
             (None, None, None, None);
-        (self.options.wish.lost_after, self.options.wish.surface_lost_after) = (None, None);
+        (self.options.device_options.lost_after, self.options.device_options.surface_lost_after) =
+            (None, None);
         self.draw_in(window)?;
         self.report_error(&Error::Device(format!(
             "{error}; the device was opened again, and files are loaded again"

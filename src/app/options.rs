@@ -28,7 +28,7 @@ pub struct Options {
     pub style: NavigationStyle,
     /// Size of saved pictures.
     pub save_size: SaveSize,
-    pub wish: DeviceOptions,
+    pub device_options: DeviceOptions,
     pub pool_bytes: u64,
     /// Camera path to play.
     pub path: CameraPath,

@@ -161,7 +161,7 @@ fn projections(arguments: &Arguments, progress: &dyn Progress) -> Result<Vec<ben
         repeat: arguments.repeat.unwrap_or(25) as usize,
         seed: arguments.seed,
     };
-    project::run(&arguments.device.wish(), &plan, progress)
+    project::run(&arguments.device.to_options(), &plan, progress)
 }
 
 fn index_plan(arguments: &Arguments) -> index::Plan {
@@ -183,7 +183,7 @@ fn surfaces(arguments: &Arguments, progress: &dyn Progress) -> Result<Vec<surfac
             repeat: arguments.repeat.unwrap_or(9) as usize,
             seed: arguments.seed,
         };
-        rows.extend(surface::run(&arguments.device.wish(), &plan, progress)?);
+        rows.extend(surface::run(&arguments.device.to_options(), &plan, progress)?);
     }
     Ok(rows)
 }
@@ -197,7 +197,7 @@ fn luminances(arguments: &Arguments, progress: &dyn Progress) -> Result<Vec<lumi
             repeat: arguments.repeat.unwrap_or(5) as usize,
             seed: arguments.seed,
         };
-        rows.extend(luminance::run(&arguments.device.wish(), &plan, progress)?);
+        rows.extend(luminance::run(&arguments.device.to_options(), &plan, progress)?);
     }
     Ok(rows)
 }
@@ -210,7 +210,7 @@ fn paintings(arguments: &Arguments, progress: &dyn Progress) -> Result<Vec<strok
         repeat: arguments.repeat.unwrap_or(5) as usize,
         seed: arguments.seed,
     };
-    strokes::run(&arguments.device.wish(), &plan, progress)
+    strokes::run(&arguments.device.to_options(), &plan, progress)
 }
 
 fn dobrevs(arguments: &Arguments, progress: &dyn Progress) -> Result<Vec<dobrev::Row>> {
@@ -225,7 +225,7 @@ fn dobrevs(arguments: &Arguments, progress: &dyn Progress) -> Result<Vec<dobrev:
             repeat: arguments.repeat.unwrap_or(5) as usize,
             seed: arguments.seed,
         };
-        rows.extend(dobrev::run(&arguments.device.wish(), &plan, progress)?);
+        rows.extend(dobrev::run(&arguments.device.to_options(), &plan, progress)?);
     }
     Ok(rows)
 }
@@ -243,7 +243,7 @@ fn flights(arguments: &Arguments, progress: &dyn Progress) -> Result<Vec<flight:
         lod_px: detail.lod.unwrap_or(crate::config::LOD_PX),
         pool_bytes: detail.gpu_memory.map(|bytes| bytes.0),
     };
-    flight::run(&arguments.device.wish(), &plan, progress)
+    flight::run(&arguments.device.to_options(), &plan, progress)
 }
 
 fn windows(arguments: &Arguments, progress: &dyn Progress) -> Result<Vec<window::Row>> {

@@ -59,7 +59,7 @@ pub fn run(arguments: &Arguments, path: &Path, progress: &dyn Progress) -> Resul
     )?;
     source.notes(options.further()).iter().for_each(|note| eprintln!("pointillist: note: {note}"));
     let (shown, _) = options.shown(&source)?;
-    let mut gpu = Gpu::open(&arguments.device.wish())?;
+    let mut gpu = Gpu::open(&arguments.device.to_options())?;
     let mut cloud = source.upload(&mut gpu, shown, options.detail.pool_bytes(), progress)?;
     cloud.set_filters(options.opacities(), options.clips());
     let mut said = Vec::new();

@@ -354,7 +354,7 @@ impl PictureOptions {
 }
 
 impl DeviceOptions {
-    pub fn wish(&self) -> gpu::DeviceOptions {
+    pub fn to_options(&self) -> gpu::DeviceOptions {
         gpu::DeviceOptions {
             device: self.device.clone(),
             validate: self.validate,

@@ -122,7 +122,7 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
         strokes: None,
     };
     stages.done("settings");
-    let mut gpu = Gpu::open(&arguments.device.wish())?;
+    let mut gpu = Gpu::open(&arguments.device.to_options())?;
     stages.done("open device");
     let mut cloud = source.upload(&mut gpu, shown, picture.detail.pool_bytes(), progress)?;
     cloud.set_filters(picture.opacities(), picture.clips());

@@ -62,7 +62,7 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
         effects.set(text).map_err(|why| Error::Request(format!("--effect {text}: {why}")))?;
     }
     let index = Index::open(&arguments.file)?;
-    let mut gpu = Gpu::open(&arguments.device.wish())?;
+    let mut gpu = Gpu::open(&arguments.device.to_options())?;
     let settings = &effects.shadows.settings;
     let Summary { facts, leaves, readings, bytes } = whole::cast(
         &mut gpu,

@@ -58,7 +58,7 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
         size: arguments.size.0,
         scenes: arguments.scenes.clone(),
     };
-    let mut gpu = Gpu::open(&arguments.device.wish())?;
+    let mut gpu = Gpu::open(&arguments.device.to_options())?;
     let sections = study::run(&arguments.names, &mut gpu, &plan, progress)?;
     report::write(&arguments.output, &sections, &plan, &report::Origin::here(&gpu))?;
     println!("{}", arguments.output.join("study.html").display());

@@ -109,10 +109,10 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
         size: picture.size.0,
         style: arguments.navigation,
         save_size: arguments.save_size,
-        wish: gpu::DeviceOptions {
+        device_options: gpu::DeviceOptions {
             lost_after: arguments.lose_device,
             surface_lost_after: arguments.lose_surface,
-            ..arguments.device.wish()
+            ..arguments.device.to_options()
         },
         pool_bytes: picture.detail.pool_bytes(),
         path: arguments.path.as_deref().map(CameraPath::read).transpose()?.unwrap_or_default(),

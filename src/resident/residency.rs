@@ -67,16 +67,16 @@ struct Entry {
 
 /// Request policy of a step.
 #[derive(Clone, Copy)]
-struct Asking {
+struct RequestPolicy {
     /// Whether coarser nodes are requested as well, until the cut is resident.
     fall_back: bool,
     /// Most bytes of pages being loaded, unless one node needs more.
-    at_once: u64,
+    max_in_flight: u64,
 }
 
 /// A node requested by an update.
 #[derive(Clone, Copy, Debug)]
-struct Want {
+struct WantedNode {
     node: usize,
     planes: u32,
     /// Whether it is in the cut, not only a fallback.
@@ -115,7 +115,7 @@ pub struct Residency {
     loader: Loader,
     /// Answers published, and number of those taken.
     published: Arc<Published>,
-    heard: u64,
+    received: u64,
     /// Node last reported as stalled.
     stalled: Option<usize>,
     entries: HashMap<usize, Entry>,
@@ -129,7 +129,7 @@ pub struct Residency {
     /// Bytes read since the start.
     pub bytes_read: u64,
     pub evictions: u64,
-    unsaid: Update,
+    unreported: Update,
 }
 
 /// Counter of the loader's answers.
@@ -202,7 +202,7 @@ impl Residency {
             index,
             loader,
             published,
-            heard: 0,
+            received: 0,
             stalled: None,
             entries: HashMap::new(),
             unreadable: HashSet::new(),
@@ -212,7 +212,7 @@ impl Residency {
             updates: 0,
             bytes_read: 0,
             evictions: 0,
-            unsaid: Update::default(),
+            unreported: Update::default(),
         })
     }
 
@@ -251,14 +251,14 @@ impl Residency {
 
     /// Updates what the next frame draws. Never waits.
     pub fn update(&mut self, gpu: &mut Gpu, view: &View, detail: &Detail) -> Result<Update> {
-        self.step(gpu, view, detail, Asking { fall_back: true, at_once: UPLOAD_BYTES })
+        self.step(gpu, view, detail, RequestPolicy { fall_back: true, max_in_flight: UPLOAD_BYTES })
     }
 
     /// As [`Residency::update`], for a moving picture with even frame times: on a software device,
     /// whose cores the loader shares, it requests less at a time.
     pub fn update_moving(&mut self, gpu: &mut Gpu, view: &View, detail: &Detail) -> Result<Update> {
-        let at_once = if gpu.device.is_cpu { UPLOAD_BYTES_SHARED } else { UPLOAD_BYTES };
-        self.step(gpu, view, detail, Asking { fall_back: true, at_once })
+        let max_in_flight = if gpu.device.is_cpu { UPLOAD_BYTES_SHARED } else { UPLOAD_BYTES };
+        self.step(gpu, view, detail, RequestPolicy { fall_back: true, max_in_flight })
     }
 
     /// Waits until the cut is complete. Unreadable nodes are left out and reported in the outcome's
@@ -273,8 +273,12 @@ impl Residency {
         let mut whole = Update::default();
         let mut stuck = 0;
         loop {
-            let update =
-                self.step(gpu, view, detail, Asking { fall_back: false, at_once: UPLOAD_BYTES })?;
+            let update = self.step(
+                gpu,
+                view,
+                detail,
+                RequestPolicy { fall_back: false, max_in_flight: UPLOAD_BYTES },
+            )?;
             whole.errors.extend(update.errors.iter().cloned());
             whole.bytes_read += update.bytes_read;
             whole.evicted += update.evicted;
@@ -295,7 +299,7 @@ impl Residency {
             if self.pages_coming > 0 {
                 // The next step notices a thread that has ended.
                 if let Ok(Some(answer)) = self.loader.wait(Duration::from_millis(100)) {
-                    self.take_in(answer);
+                    self.receive(answer);
                     stuck = 0;
                 }
                 continue;
@@ -326,19 +330,19 @@ impl Residency {
         gpu: &mut Gpu,
         view: &View,
         detail: &Detail,
-        asking: Asking,
+        policy: RequestPolicy,
     ) -> Result<Update> {
         self.updates += 1;
         for node in &self.drawn {
             self.entries.get_mut(node).expect("what is drawn is resident").read_by = gpu.submitted;
         }
-        self.hear()?;
+        self.receive_answers()?;
         self.resident.pool.submit_copies(gpu)?;
         self.reclaim(gpu)?;
-        let (cut, budget) = self.fitting(view, detail, asking.fall_back);
-        let mut update = Update { cut, budget, ..std::mem::take(&mut self.unsaid) };
-        let wants = self.wants(view, detail, &update.cut, asking.fall_back);
-        self.ask(gpu, &wants, asking.at_once, &mut update)?;
+        let (cut, budget) = self.fitting(view, detail, policy.fall_back);
+        let mut update = Update { cut, budget, ..std::mem::take(&mut self.unreported) };
+        let wants = self.wants(view, detail, &update.cut, policy.fall_back);
+        self.request(gpu, &wants, policy.max_in_flight, &mut update)?;
         for want in wants.iter().filter(|want| want.needed) {
             match self.here(want.node) {
                 None => update.missing += 1,
@@ -365,41 +369,41 @@ impl Residency {
         node < self.index.directory.roots as usize
     }
 
-    fn hear(&mut self) -> Result<()> {
+    fn receive_answers(&mut self) -> Result<()> {
         let published = self.published.timeline.value()?;
-        while self.heard < published || self.loader.has_ended() {
+        while self.received < published || self.loader.has_ended() {
             match self.loader.answer() {
-                Ok(Some(answer)) => self.take_in(answer),
+                Ok(Some(answer)) => self.receive(answer),
                 Ok(None) => break,
                 Err(ended) => {
-                    self.unsaid.errors.push(ended.to_string());
-                    return self.begin_again();
+                    self.unreported.errors.push(ended.to_string());
+                    return self.restart_loader();
                 }
             }
         }
         let stalled = self.loader.stalled();
         if let Some(node) = stalled.filter(|_| stalled != self.stalled) {
             let (path, waited) = (self.index.path().display(), PATIENCE.as_secs_f64());
-            self.unsaid.errors.push(format!("{path}: node {node} has not come within {waited} s; coarser nodes are drawn until it does"));
+            self.unreported.errors.push(format!("{path}: node {node} has not come within {waited} s; coarser nodes are drawn until it does"));
         }
         self.stalled = stalled;
         Ok(())
     }
 
     /// Replaces a loader that has ended, and drops what it was loading.
-    fn begin_again(&mut self) -> Result<()> {
+    fn restart_loader(&mut self) -> Result<()> {
         for run in self.entries.values_mut().filter_map(|entry| entry.coming.take()) {
             self.resident.pool.close(run.first_page, false);
             self.retired.push((run, 0));
         }
         self.pages_coming = 0;
         self.loader = self.published.loader(&self.index, self.resident.shown)?;
-        self.heard = self.published.timeline.value()?;
+        self.received = self.published.timeline.value()?;
         Ok(())
     }
 
-    fn take_in(&mut self, Answer { node, outcome }: Answer) {
-        self.heard += 1;
+    fn receive(&mut self, Answer { node, outcome }: Answer) {
+        self.received += 1;
         let entry = self.entries.get_mut(&node).expect("what is with the loader has an entry");
         let run = entry.coming.take().expect("an answer for every destination");
         self.pages_coming -= run.pages;
@@ -411,13 +415,13 @@ impl Residency {
                 let read_by = entry.read_by;
                 self.retired.extend(before.map(|before| (before, read_by)));
                 self.bytes_read += read.bytes;
-                self.unsaid.bytes_read += read.bytes;
+                self.unreported.bytes_read += read.bytes;
             }
             Outcome::Dropped => self.retired.push((run, 0)),
             Outcome::Failed(error) => {
                 self.retired.push((run, 0));
                 if self.unreadable.insert(node) {
-                    self.unsaid
+                    self.unreported
                         .errors
                         .push(format!("{error}; its nearest resident ancestor is drawn instead"));
                 }
@@ -466,7 +470,7 @@ impl Residency {
 
     /// Lists the wanted nodes in order of requests. Fallbacks are the roots and the missing
     /// ancestors of missing nodes, so that a missing node does not coarsen all of a root.
-    fn wants(&self, view: &View, detail: &Detail, cut: &Cut, fall_back: bool) -> Vec<Want> {
+    fn wants(&self, view: &View, detail: &Detail, cut: &Cut, fall_back: bool) -> Vec<WantedNode> {
         let mut above = BTreeSet::new();
         if fall_back {
             above.extend(
@@ -482,7 +486,7 @@ impl Residency {
                 above.remove(&wanted.node);
             }
         }
-        let above = above.into_iter().map(|node| Want { node, planes: 1, needed: false });
+        let above = above.into_iter().map(|node| WantedNode { node, planes: 1, needed: false });
         let needed = cut.nodes.iter().map(|wanted| {
             let record = &self.index.nodes()[wanted.node];
             let frame = self.frame(wanted.node);
@@ -496,7 +500,7 @@ impl Residency {
                     wanted.distance,
                 ),
             };
-            Want { node: wanted.node, planes, needed: true }
+            WantedNode { node: wanted.node, planes, needed: true }
         });
         above.chain(needed).collect()
     }
@@ -512,11 +516,11 @@ impl Residency {
     }
 
     /// Posts the newest request list, with pages for as much of it as may be loaded at a time.
-    fn ask(
+    fn request(
         &mut self,
         gpu: &mut Gpu,
-        wants: &[Want],
-        at_once: u64,
+        wants: &[WantedNode],
+        max_in_flight: u64,
         update: &mut Update,
     ) -> Result<()> {
         let protected: HashMap<usize, bool> =
@@ -538,8 +542,8 @@ impl Residency {
             }
             let pages = want.planes + self.resident.shown.words();
             // In order, as `fitting` assumes: nothing smaller is taken first.
-            enough |=
-                self.pages_coming > 0 && (self.pages_coming + pages) as u64 * PAGE_BYTES > at_once;
+            enough |= self.pages_coming > 0
+                && (self.pages_coming + pages) as u64 * PAGE_BYTES > max_in_flight;
             if enough {
                 continue;
             }
@@ -554,14 +558,14 @@ impl Residency {
                 enough = true;
                 continue;
             }
-            let window = self.resident.pool.mapped_range(first_page, pages);
+            let range = self.resident.pool.mapped_range(first_page, pages);
             let run = Run { first_page, planes: want.planes, pages };
             self.entries.entry(want.node).or_default().coming = Some(run);
             self.pages_coming += pages;
             list.push(NodeRequest {
                 node: want.node,
                 planes: want.planes,
-                destination: Some(Box::new(Mapped(window))),
+                destination: Some(Box::new(Mapped(range))),
             });
         }
         if self.pages_coming > 0 {

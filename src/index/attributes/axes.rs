@@ -15,7 +15,7 @@ use crate::index::format::Axes;
 use glam::DVec3;
 
 /// Spreads and skews below this part of the largest spread are rounding.
-const NOTHING: f64 = 1e-6;
+const NEGLIGIBLE: f64 = 1e-6;
 
 /// Sums of products of coordinates relative to one common centre.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -70,7 +70,7 @@ impl Moments {
         let of_mean = products(mean);
         let [(least, _), (middle, second), (most, first)] =
             eigen(std::array::from_fn(|k| self.second[k] / count - of_mean[k]));
-        if !(middle - least > NOTHING * most && most - middle > NOTHING * most) {
+        if !(middle - least > NEGLIGIBLE * most && most - middle > NEGLIGIBLE * most) {
             return Axes::default();
         }
         let [Some(x), Some(y)] = [first, second].map(|axis| self.towards(axis, mean, most)) else {
@@ -107,7 +107,7 @@ impl Moments {
             x * x * xx + y * y * yy + z * z * zz + 2.0 * (x * y * xy + x * z * xz + y * z * yz);
         let m = mean.dot(axis);
         let lopsided = cubes - 3.0 * m * squares + 2.0 * m * m * m;
-        (lopsided.abs() > NOTHING * most.powf(1.5)).then_some(if lopsided < 0.0 {
+        (lopsided.abs() > NEGLIGIBLE * most.powf(1.5)).then_some(if lopsided < 0.0 {
             -axis
         } else {
             axis

@@ -16,17 +16,17 @@ use glam::DVec3;
 
 /// Most points within a radius; the radius is halved until there are no more: a million points in
 /// one place tell no more of a surface than some.
-const MOST_WITHIN: usize = 4096;
+const MAX_WITHIN: usize = 4096;
 
 /// Range of bytes of neighbouring leaves that are held.
-const HELD: std::ops::RangeInclusive<u64> = (12 << 20)..=(48 << 20);
+const HELD_BYTES: std::ops::RangeInclusive<u64> = (12 << 20)..=(48 << 20);
 
 /// First search distance as a part of the leaf's width, and growth of later ones.
 const FIRST_REACH: f64 = 1.0 / 16.0;
-const WIDER: f64 = 3.0;
+const GROWTH: f64 = 3.0;
 /// Growth if the distance is known: slightly more, so that the next point finds its neighbours
 /// there too.
-const SLIGHTLY_WIDER: f64 = 1.25;
+const KNOWN_GROWTH: f64 = 1.25;
 
 pub struct KnnQuery<'s> {
     own: &'s Leaf,
@@ -164,10 +164,10 @@ impl<'s> KnnQuery<'s> {
             found.clear();
             let squared = radius * radius;
             let search = |own: &Self, query: Query, found: &mut Vec<Neighbour>| {
-                own.leaf_at(query).tree.add_within(query, squared, MOST_WITHIN + 1, found);
+                own.leaf_at(query).tree.add_within(query, squared, MAX_WITHIN + 1, found);
             };
             self.search(place, found, &search, &|_| squared)?;
-            if found.len() <= MOST_WITHIN {
+            if found.len() <= MAX_WITHIN {
                 return Ok(radius);
             }
             radius /= 2.0;
@@ -188,7 +188,7 @@ impl<'s> KnnQuery<'s> {
         let query = self.own.tree.query(place);
         search(self, query, found);
         let Some((leaf_cache, _)) = self.leaf_cache else { return Ok(()) };
-        if self.held > leaf_cache.hold.clamp(*HELD.start(), *HELD.end()) {
+        if self.held > leaf_cache.hold.clamp(*HELD_BYTES.start(), *HELD_BYTES.end()) {
             self.near.iter_mut().for_each(|near| near.leaf = None);
             self.held = 0;
         }
@@ -228,8 +228,8 @@ impl<'s> KnnQuery<'s> {
         let width = (DVec3::from_array(own.extent.map(f64::from)) * step)
             .max_element()
             .max(step.max_element());
-        let farther = (WIDER * self.covered).max(FIRST_REACH * width);
-        self.covered = farther.min(SLIGHTLY_WIDER * squared.sqrt());
+        let farther = (GROWTH * self.covered).max(FIRST_REACH * width);
+        self.covered = farther.min(KNOWN_GROWTH * squared.sqrt());
         let mut near = leaf_cache.beside(node, self.covered, self.of_any_lattice);
         near.iter_mut()
             .zip(&mut self.near)

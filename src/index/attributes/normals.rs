@@ -27,7 +27,7 @@ use std::sync::LazyLock;
 
 /// Eigenvalues closer than this part of the largest count as equal: the direction between them is
 /// arbitrary.
-const SAME: f64 = 1e-6;
+const DEGENERATE: f64 = 1e-6;
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Plane {
@@ -89,21 +89,21 @@ pub fn patch(
         .filter(|_| !lonely)
         .and_then(|plane| gap(&plane, &scratch.steps, step, reach))
         .unwrap_or(0.0);
-    Ok(Patch { radius_m: radius_m.max(CLOSES * gap), lonely, plane })
+    Ok(Patch { radius_m: radius_m.max(GAP_FACTOR * gap), lonely, plane })
 }
 
 /// Stroke radius over gap width: a dab covers 0.73 of its radius, and a gap's corners lie between
 /// the sampled directions.
-const CLOSES: f64 = 1.5;
+const GAP_FACTOR: f64 = 1.5;
 /// Sampled directions in the plane.
-const WAYS: usize = 32;
+const DIRECTIONS: usize = 32;
 /// Largest RMS distance from the plane, as a part of the reach, for which strokes are enlarged:
 /// rougher neighbourhoods are edges, crests, claws or leaves.
-const FLAT: f64 = 0.14;
+const MAX_ROUGHNESS: f64 = 0.14;
 
-static COSINES: LazyLock<[[f64; 2]; WAYS]> = LazyLock::new(|| {
+static COSINES: LazyLock<[[f64; 2]; DIRECTIONS]> = LazyLock::new(|| {
     std::array::from_fn(|k| {
-        let (sin, cos) = (std::f64::consts::TAU * k as f64 / WAYS as f64).sin_cos();
+        let (sin, cos) = (std::f64::consts::TAU * k as f64 / DIRECTIONS as f64).sin_cos();
         [cos, sin]
     })
 });
@@ -116,7 +116,7 @@ static COSINES: LazyLock<[[f64; 2]; WAYS]> = LazyLock::new(|| {
 /// another sheet have hardly any q in the plane, so that they bound little.
 fn gap(plane: &Plane, differences: &[DVec3], step: DVec3, reach: f64) -> Option<f64> {
     let across = plane.normal.cross(plane.along);
-    let mut most = [0.0f64; WAYS];
+    let mut most = [0.0f64; DIRECTIONS];
     // Sums of integers, because a decision must not depend on the order of summation.
     let mut products = [0.0; 6];
     for &d in differences {
@@ -135,7 +135,7 @@ fn gap(plane: &Plane, differences: &[DVec3], step: DVec3, reach: f64) -> Option<
         + n.z * n.z * zz
         + 2.0 * (n.x * n.y * xy + n.x * n.z * xz + n.y * n.z * yz))
         .max(0.0);
-    let flat = thick <= (FLAT * reach).powi(2) * differences.len() as f64;
+    let flat = thick <= (MAX_ROUGHNESS * reach).powi(2) * differences.len() as f64;
     let gap = 0.5 / most.into_iter().fold(f64::INFINITY, f64::min);
     // Beyond half the reach another point may be nearer that is not among the neighbours.
     (flat && gap <= reach / 2.0).then_some(gap)
@@ -164,7 +164,7 @@ pub fn plane(differences: &[DVec3], step: DVec3) -> Option<Plane> {
     let (means, scale) = (outer(sum / count, sum / count), outer(step, step));
     let [(least, normal), (middle, _), (most, along)] =
         eigen(std::array::from_fn(|k| (products[k] / count - means[k]) * scale[k]));
-    let flat = middle <= step.max_element().powi(2) || middle - least < SAME * most;
+    let flat = middle <= step.max_element().powi(2) || middle - least < DEGENERATE * most;
     (!flat).then_some(Plane { normal, along })
 }
 

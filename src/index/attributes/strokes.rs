@@ -30,13 +30,13 @@ use std::sync::{Arc, Mutex, MutexGuard};
 
 /// Share of points whose radii bound that of an isolated point, so that a bird far from everything
 /// is not painted as large as a barn door (guide: numerics, case 21).
-const LONELY: f64 = 0.01;
+const ISOLATED_SHARE: f64 = 0.01;
 /// Factor on that bound for other points, which lie as sparsely as their neighbours. A power of
 /// two, so that radii and the upper halves of f32 are bounded alike.
-const EVEN: f64 = (1 << EVEN_POWER) as f64;
-const EVEN_POWER: u32 = 1;
+const COMMON_FACTOR: f64 = (1 << COMMON_POWER) as f64;
+const COMMON_POWER: u32 = 1;
 /// Clusters of fewer points are detail, and painted in two layers.
-const SMALL: u64 = 48;
+const SMALL_CLUSTER: u64 = 48;
 
 /// Stroke parameters of a point.
 #[derive(Clone, Copy, Debug)]
@@ -161,7 +161,7 @@ pub fn strokes(
     (0..tree.len()).for_each(|place| places[tree.number(place)] = place);
     let stroke = |&place: &usize| {
         let (Patch { radius_m, lonely, plane }, _) = known[place];
-        let most = if lonely { largest } else { EVEN * largest };
+        let most = if lonely { largest } else { COMMON_FACTOR * largest };
         Stroke { radius_m: radius_m.min(most), lonely, plane, cluster: cluster(place) }
     };
     Ok(places.par_iter().map(stroke).collect())
@@ -204,7 +204,7 @@ pub fn of_node(index: &Index, node: usize) -> Result<(Vec<[u32; 2]>, u64)> {
 
 /// Returns the rank of the largest allowed radius among sorted radii.
 pub fn rank(points: u64) -> u64 {
-    (points as f64 * (1.0 - LONELY)) as u64
+    (points as f64 * (1.0 - ISOLATED_SHARE)) as u64
 }
 
 fn cap(mut radii: Vec<f64>) -> f64 {
@@ -225,7 +225,7 @@ const SMALL_BIT: u32 = 1 << 7;
 const LONELY_BIT: u32 = 1 << 6;
 /// Steps per unit of elongation beyond 1.
 const ELONGATION_STEPS: f64 = 8.0;
-const LONGEST: u32 = 31;
+const MAX_ELONGATION: u32 = 31;
 
 impl Stroke {
     /// Returns the words of a point at these lattice steps:
@@ -242,9 +242,11 @@ impl Stroke {
 
     /// Returns the brush word for a normal as stored: the plane's own, or a better one.
     pub fn brush(&self, normal: u32) -> u32 {
-        let (small, long) =
-            (self.cluster.points < SMALL, (self.cluster.elongation - 1.0) * ELONGATION_STEPS);
-        let cluster = if small { SMALL_BIT } else { 0 } | (long.round() as u32).min(LONGEST);
+        let (small, long) = (
+            self.cluster.points < SMALL_CLUSTER,
+            (self.cluster.elongation - 1.0) * ELONGATION_STEPS,
+        );
+        let cluster = if small { SMALL_BIT } else { 0 } | (long.round() as u32).min(MAX_ELONGATION);
         let angle = octahedral::unpack(normal)
             .zip(self.plane)
             .map_or(0, |(normal, plane)| angle(normal, plane.along));
@@ -266,10 +268,10 @@ pub fn radius_m(brush: u32) -> f32 {
 }
 
 /// Limits a brush's radius to `largest`, in units of an f32's upper half, for isolated points, and
-/// to EVEN times that for others.
+/// to COMMON_FACTOR times that for others.
 pub fn capped(brush: u32, largest: u32) -> u32 {
     let most =
-        if brush & LONELY_BIT == 0 { largest + (EVEN_POWER << EXPONENT_SHIFT) } else { largest };
+        if brush & LONELY_BIT == 0 { largest + (COMMON_POWER << EXPONENT_SHIFT) } else { largest };
     (brush >> 16).min(most) << 16 | brush & !RADIUS_BITS
 }
 

@@ -65,7 +65,8 @@ impl Options {
     /// Returns the memory for buckets: what building chunks leaves, or a good part of the total if
     /// memory is short [bytes].
     pub(super) fn bucket_bytes(&self) -> u64 {
-        let chunks = 2 * self.threads as u64 * self.chunk_points() * CHUNK_BYTES_PER_POINT + BESIDE;
+        let chunks =
+            2 * self.threads as u64 * self.chunk_points() * CHUNK_BYTES_PER_POINT + FIXED_BYTES;
         self.memory.saturating_sub(chunks).max(self.memory * 3 / 8)
     }
 }
@@ -74,7 +75,7 @@ impl Options {
 const CHUNK_BYTES_PER_POINT: u64 = 96;
 
 /// Memory of the program, readers, and planes to be written [bytes].
-const BESIDE: u64 = 192 << 20;
+const FIXED_BYTES: u64 = 192 << 20;
 const CHUNK_POINTS: std::ops::RangeInclusive<u64> = (1 << 17)..=(1 << 19);
 
 pub(super) struct Builder<'a> {

@@ -21,7 +21,7 @@ const AXIS_BITS: u32 = 11;
 const NUMBER_BITS: u32 = 64 - 3 * AXIS_BITS;
 const DIGIT_BITS: u32 = 11;
 /// Counting 2^11 digits takes longer than comparing this few.
-const FEW: usize = 256;
+const MIN_RADIX: usize = 256;
 
 /// Memory that a thread reuses for every bucket.
 #[derive(Default)]
@@ -83,7 +83,7 @@ fn compare(layout: &Layout, a: &[u8], b: &[u8]) -> Ordering {
 
 /// Sorts by the bits from `from` on, least significant digit first.
 fn radix_sort(items: &mut Vec<u64>, other: &mut Vec<u64>, from: u32) {
-    if items.len() < FEW {
+    if items.len() < MIN_RADIX {
         return items.sort_unstable();
     }
     other.resize(items.len(), 0);

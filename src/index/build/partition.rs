@@ -1,7 +1,7 @@
 //! Partitions one part into nodes in memory by a coarse kd-tree (Pintus, section 7; guide: papers:
 //! leaves below M samples, midpoint split of the longest axis).
 //!
-//! Splitting a cube at the midpoint of its longest axis, x after y after z, takes one more bit of
+//! Splitter a cube at the midpoint of its longest axis, x after y after z, takes one more bit of
 //! the Morton code. So:
 //!
 //! - split(points, cube): count the points on a grid of 64 x 64 x 64 cells, sort them by cell (a
@@ -53,7 +53,7 @@ const GRID_BITS: u32 = 6;
 const MAX_NODE_BITS: u32 = BITS_PER_PLANE * POSITION_PLANES;
 
 /// Points counted or sorted between checks for cancellation.
-const AT_ONCE: usize = 1 << 18;
+const CHECK_INTERVAL: usize = 1 << 18;
 
 pub fn partition(columns: &Columns, progress: &dyn Progress) -> Result<Partition> {
     let mut partition = Partition::default();
@@ -66,15 +66,15 @@ pub fn partition(columns: &Columns, progress: &dyn Progress) -> Result<Partition
         partition.order = [&inside[..], &strays[..]].concat();
         inside.len()
     });
-    let mut splitting = Splitting { columns, nodes: Vec::new(), progress };
+    let mut splitter = Splitter { columns, nodes: Vec::new(), progress };
     let (core, strays) = partition.order.split_at_mut(inside);
     if strays.is_empty() {
-        splitting.whole(core, 0, [low, high])?;
+        splitter.whole(core, 0, [low, high])?;
     } else {
-        splitting.whole(core, 0, around(columns, core))?;
-        splitting.whole(strays, inside, around(columns, strays))?;
+        splitter.whole(core, 0, around(columns, core))?;
+        splitter.whole(strays, inside, around(columns, strays))?;
     }
-    partition.nodes = splitting.nodes;
+    partition.nodes = splitter.nodes;
     Ok(partition)
 }
 
@@ -111,14 +111,14 @@ fn around(columns: &Columns, points: &[u32]) -> [[i32; 3]; 2] {
     ends
 }
 
-struct Splitting<'s> {
+struct Splitter<'s> {
     columns: &'s Columns,
     /// Made so far.
     nodes: Vec<Node>,
     progress: &'s dyn Progress,
 }
 
-impl Splitting<'_> {
+impl Splitter<'_> {
     /// Splits points within these ends, which start at `first` of the whole order.
     fn whole(&mut self, points: &mut [u32], first: usize, ends: [[i32; 3]; 2]) -> Result<()> {
         let [low, high] = ends.map(|end| end.map(i64::from));
@@ -201,7 +201,7 @@ fn sort_by_cell(
         .par_chunks(chunk)
         .map(|chunk| {
             let mut counts = vec![0u32; cells];
-            for some in chunk.chunks(AT_ONCE) {
+            for some in chunk.chunks(CHECK_INTERVAL) {
                 look()?;
                 some.iter().for_each(|&i| counts[cell(i)] += 1);
             }
@@ -222,7 +222,7 @@ fn sort_by_cell(
     // code; no slot is written twice.
     let sorted: Vec<AtomicU32> = (0..points.len()).map(|_| AtomicU32::new(0)).collect();
     points.par_chunks(chunk).zip(&mut next).try_for_each(|(chunk, next)| {
-        for some in chunk.chunks(AT_ONCE) {
+        for some in chunk.chunks(CHECK_INTERVAL) {
             look()?;
             for &i in some {
                 let slot = &mut next[cell(i)];

@@ -52,7 +52,7 @@ pub fn node(
 }
 
 /// Axes with eigenvalues closer than this are undetermined.
-const SAME: f64 = 1e-6;
+const DEGENERATE: f64 = 1e-6;
 
 fn normal(runs: &Runs, facing: &[u32], run: Range<usize>, oriented: bool) -> u32 {
     if run.len() == 1 {
@@ -72,7 +72,7 @@ fn normal(runs: &Runs, facing: &[u32], run: Range<usize>, oriented: bool) -> u32
     }
     let Some(first) = first else { return octahedral::UNKNOWN };
     let [_, (second, _), (most, axis)] = eigen(products);
-    if most - second < SAME * most {
+    if most - second < DEGENERATE * most {
         return octahedral::UNKNOWN;
     }
     octahedral::pack(if axis.dot(first) < 0.0 { -axis } else { axis })

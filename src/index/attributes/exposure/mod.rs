@@ -42,21 +42,21 @@ pub struct Overlap {
 
 /// Mean number of points per occupied cell: of a station that sees a cell well, dozens. In larger
 /// cells stations see different things.
-const POINTS: usize = 16;
+const POINTS_PER_CELL: usize = 16;
 /// Number of times that cells are doubled until all stations are connected: far from a station its
 /// points are sparse.
-const WIDER: u32 = 4;
+const MAX_DOUBLINGS: u32 = 4;
 /// Fewest points of a station in a common cell.
-const ENOUGH: u32 = 4;
+const MIN_POINTS: u32 = 4;
 /// Fewest common cells of two stations.
-const ENOUGH_CELLS: usize = 16;
+const MIN_CELLS: usize = 16;
 /// Visible step [stops], and tolerance in standard errors.
 const UNEVEN_STOPS: f64 = 0.25;
-const SURE: f64 = 3.0;
+const SIGMAS: f64 = 3.0;
 
 /// Statistics of one station in one cell.
 #[derive(Clone, Copy, Default)]
-struct Seen {
+struct StationStats {
     count: u32,
     value: f64,
     light: f64,
@@ -64,9 +64,9 @@ struct Seen {
     squares: f64,
 }
 
-impl Seen {
-    fn with(self, v: u8, light: f64) -> Seen {
-        Seen {
+impl StationStats {
+    fn with(self, v: u8, light: f64) -> StationStats {
+        StationStats {
             count: self.count.saturating_add(1),
             value: self.value + v as f64,
             light: self.light + light,
@@ -74,9 +74,9 @@ impl Seen {
         }
     }
 
-    fn and(self, other: Seen) -> Seen {
-        let Seen { count, value, light, squares } = other;
-        Seen {
+    fn and(self, other: StationStats) -> StationStats {
+        let StationStats { count, value, light, squares } = other;
+        StationStats {
             count: self.count.saturating_add(count),
             value: self.value + value,
             light: self.light + light,
@@ -85,7 +85,7 @@ impl Seen {
     }
 
     /// Returns the variance of the mean light, relative to its square.
-    fn doubt(self) -> f64 {
+    fn relative_variance(self) -> f64 {
         let (count, mean) = (self.count as f64, self.light / self.count as f64);
         ((self.squares / count - mean * mean) / (count - 1.0)).max(0.0) / (mean * mean)
     }
@@ -93,7 +93,7 @@ impl Seen {
 
 /// Difference of two stations in a common cell.
 #[derive(Clone, Copy)]
-struct Shared {
+struct SharedCell {
     /// Difference of V, second minus first.
     step: f64,
     /// Ratio of the first's light to the second's, and its standard error [stops].
@@ -101,17 +101,17 @@ struct Shared {
     error: f64,
 }
 
-type Pairs = BTreeMap<[usize; 2], Vec<Shared>>;
+type Pairs = BTreeMap<[usize; 2], Vec<SharedCell>>;
 
 /// Measures the exposures from all points. `None` if fewer than two stations have colours.
 pub fn exposures(cloud: &Cloud) -> Option<Exposures> {
     let points = sample::all(cloud)?;
-    let (totals, pairs) = compare(&points, dropped(&points), cloud.stations.len());
+    let (totals, pairs) = compare(&points, dropped_bits(&points), cloud.stations.len());
     let values: Vec<_> = totals
         .iter()
         .map(|total| (total.count > 0).then(|| total.value / total.count as f64))
         .collect();
-    let overlap = |(stations, cells): (&[usize; 2], &Vec<Shared>)| {
+    let overlap = |(stations, cells): (&[usize; 2], &Vec<SharedCell>)| {
         let step = cells.iter().map(|shared| shared.step).sum::<f64>() / cells.len() as f64;
         Overlap { stations: *stations, cells: cells.len() as u64, step, gain: median(cells).exp2() }
     };
@@ -135,12 +135,12 @@ pub fn of_sample(sample: Sample, stations: &[Station]) -> Option<Balance> {
 }
 
 fn of_points(points: &[Point], stations: &[Station]) -> Option<Balance> {
-    let finest = dropped(points);
+    let finest = dropped_bits(points);
     let mut groups = Groups::new(stations.len());
     let mut used = Pairs::new();
-    for dropped in (0..=WIDER).map(|wider| finest + 3 * wider) {
+    for dropped in (0..=MAX_DOUBLINGS).map(|wider| finest + 3 * wider) {
         let (totals, mut pairs) = compare(points, dropped, stations.len());
-        pairs.retain(|stations, cells| cells.len() >= ENOUGH_CELLS && !used.contains_key(stations));
+        pairs.retain(|stations, cells| cells.len() >= MIN_CELLS && !used.contains_key(stations));
         pairs.keys().for_each(|&[a, b]| groups.join(a, b));
         used.append(&mut pairs);
         let mut coloured = (0..stations.len()).filter(|&station| totals[station].count > 0);
@@ -154,11 +154,11 @@ fn of_points(points: &[Point], stations: &[Station]) -> Option<Balance> {
     }
     let counts: Vec<u64> = stations.iter().map(|station| station.points).collect();
     let gains = gains(&used, &mut groups, &counts);
-    let differ = |([a, b], cells): (&[usize; 2], &Vec<Shared>)| {
+    let differ = |([a, b], cells): (&[usize; 2], &Vec<SharedCell>)| {
         let gain = (gains[*b] / gains[*a]).log2();
         cells
             .iter()
-            .filter(|shared| (shared.stops - gain).abs() > UNEVEN_STOPS + SURE * shared.error)
+            .filter(|shared| (shared.stops - gain).abs() > UNEVEN_STOPS + SIGMAS * shared.error)
             .count()
     };
     let uneven = used.iter().map(differ).sum::<usize>() as f64
@@ -167,14 +167,14 @@ fn of_points(points: &[Point], stations: &[Station]) -> Option<Balance> {
 }
 
 /// Returns the median of the differences [stops].
-fn median(cells: &[Shared]) -> f64 {
+fn median(cells: &[SharedCell]) -> f64 {
     let mut stops: Vec<f64> = cells.iter().map(|shared| shared.stops).collect();
     stops.sort_by(f64::total_cmp);
     stops[stops.len() / 2]
 }
 
 /// Returns the low code bits that cells drop so that occupied ones have enough points.
-fn dropped(points: &[Point]) -> u32 {
+fn dropped_bits(points: &[Point]) -> u32 {
     // For all neighbours the highest bit in which their codes differ, counted from 1.
     let mut differ = [0usize; 65];
     points
@@ -183,37 +183,38 @@ fn dropped(points: &[Point]) -> u32 {
     let cells = |dropped: u32| 1 + differ[dropped as usize + 1..].iter().sum::<usize>();
     (0..AXIS_BITS)
         .map(|level| 3 * level)
-        .find(|&dropped| points.len() >= POINTS * cells(dropped))
+        .find(|&dropped| points.len() >= POINTS_PER_CELL * cells(dropped))
         .unwrap_or(3 * AXIS_BITS)
 }
 
 /// Returns the statistics of stations, in total and for pairs in common cells.
-fn compare(points: &[Point], dropped: u32, stations: usize) -> (Vec<Seen>, Pairs) {
+fn compare(points: &[Point], dropped: u32, stations: usize) -> (Vec<StationStats>, Pairs) {
     let light: Vec<f64> = (0..256).map(|v| srgb_to_linear(v as f64 / 255.0)).collect();
     let cell = |point: &Point| point.0.checked_shr(dropped).unwrap_or(0);
-    let mut totals = vec![Seen::default(); stations];
+    let mut totals = vec![StationStats::default(); stations];
     let mut pairs = Pairs::new();
-    let mut here: Vec<(usize, Seen)> = Vec::new();
+    let mut here: Vec<(usize, StationStats)> = Vec::new();
     for cell in points.chunk_by(|a, b| cell(a) == cell(b)) {
         here.clear();
         for &(_, station, v) in cell {
             let known = here.iter().position(|(own, _)| *own == station as usize);
             let place = known.unwrap_or_else(|| {
-                here.push((station as usize, Seen::default()));
+                here.push((station as usize, StationStats::default()));
                 here.len() - 1
             });
             here[place].1 = here[place].1.with(v, light[v as usize]);
         }
         here.sort_unstable_by_key(|(station, _)| *station);
         here.iter().for_each(|&(station, seen)| totals[station] = totals[station].and(seen));
-        here.retain(|(_, seen)| seen.count >= ENOUGH && seen.light > 0.0);
+        here.retain(|(_, seen)| seen.count >= MIN_POINTS && seen.light > 0.0);
         for (k, (a, one)) in here.iter().enumerate() {
             for (b, two) in &here[k + 1..] {
                 let [one_count, two_count] = [one.count, two.count].map(f64::from);
                 let step = two.value / two_count - one.value / one_count;
                 let stops = ((one.light / one_count) / (two.light / two_count)).log2();
-                let error = (one.doubt() + two.doubt()).sqrt() / std::f64::consts::LN_2;
-                pairs.entry([*a, *b]).or_default().push(Shared { step, stops, error });
+                let error = (one.relative_variance() + two.relative_variance()).sqrt()
+                    / std::f64::consts::LN_2;
+                pairs.entry([*a, *b]).or_default().push(SharedCell { step, stops, error });
             }
         }
     }
@@ -350,7 +351,10 @@ mod tests {
         let overlap = |a: usize, b: usize, cells: usize, noise: f64| {
             (
                 [a, b],
-                vec![Shared { step: 0.0, stops: truth[b] - truth[a] + noise, error: 0.0 }; cells],
+                vec![
+                    SharedCell { step: 0.0, stops: truth[b] - truth[a] + noise, error: 0.0 };
+                    cells
+                ],
             )
         };
         let pairs = Pairs::from([

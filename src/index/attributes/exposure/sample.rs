@@ -19,7 +19,7 @@ pub const AXIS_BITS: u32 = 21;
 const SAMPLE: u64 = 1 << 20;
 const BLOCK_BITS: u32 = 7;
 /// Largest sample: while blocks near a scanner make it larger, half of the blocks are left out.
-const MOST: usize = 2 * SAMPLE as usize;
+const MAX_SAMPLE: usize = 2 * SAMPLE as usize;
 
 /// A coloured point: Morton code of its finest cell, station, and V.
 pub type Point = (u64, u16, u8);
@@ -60,7 +60,7 @@ pub fn all(cloud: &Cloud) -> Option<Vec<Point>> {
 
 /// Returns the sample of a cloud, in order.
 pub fn some(cloud: &Cloud) -> Option<Vec<Point>> {
-    let most = most_of(cloud.len());
+    let most = max_block_hash(cloud.len());
     let mut kept = Kept { most, points: points(cloud, most)? };
     kept.thin();
     Some(kept.points)
@@ -77,7 +77,7 @@ pub struct Sample {
 impl Sample {
     /// Creates a sample of a number of points within a box.
     pub fn new(bounds: (DVec3, DVec3), points: u64) -> Sample {
-        let most = most_of(points);
+        let most = max_block_hash(points);
         // Bits of a number spread as in a code, x lowest.
         let spread: [u64; 1 << BLOCK_BITS] =
             std::array::from_fn(|axis| morton::code_63([axis as u32, 0, 0]));
@@ -88,7 +88,7 @@ impl Sample {
             let block =
                 |number: usize| axis(number, 2) | axis(number, 1) << 1 | axis(number, 0) << 2;
             (0..64).fold(0, |bits, bit| {
-                bits | ((scattered(block(word << 6 | bit)) <= most) as u64) << bit
+                bits | ((block_hash(block(word << 6 | bit)) <= most) as u64) << bit
             })
         };
         let wanted = (most < u64::MAX)
@@ -142,7 +142,7 @@ struct Kept {
 
 impl Kept {
     fn thin(&mut self) {
-        while self.points.len() > MOST && self.most > 0 {
+        while self.points.len() > MAX_SAMPLE && self.most > 0 {
             self.most /= 2;
             self.points.retain(|point| is_wanted(point.0, self.most));
         }
@@ -152,7 +152,7 @@ impl Kept {
 fn points(cloud: &Cloud, most: u64) -> Option<Vec<Point>> {
     let cells = Cells::over(cloud.bounds()?);
     let of = |number: usize, run: Range<usize>| {
-        coloured(cloud, number, run, cells).filter(|point| is_wanted(point.0, most))
+        colored_points(cloud, number, run, cells).filter(|point| is_wanted(point.0, most))
     };
     let runs: Vec<(usize, Range<usize>)> = (0..cloud.parts.len())
         .flat_map(|number| {
@@ -184,7 +184,7 @@ fn sort(points: &mut [Point]) {
 }
 
 /// Returns the coloured points of a range of a part.
-fn coloured(
+fn colored_points(
     cloud: &Cloud,
     number: usize,
     run: Range<usize>,
@@ -213,16 +213,16 @@ fn value(rgb: [u8; 3]) -> Option<u8> {
 }
 
 /// Returns the highest hashed block number that is wanted for this many points.
-fn most_of(points: u64) -> u64 {
+fn max_block_hash(points: u64) -> u64 {
     ((SAMPLE as f64 / points as f64).min(1.0) * u64::MAX as f64) as u64
 }
 
 fn is_wanted(code: u64, most: u64) -> bool {
-    scattered(code >> (3 * (AXIS_BITS - BLOCK_BITS))) <= most
+    block_hash(code >> (3 * (AXIS_BITS - BLOCK_BITS))) <= most
 }
 
 /// Hashes a block number uniformly (the mixing step of SplitMix64, Steele, Lea and Flood 2014).
-fn scattered(block: u64) -> u64 {
+fn block_hash(block: u64) -> u64 {
     let block = (block ^ block >> 30).wrapping_mul(0xBF58_476D_1CE4_E5B9);
     let block = (block ^ block >> 27).wrapping_mul(0x94D0_49BB_1331_11EB);
     block ^ block >> 31
