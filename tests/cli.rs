@@ -1,4 +1,5 @@
-//! Commands as a user types them: help, exit codes, every option of `render`, the same bits every time, odd paths, Ctrl-C.
+//! Commands as a user types them: help, exit codes, every option of `render`, reproducible bits,
+//! odd paths, Ctrl-C.
 
 mod support;
 
@@ -64,7 +65,7 @@ fn every_command_explains_itself_with_examples() {
 }
 
 #[test]
-fn exit_codes_are_0_done_1_could_not_2_asked_wrongly() {
+fn exit_codes_are_0_success_1_failure_2_usage() {
     let place = Place::new();
     let cloud = place.scan("torus.las", SceneKind::Torus, 1000);
     succeeded(&place.render(&cloud, "-o @out.png --size 32x32"));
@@ -148,9 +149,10 @@ const CHANNELS: [&str; 12] = [
     "raw.Z",
 ];
 
-/// One parameter for all effects that tell surfaces apart; and where depths are not known as finely as it asks for, that is said (HARD_CASES 4).
+/// One parameter for all effects that separate surfaces; a note says if depths are coarser than it
+/// (guide: numerics, case 4).
 #[test]
-fn one_layer_distance_is_that_of_masks_layers_and_shadows() {
+fn layer_distance_applies_to_masks_layers_and_shadows() {
     let place = Place::new();
     let cloud = place.scan("tori.las", SceneKind::NestedTori, 60_000);
     let explained = |line: &str| {
@@ -445,7 +447,7 @@ fn small_and_degenerate_clouds_are_drawn() {
     }
 }
 
-/// Where nothing of a cloud is seen, in every style.
+/// No point is visible, in every style.
 #[test]
 fn a_camera_that_looks_away_and_a_clip_that_leaves_nothing_show_the_background() {
     let place = Place::new();
@@ -499,7 +501,7 @@ fn pictures_are_as_large_as_images_of_the_device_and_larger_in_the_default_style
 }
 
 #[cfg(unix)]
-/// Devices differ in how large their images may be; whatever that is, the picture is there or a line says what it is.
+/// Devices differ in their largest image: the picture is drawn, or one line names the limit.
 #[test]
 fn a_picture_larger_than_an_image_of_the_device_is_refused_in_one_line() {
     let place = Place::new();
@@ -630,7 +632,8 @@ fn synth_writes_cloud_camera_and_truth_of_one_scene() {
     assert!(matches!(huge.status.code(), Some(1 | 2)), "{}", text(&huge.stderr));
 }
 
-/// Ctrl-C at different moments: exit code 130 or a whole file, and never anything else in the folder.
+/// Ctrl-C at different moments: exit code 130 or a whole file, and never anything else in the
+/// folder.
 #[cfg(unix)]
 #[test]
 fn interrupted_work_leaves_nothing_half_written() {
@@ -688,7 +691,7 @@ fn interrupted_work_leaves_nothing_half_written() {
 }
 
 #[test]
-fn a_painting_that_needs_more_memory_than_allowed_is_the_same_and_says_so() {
+fn painting_in_parts_is_the_same_with_a_note() {
     let place = Place::new();
     let cloud = place.scan("torus.las", SceneKind::Torus, 60_000);
     let drawn = [("ample.png", "512MiB"), ("scarce.png", "1MiB")].map(|(name, bytes)| {
@@ -709,7 +712,7 @@ fn a_painting_that_needs_more_memory_than_allowed_is_the_same_and_says_so() {
     failed(&place.render(&cloud, "-o @out.png --style strokes --abuffer-memory 1KiB"), 2);
 }
 
-/// What was asked for and changes nothing is said, and costs nothing; what is cut off is said, too.
+/// Settings without effect get a note and cost nothing; limits that are reached get a note, too.
 #[test]
 fn settings_that_change_nothing_are_said() {
     let place = Place::new();

@@ -30,7 +30,7 @@ fn opening() -> OpenOptions {
     }
 }
 
-/// What becomes of files, one after the other.
+/// Loads files, and returns all results in order.
 fn loaded(
     files: &[PathBuf],
     opening: OpenOptions,
@@ -56,7 +56,7 @@ fn loaded(
 }
 
 #[test]
-fn files_that_take_long_to_be_read_or_indexed_are_there_in_part_before() {
+fn slow_files_are_previewed() {
     let folder = tempfile::tempdir().unwrap();
     let file = |name: &str, points: u64| {
         let path = folder.path().join(name);
@@ -91,7 +91,7 @@ fn files_that_take_long_to_be_read_or_indexed_are_there_in_part_before() {
     };
     let told =
         |files: &[PathBuf], opening: OpenOptions| told_of(files, opening, FirstStage::Sample);
-    // What is on the screen already, and is read anew for other colours.
+    // A cloud on the screen is loaded again for other colours.
     assert_eq!(told_of(&large, opening(), FirstStage::Points), [(true, slow, slow)]);
     assert_eq!(
         told(&large, opening()),
@@ -101,9 +101,9 @@ fn files_that_take_long_to_be_read_or_indexed_are_there_in_part_before() {
     assert_eq!(told(&small, indexing), [(false, 100_000, 100_000), (true, 100_000, 100_000)]);
 }
 
-/// Of files they take long; of an index each node's are found when it is read.
+/// Strokes of files take long; those of an index are computed per node as it is read.
 #[test]
-fn strokes_of_files_come_after_their_points_and_those_of_an_index_at_once() {
+fn strokes_of_files_follow_their_points_and_those_of_an_index_come_at_once() {
     let folder = tempfile::tempdir().unwrap();
     let (file, index) = (folder.path().join("scan.las"), folder.path().join("scan.pnti"));
     support::scan(&file, SceneKind::Street, 20_000);
@@ -128,7 +128,7 @@ fn strokes_of_files_come_after_their_points_and_those_of_an_index_at_once() {
     }
 }
 
-/// Whatever it is told, until somebody stops waiting.
+/// Records progress, until it is cancelled.
 #[derive(Default)]
 struct Heard {
     ticks: Mutex<Vec<(String, u64, u64)>>,
@@ -163,7 +163,7 @@ fn painted() -> ExtraAttributes {
     ExtraAttributes { kind: true, strokes: true, ..ExtraAttributes::default() }
 }
 
-/// Two scans as one cloud, of so many points each.
+/// Returns two scans with this many points each as one cloud.
 fn source(
     folder: &Path,
     points: [u64; 2],
@@ -186,7 +186,7 @@ fn source(
 }
 
 #[test]
-fn a_cloud_on_its_way_to_the_device_goes_forward_once() {
+fn uploads_report_progress_once() {
     let folder = tempfile::tempdir().unwrap();
     let mut gpu = Gpu::open(&DeviceOptions { validate: true, ..DeviceOptions::default() }).unwrap();
     const POINTS: [u64; 2] = [600_000, 400_000];
@@ -213,7 +213,7 @@ fn a_cloud_on_its_way_to_the_device_goes_forward_once() {
 }
 
 #[test]
-fn strokes_are_found_once_whatever_is_shown_of_their_points_and_can_be_given_up() {
+fn strokes_are_computed_once_and_can_be_cancelled() {
     let folder = tempfile::tempdir().unwrap();
     const POINTS: [u64; 2] = [60_000, 40_000];
     let found = Arc::new(StrokeCache::default());

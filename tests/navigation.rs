@@ -1,4 +1,4 @@
-//! Hands move the camera as people know it: what is under the cursor is what things are done to, and stays there.
+//! Navigation: input applies to the point under the cursor, which stays there.
 
 use glam::{DVec2, DVec3};
 use pointillist::app::navigation::{
@@ -28,7 +28,7 @@ fn navigation(style: NavigationStyle, from: Preset) -> Navigation {
     navigation
 }
 
-/// Where a point is seen, pixels, and how deep.
+/// Returns where a point is on the screen [px], and its depth.
 fn seen(camera: &Camera, point: DVec3) -> (DVec2, f64) {
     let view = View::new(*camera, SIZE).unwrap();
     let d = point - camera.eye;
@@ -55,7 +55,7 @@ fn drag(navigation: &mut Navigation, button: Button, point: DVec3, to: DVec2) {
 }
 
 #[test]
-fn the_wheel_brings_the_point_nearer_where_it_is_and_never_through() {
+fn wheel_zooms_towards_the_point_and_never_through() {
     for from in [Preset::Fit, Preset::Top] {
         let mut navigation = navigation(NavigationStyle::default(), from);
         let point = ORIGIN + DVec3::new(11.0, 7.0, 4.0);
@@ -85,7 +85,7 @@ fn the_wheel_brings_the_point_nearer_where_it_is_and_never_through() {
 }
 
 #[test]
-fn a_drag_moves_the_point_along_with_the_cursor() {
+fn drag_keeps_the_point_under_the_cursor() {
     for (style, button) in
         [(NavigationStyle::Potree, Button::Right), (NavigationStyle::Cloudcompare, Button::Middle)]
     {
@@ -120,7 +120,7 @@ fn orbiting_turns_about_the_point_without_rolling_and_not_over_the_top() {
 }
 
 #[test]
-fn the_ground_is_grabbed_at_its_height_and_where_it_is_grazed_the_picture_moves() {
+fn grab_keeps_the_height_and_grazing_views_move() {
     let mut navigation = navigation(NavigationStyle::default(), Preset::Fit);
     navigation.mode = Mode::Earth;
     let (point, height) = (ORIGIN + DVec3::new(12.0, 9.0, 0.0), navigation.camera.eye.z);
@@ -133,7 +133,7 @@ fn the_ground_is_grabbed_at_its_height_and_where_it_is_grazed_the_picture_moves(
 }
 
 #[test]
-fn flying_takes_the_diagonal_in_five_seconds_and_the_wheel_changes_the_speed() {
+fn flight_crosses_the_diagonal_in_five_seconds_and_the_wheel_changes_speed() {
     let mut navigation = navigation(NavigationStyle::default(), Preset::Fit);
     navigation.mode = Mode::Fly;
     let (start, ahead) = (navigation.camera.eye, navigation.camera.basis().unwrap().forward);
@@ -150,7 +150,7 @@ fn flying_takes_the_diagonal_in_five_seconds_and_the_wheel_changes_the_speed() {
 }
 
 #[test]
-fn the_middle_of_the_picture_is_where_two_clicks_were_and_projections_keep_sizes() {
+fn double_click_centres_and_projections_keep_sizes() {
     let mut navigation = navigation(NavigationStyle::default(), Preset::Fit);
     let point = ORIGIN + DVec3::new(3.0, 28.0, 9.0);
     navigation.handle(Input::Centre { on: point });
@@ -170,7 +170,7 @@ fn the_middle_of_the_picture_is_where_two_clicks_were_and_projections_keep_sizes
 }
 
 #[test]
-fn blenders_hands_turn_with_the_middle_button_move_with_shift_and_leave_the_left_one_alone() {
+fn blender_style_uses_the_middle_button() {
     let mut navigation = navigation(NavigationStyle::Blender, Preset::Fit);
     let (point, before) = (ORIGIN + DVec3::splat(5.0), navigation.camera.eye);
     drag(&mut navigation, Button::Left, point, DVec2::new(10.0, 10.0));
@@ -183,13 +183,14 @@ fn blenders_hands_turn_with_the_middle_button_move_with_shift_and_leave_the_left
 }
 
 proptest! {
-    /// Whatever hands do, there is a view, and without perspective nothing of the subject is behind the camera.
+    /// After any input the view is valid, and an orthographic camera has the whole subject in
+    /// front.
     #[test]
-    fn no_hands_break_the_camera(deeds in prop::collection::vec((0u8..12, -900.0..900.0f64, -900.0..900.0f64, 0.0..40.0f64), 1..200)) {
+    fn no_input_breaks_the_camera(inputs in prop::collection::vec((0u8..12, -900.0..900.0f64, -900.0..900.0f64, 0.0..40.0f64), 1..200)) {
         let mut navigation = navigation(NavigationStyle::default(), Preset::Fit);
-        for (deed, x, y, z) in deeds {
-            let (at, under) = (DVec2::new(x, y), (deed % 2 == 0).then(|| ORIGIN + DVec3::new(z, x.abs() / 30.0, y.abs() / 90.0)));
-            match deed {
+        for (kind, x, y, z) in inputs {
+            let (at, under) = (DVec2::new(x, y), (kind % 2 == 0).then(|| ORIGIN + DVec3::new(z, x.abs() / 30.0, y.abs() / 90.0)));
+            match kind {
                 0 | 1 => navigation.handle(press(Button::Left, at, under)),
                 2 | 3 => navigation.handle(press(Button::Right, at, under)),
                 4 | 5 => navigation.handle(Input::Move { to: at }),
@@ -214,9 +215,9 @@ proptest! {
     }
 }
 
-/// From near by the cursor is over a gap, and what is seen there is the street behind the wall.
+/// From near by the cursor is over a gap of the wall, through which the street behind is visible.
 #[test]
-fn the_wheel_does_not_lead_through_the_gaps_of_a_surface() {
+fn wheel_does_not_pass_through_gaps_of_a_surface() {
     let mut navigation = navigation(NavigationStyle::default(), Preset::Fit);
     let (wall, behind) = (ORIGIN + DVec3::new(11.0, 7.0, 4.0), 25.0);
     let (at, far) = seen(&navigation.camera, wall);
@@ -228,7 +229,7 @@ fn the_wheel_does_not_lead_through_the_gaps_of_a_surface() {
         assert!(seen(&navigation.camera, wall).1 > 0.0, "notch {notch}: behind the wall");
     }
     assert!(seen(&navigation.camera, wall).1 < 1e-3 * far);
-    // Something nearer takes its place, and so does what is under the cursor elsewhere.
+    // A nearer point takes its place, and so does a point under a cursor that has moved.
     navigation = self::navigation(NavigationStyle::default(), Preset::Fit);
     navigation.handle(Input::Wheel { notches: 1.0, at, under: Some(wall) });
     let (near, aside) = (navigation.camera.eye + way, at + DVec2::new(100.0, 0.0));

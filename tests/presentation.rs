@@ -1,4 +1,4 @@
-//! Pictures on their way to a window, as many as the device takes at once, while pages of an index come and go under them.
+//! Presentations in flight while pages of an index are reused.
 
 mod display;
 mod gpu;
@@ -54,7 +54,8 @@ fn view(seed: u64) -> View {
     View::new(perspective(point(16.0), point(6.0), 55.0), SIZE).unwrap()
 }
 
-/// Words of a picture that is on its way to the window twice, the second time as under another panel; and whether the device was still at work on it after `meanwhile`.
+/// Draws a picture and presents it twice, the second time as under another panel. Returns its
+/// pixels, and whether the device was still busy after `meanwhile`.
 fn draw(
     gpu: &mut Gpu,
     present: &mut Present,
@@ -82,7 +83,7 @@ fn draw(
 }
 
 #[test]
-fn pages_that_come_and_go_are_not_those_of_pictures_that_are_under_way() {
+fn pages_of_frames_in_flight_are_not_reused() {
     let screen = Display::open();
     // SAFETY: the only test of this program, and no other thread of it has begun.
     unsafe {

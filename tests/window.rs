@@ -1,6 +1,6 @@
-//! The window, as people have it: real keys and a real mouse, and pictures of what is on it, which are those that `render` draws.
+//! The window with real keys and a real mouse: its pictures are those that `render` draws.
 //!
-//! Nothing is taken for done because some time has passed: a test waits for the picture, the file or the line that says so.
+//! Tests never wait a fixed time, but for a picture, a file or a line of output.
 
 mod display;
 mod support;
@@ -23,7 +23,7 @@ use std::time::Duration;
 use support::{names, pointillist, read_exr, read_png, render, scan, succeeded};
 
 #[test]
-fn the_window_shows_what_render_draws_through_keys_drags_and_sizes_and_rests() {
+fn window_matches_render_after_input_and_resizes_and_then_rests() {
     let place = Place::new();
     let cloud = place.street(60_000);
     let mut viewer = place.view(&[&cloud], "");
@@ -66,7 +66,7 @@ fn the_window_shows_what_render_draws_through_keys_drags_and_sizes_and_rests() {
 }
 
 #[test]
-fn views_that_are_chosen_before_anything_is_there_are_those_of_what_comes() {
+fn views_chosen_before_loading_apply_to_the_loaded_cloud() {
     let place = Place::new();
     let cloud = place.street(60_000);
     let mut viewer = place.view(&[], "");
@@ -89,9 +89,9 @@ fn views_that_are_chosen_before_anything_is_there_are_those_of_what_comes() {
     viewer.close();
 }
 
-/// What is shown before is seen from where that fits, but the whole from where `render` sees it.
+/// The preview is framed by itself, the whole cloud as `render` frames it.
 #[test]
-fn a_file_that_takes_long_to_be_read_ends_as_the_picture_of_render() {
+fn slow_file_ends_as_the_picture_of_render() {
     let place = Place::new();
     let cloud = place.scan("scan.laz", SceneKind::Street, 2_100_000);
     let fit = place.picture(&[&cloud], "fit.png", "");
@@ -101,9 +101,10 @@ fn a_file_that_takes_long_to_be_read_ends_as_the_picture_of_render() {
     viewer.close();
 }
 
-/// Of a light that is new a moving picture casts one sample; at rest the others follow, the picture becomes that of `render`, and then nothing is done any more.
+/// A moving picture casts one sample of a new light. At rest the others follow until the picture is
+/// that of `render`; then the window is idle.
 #[test]
-fn samples_of_the_light_follow_when_the_window_rests() {
+fn light_samples_accumulate_at_rest() {
     let place = Place::new();
     let cloud = place.street(60_000);
     let line = "--light direction:0.3,0.8,-0.8 --effect shadows=on,samples=24,radius=3";
@@ -119,9 +120,10 @@ fn samples_of_the_light_follow_when_the_window_rests() {
     viewer.rests();
 }
 
-/// While the picture moves the nearest strokes hide the others; at rest all of them lie over each other, some more in order every frame, until the picture is that of `render`; then nothing is done any more.
+/// In a moving picture the nearest strokes hide the others. At rest all are blended, more of them
+/// in order with every frame, until the picture is that of `render`; then the window is idle.
 #[test]
-fn strokes_are_brought_into_order_when_the_window_rests() {
+fn strokes_are_sorted_at_rest() {
     let place = Place::new();
     let cloud = place.street(30_000);
     let line = "--style strokes";
@@ -153,7 +155,7 @@ fn a_scene_and_an_index_are_shown_as_render_draws_them() {
 }
 
 #[test]
-fn what_cannot_be_opened_is_said_in_the_window_which_stays() {
+fn unreadable_file_is_reported_and_the_window_stays() {
     let place = Place::new();
     let bad = place.at("bad.las");
     std::fs::write(&bad, b"LASF, or so it says").unwrap();
@@ -163,7 +165,7 @@ fn what_cannot_be_opened_is_said_in_the_window_which_stays() {
     assert!(said.contains("bad.las"), "{said}");
 }
 
-/// Something is said in red, with the panel or without.
+/// Returns whether the window shows an error, in red.
 fn is_in_trouble(viewer: &mut Viewer) -> bool {
     viewer.photograph().pixels.contains(&[255, 128, 128])
 }
@@ -174,9 +176,9 @@ fn put_away(viewer: &mut Viewer) {
     viewer.until("peace", |viewer| !is_in_trouble(viewer));
 }
 
-/// Those named beside it are there, wherever it stands among them; each that is wrong is said once.
+/// The other files are shown, in any order; each error is reported once.
 #[test]
-fn what_cannot_be_opened_keeps_nothing_else_from_being_opened() {
+fn unreadable_file_does_not_block_other_files() {
     let place = Place::new();
     let (cloud, bad, worse) = (
         place.scan("torus.las", SceneKind::Torus, 60_000),
@@ -197,7 +199,7 @@ fn what_cannot_be_opened_keeps_nothing_else_from_being_opened() {
 }
 
 #[test]
-fn what_is_dropped_and_cannot_be_opened_leaves_the_window_as_it_was() {
+fn dropped_unreadable_file_leaves_the_picture() {
     let place = Place::new();
     let (torus, street) = (place.scan("torus.las", SceneKind::Torus, 10_000), place.street(30_000));
     let bad = place.at("bad.las");
@@ -222,7 +224,7 @@ fn what_is_dropped_and_cannot_be_opened_leaves_the_window_as_it_was() {
     viewer.close();
 }
 
-/// As a scene that is dropped says, one after the other.
+/// Drops scenes one after the other.
 #[test]
 fn every_effect_is_switched_on_as_render_does() {
     let place = Place::new();
@@ -271,7 +273,7 @@ fn render_and_a_window_take_the_same_scene() {
 }
 
 #[test]
-fn one_ctrl_c_closes_the_window_and_leaves_nothing_half_written() {
+fn ctrl_c_closes_the_window_without_partial_files() {
     let place = Place::new();
     let (small, cache) = (place.street(20_000), place.at("cache"));
     let mut viewer = place.view(&[&small], "");
@@ -301,7 +303,7 @@ fn read(file: &Path) -> cloud::Part {
 }
 
 /// Position of a point of a file.
-/// With the digits that its lattice has, as files and people get it.
+/// Returns a position with the digits of its lattice, as printed and exported.
 fn position(part: &cloud::Part, i: usize) -> DVec3 {
     let place = part
         .lattice
@@ -310,7 +312,7 @@ fn position(part: &cloud::Part, i: usize) -> DVec3 {
 }
 
 #[test]
-fn picked_points_are_those_of_the_file_that_are_seen_there_and_are_measured() {
+fn picks_and_measures_are_of_the_visible_points_of_the_file() {
     let place = Place::new();
     let (cloud, layers) = (place.street(60_000), place.at("layers.exr"));
     let camera = Camera {
@@ -367,7 +369,7 @@ fn picked_points_are_those_of_the_file_that_are_seen_there_and_are_measured() {
             (px - x as f64).hypot(py - y as f64) < 10.0,
             "{line} is seen at {px} {py}, not at {x} {y}"
         );
-        // What is seen there, not what is behind it.
+        // The visible point, not one behind it.
         let seen = depth[py as usize * SIZE[0] as usize + px as usize] as f64;
         let deep = (point - camera.eye).dot(view.basis.forward);
         assert!(
@@ -433,7 +435,7 @@ fn picked_points_are_those_of_the_file_that_are_seen_there_and_are_measured() {
 }
 
 #[test]
-fn a_file_dropped_on_the_window_is_drawn_with_the_one_that_is_open() {
+fn dropped_file_is_drawn_with_the_open_one() {
     let place = Place::new();
     let first = place.scan("a street.las", SceneKind::Street, 30_000);
     let second = place.scan("torus.las", SceneKind::Torus, 10_000);
@@ -451,7 +453,7 @@ fn a_file_dropped_on_the_window_is_drawn_with_the_one_that_is_open() {
     viewer.close();
 }
 
-/// Pixels of the panel, which is on the left, of a colour that only what is looked for has there: the middle of the lowest group, or of the highest.
+/// Finds pixels of a colour in the panel, on the left: the middle of their lowest or highest group.
 fn find(viewer: &Viewer, color: [u8; 3]) -> Option<[usize; 2]> {
     let seen = viewer.photograph();
     // Where the panel is not there yet, the picture may have the colour.
@@ -470,7 +472,7 @@ fn find(viewer: &Viewer, color: [u8; 3]) -> Option<[usize; 2]> {
     Some([middle(0), middle(1)])
 }
 
-/// The same once the panel has unfolded, and says all that it has to say.
+/// Finds them once the panel is complete.
 fn find_at_rest(viewer: &mut Viewer, color: [u8; 3]) -> [usize; 2] {
     let mut last = None;
     viewer.until("panel at rest", |viewer| {
@@ -485,7 +487,7 @@ fn find_at_rest(viewer: &mut Viewer, color: [u8; 3]) -> [usize; 2] {
 const PANEL: usize = 240;
 
 #[test]
-fn an_effect_that_is_switched_off_in_the_panel_is_gone_from_the_picture() {
+fn panel_switches_an_effect_off() {
     let place = Place::new();
     let cloud = place.street(60_000);
     let line = "--size 640x900 --style points --effect exposure=off --effect edl=on";
@@ -517,7 +519,7 @@ fn an_effect_that_is_switched_off_in_the_panel_is_gone_from_the_picture() {
 
 /// An index lists what it counted when it was made.
 #[test]
-fn a_class_that_is_unticked_is_not_drawn_and_one_that_is_ticked_again_is() {
+fn panel_hides_and_shows_a_class() {
     let place = Place::new();
     let file = place.street(60_000);
     let index = place.at("scan.pnti");
@@ -614,7 +616,7 @@ fn pick(place: &Place, viewer: &mut Viewer, at: &[[i64; 2]]) {
         let start = format!("point {}: ", number + 1);
         let mut looks = 0;
         viewer.until("picked point", |viewer| {
-            // A click before the window knows what it shows is nobody's; two within a second would be a double one.
+            // A click before the first frame is lost; two within a second would be a double click.
             if looks % 40 == 0 {
                 place.display.xdotool(&format!("mousemove {x} {y} {click}"));
             }
@@ -625,7 +627,7 @@ fn pick(place: &Place, viewer: &mut Viewer, at: &[[i64; 2]]) {
 }
 
 #[test]
-fn a_profile_has_the_points_of_the_file_that_lie_along_its_line() {
+fn profile_has_the_points_of_the_file_along_its_line() {
     let place = Place::new();
     let cloud = place.street(60_000);
     let mut viewer = place.view(&[&cloud], "--view top");
@@ -675,7 +677,7 @@ fn a_profile_has_the_points_of_the_file_that_lie_along_its_line() {
 }
 
 #[test]
-fn a_saved_scene_is_loaded_by_a_key_and_when_it_is_dropped() {
+fn saved_scene_loads_by_key_and_by_drop() {
     let place = Place::new();
     let cloud = place.street(60_000);
     let mut viewer = place.view(&[&cloud], "");
@@ -712,7 +714,7 @@ fn a_saved_scene_is_loaded_by_a_key_and_when_it_is_dropped() {
     std::fs::write(&scene, words.to_string()).unwrap();
     viewer.key("F6");
     viewer.shows(&above);
-    // What is no scene is said, and changes nothing.
+    // An invalid scene is reported and changes nothing.
     std::fs::write(&scene, "{}").unwrap();
     viewer.key("F6");
     viewer.until("word of it", |viewer| {
@@ -724,7 +726,7 @@ fn a_saved_scene_is_loaded_by_a_key_and_when_it_is_dropped() {
 }
 
 #[test]
-fn after_a_lost_device_the_window_shows_what_it_did_and_has_what_was_picked() {
+fn lost_device_keeps_picture_and_picks() {
     let place = Place::new();
     let cloud = place.street(60_000);
     let mut viewer = place.view(&[&cloud], "--view top --lose-device 40");
@@ -749,7 +751,7 @@ fn after_a_lost_device_the_window_shows_what_it_did_and_has_what_was_picked() {
 }
 
 #[test]
-fn where_the_disk_hangs_the_window_says_so_within_a_second_and_shows_what_it_has() {
+fn hanging_disk_is_reported_within_a_second() {
     let place = Place::new();
     let (cloud, index) = (place.street(1_500_000), place.at("cloud.pnti"));
     succeeded(&pointillist().arg("index").arg(&cloud).arg("-o").arg(&index).output().unwrap());
@@ -768,7 +770,7 @@ fn where_the_disk_hangs_the_window_says_so_within_a_second_and_shows_what_it_has
         std::fs::remove_file(scene).unwrap();
         put_away(&mut viewer);
         viewer.key("Escape");
-        // It says what panicked, and of the device nothing.
+        // It reports the panic, and no device error.
         let ended = viewer.ended();
         let said = support::text(&ended.stderr);
         assert!(ended.status.success() && !said.to_lowercase().contains("validation"), "{said}");
@@ -776,7 +778,7 @@ fn where_the_disk_hangs_the_window_says_so_within_a_second_and_shows_what_it_has
 }
 
 #[test]
-fn a_camera_path_made_in_the_window_is_played_there_and_drawn_by_render() {
+fn camera_path_plays_in_the_window_and_renders() {
     let place = Place::new();
     let cloud = place.street(60_000);
     let mut viewer = place.view(&[&cloud], "");
@@ -824,7 +826,7 @@ fn a_camera_path_made_in_the_window_is_played_there_and_drawn_by_render() {
     );
     viewer.shows(&place.at("tour-0003.png"));
     viewer.close();
-    // What is there is drawn again, or kept, which is said.
+    // Existing frames are drawn again, or kept with a note.
     std::fs::write(place.at("tour-0002.png"), "no picture").unwrap();
     std::fs::remove_file(place.at("tour-0003.png")).unwrap();
     let said = succeeded(&render(&cloud, &format!("{line} --resume")));

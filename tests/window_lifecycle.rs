@@ -1,4 +1,4 @@
-//! The window, as systems treat it: minimised, moved, scaled; and while it does something that takes long.
+//! The window minimised, moved, scaled and destroyed, and during work that takes long.
 
 mod display;
 mod support;
@@ -33,7 +33,7 @@ fn resize(place: &Place, viewer: &mut Viewer, [width, height]: [u32; 2]) {
 
 /// Eight times as wide as the window.
 #[test]
-fn while_a_large_picture_is_saved_the_window_goes_on_and_closes_at_once() {
+fn window_stays_responsive_while_saving_a_large_picture() {
     let place = Place::new();
     let cloud = place.street(60_000);
     let mut viewer = place.view(&[&cloud], "--save-size 8x");
@@ -48,7 +48,7 @@ fn while_a_large_picture_is_saved_the_window_goes_on_and_closes_at_once() {
     let saved = place.at("pointillist-1.png");
     assert!(!saved.exists(), "the window waited for the file");
     viewer.until("saved picture", |_| saved.exists());
-    // What was to be seen when the key was pressed.
+    // The view at the time of the key.
     assert!(std::fs::read(&saved).unwrap() == std::fs::read(&large).unwrap());
 
     // Two of them have two names; sizes change meanwhile, and points are picked.
@@ -72,7 +72,7 @@ fn while_a_large_picture_is_saved_the_window_goes_on_and_closes_at_once() {
 
 /// A picture may wait for ever; the window does not.
 #[test]
-fn while_a_disk_hangs_or_a_device_is_lost_pictures_that_are_asked_for_hold_nothing_up() {
+fn pending_saves_do_not_block_on_a_hanging_disk_or_lost_device() {
     let place = Place::new();
     let (cloud, index) = (place.street(1_500_000), place.at("scan.pnti"));
     succeeded(&pointillist().arg("index").arg(&cloud).arg("-o").arg(&index).output().unwrap());
@@ -133,7 +133,7 @@ fn layers_are_saved_as_render_writes_them() {
 
 /// Twelve times as wide as the window.
 #[test]
-fn what_is_dropped_while_a_large_picture_is_saved_is_shown_meanwhile_and_is_in_the_next_picture() {
+fn file_dropped_while_saving_is_shown_and_is_in_the_next_picture() {
     let place = Place::new();
     let (torus, street, scene) = (
         place.scan("torus.las", SceneKind::Torus, 10_000),
@@ -158,12 +158,12 @@ fn what_is_dropped_while_a_large_picture_is_saved_is_shown_meanwhile_and_is_in_t
     viewer.key("F9");
     viewer.key("7");
     viewer.until("both pictures", |_| saved[1].exists());
-    // What was to be seen when the key was pressed, of what was open then.
+    // The view and the files at the time of the key.
     assert!(std::fs::read(&saved[0]).unwrap() == std::fs::read(larger).unwrap());
     let larger = place.picture(&clouds, "larger.png", &format!("{drawn} {size}"));
     assert!(std::fs::read(&saved[1]).unwrap() == std::fs::read(larger).unwrap());
 
-    // And what nobody waits for any more is given back.
+    // And the cancelled load is freed.
     let denser = place.scan("denser.las", SceneKind::Street, 40_000);
     let wanted = place.picture(&[&torus, &street, &denser], "denser.png", &drawn);
     viewer.key("F9");
@@ -181,7 +181,7 @@ fn what_is_dropped_while_a_large_picture_is_saved_is_shown_meanwhile_and_is_in_t
 
 /// Of a million points, which takes seconds.
 #[test]
-fn while_strokes_are_found_the_window_goes_on_and_then_is_painted() {
+fn window_stays_responsive_while_strokes_are_computed() {
     let place = Place::new();
     let (cloud, scene) = (place.street(1_000_000), place.at("scene.json"));
     let words = r#"{"camera": {"eye": [500020, 4999960, 130], "target": [500000, 5000020, 105]}, "color": "elevation", "effects": ["strokes=on"]}"#;
@@ -205,9 +205,9 @@ fn while_strokes_are_found_the_window_goes_on_and_then_is_painted() {
     viewer.close();
 }
 
-/// Files that are read again are there before their strokes, as they were at the start.
+/// Files that are loaded again are shown before their strokes, as at the start.
 #[test]
-fn after_a_lost_device_a_painted_window_shows_what_there_is_until_it_is_painted_again() {
+fn lost_device_shows_points_until_strokes_are_computed_again() {
     let place = Place::new();
     let cloud = place.street(300_000);
     let painted = place.picture(&[&cloud], "painted.png", "--effect strokes=on");
@@ -233,9 +233,9 @@ fn after_a_lost_device_a_painted_window_shows_what_there_is_until_it_is_painted_
     viewer.close();
 }
 
-/// Nodes that a picture in a file needs are others than those of the window's.
+/// A saved picture needs other nodes than the window.
 #[test]
-fn while_a_large_picture_of_an_index_is_saved_the_window_shows_and_picks_what_it_did() {
+fn saving_from_an_index_keeps_picture_and_picks() {
     let place = Place::new();
     let (cloud, index) = (place.street(300_000), place.at("scan.pnti"));
     succeeded(&pointillist().arg("index").arg(&cloud).arg("-o").arg(&index).output().unwrap());
@@ -264,7 +264,7 @@ fn while_a_large_picture_of_an_index_is_saved_the_window_shows_and_picks_what_it
 }
 
 #[test]
-fn a_window_that_is_put_away_and_brought_back_draws_nothing_meanwhile_and_shows_what_it_did() {
+fn minimised_window_draws_nothing_and_comes_back_unchanged() {
     let place = Place::new();
     let cloud = place.street(60_000);
     let mut viewer = place.view(&[&cloud], "");
@@ -282,9 +282,9 @@ fn a_window_that_is_put_away_and_brought_back_draws_nothing_meanwhile_and_shows_
     viewer.close();
 }
 
-/// That a scan ends before its end is why somebody looks at it on site.
+/// A truncated scan has to be noticed on site.
 #[test]
-fn what_is_odd_about_a_file_and_what_changes_nothing_are_said_in_the_panel() {
+fn panel_shows_notes_on_files_and_settings() {
     let place = Place::new();
     let cloud = place.street(60_000);
     let whole = std::fs::read(&cloud).unwrap();
@@ -316,9 +316,9 @@ fn what_is_odd_about_a_file_and_what_changes_nothing_are_said_in_the_panel() {
     viewer.close();
 }
 
-/// As by a window manager that has lost patience.
+/// As a window manager does with a window that does not respond.
 #[test]
-fn a_window_that_somebody_else_destroys_ends_the_program_in_peace() {
+fn window_destroyed_by_another_program_ends_this_one_cleanly() {
     let place = Place::new();
     let cloud = place.street(60_000);
     let mut viewer = place.view(&[&cloud], "");
@@ -330,7 +330,7 @@ fn a_window_that_somebody_else_destroys_ends_the_program_in_peace() {
 
 /// As to another monitor, which may be of another size.
 #[test]
-fn a_window_that_is_moved_shows_and_picks_what_it_did() {
+fn moved_window_keeps_picture_and_picks() {
     let place = Place::new();
     let cloud = place.street(60_000);
     let mut viewer = place.view(&[&cloud], "--view top");
@@ -344,7 +344,8 @@ fn a_window_that_is_moved_shows_and_picks_what_it_did() {
     viewer.close();
 }
 
-/// Clicks near the middle of a window at this place of the screen, until a point is picked; that is one of the file's and is seen there.
+/// Clicks near the middle of a window at this place of the screen, until a point is picked; that is
+/// one of the file's and is seen there.
 fn picks(
     place: &Place,
     viewer: &mut Viewer,
@@ -387,7 +388,7 @@ fn picks(
 }
 
 #[test]
-fn on_a_fine_monitor_the_panel_is_as_large_as_hands_need_it_and_points_lie_under_the_cursor() {
+fn scale_factor_enlarges_the_panel_and_keeps_picks_exact() {
     let place = Place::new();
     let size = [1000, 800];
     // Of a panel beside nothing, from the left side of the window.
@@ -416,7 +417,7 @@ fn on_a_fine_monitor_the_panel_is_as_large_as_hands_need_it_and_points_lie_under
 }
 
 #[test]
-fn on_its_way_to_a_finer_monitor_and_back_the_window_is_as_large_to_the_eye_and_its_panel_too() {
+fn change_of_scale_factor_resizes_window_and_panel() {
     let place = Place::new();
     let cloud = place.street(60_000);
     let [once, twice] = [1, 2].map(|scale| {
@@ -459,7 +460,7 @@ fn on_its_way_to_a_finer_monitor_and_back_the_window_is_as_large_to_the_eye_and_
 }
 
 #[test]
-fn after_a_lost_surface_the_window_shows_what_it_did() {
+fn lost_surface_keeps_the_picture() {
     let place = Place::new();
     let cloud = place.street(60_000);
     let [top, front] = ["top", "front"]
@@ -476,7 +477,7 @@ fn after_a_lost_surface_the_window_shows_what_it_did() {
 }
 
 #[test]
-fn the_whole_cloud_is_beside_the_panel_where_there_is_one() {
+fn views_frame_the_cloud_beside_the_panel() {
     let place = Place::new();
     let cloud = place.street(60_000);
     let size = [640, 480];
@@ -505,7 +506,7 @@ fn the_whole_cloud_is_beside_the_panel_where_there_is_one() {
 }
 
 #[test]
-fn a_scene_that_does_not_say_how_fine_leaves_that_as_it_was_asked_for() {
+fn scene_without_level_of_detail_keeps_the_options() {
     let place = Place::new();
     let (cloud, index, scene) =
         (place.street(300_000), place.at("scan.pnti"), place.at("scene.json"));

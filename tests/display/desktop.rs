@@ -1,4 +1,5 @@
-//! What a desktop tells programs of the monitor that their windows are on: an XSETTINGS manager, version 0.5, with one setting.
+//! An XSETTINGS manager, version 0.5, with one setting: what a desktop tells programs of their
+//! monitor.
 
 use super::Display;
 use x11rb::connection::Connection;
@@ -13,7 +14,7 @@ pub struct Desktop {
 }
 
 impl Desktop {
-    /// Before programs start: they look for it then. As fine as most: 96 dots per inch.
+    /// Starts the manager with 96 dots per inch; programs look for it when they start.
     pub fn of(display: &Display) -> Desktop {
         let (connection, screen) = x11rb::connect(Some(&display.name)).expect("the display");
         let root = connection.setup().roots[screen].root;
@@ -41,7 +42,7 @@ impl Desktop {
         self.display.intern_atom(false, name.as_bytes()).unwrap().reply().unwrap().atom
     }
 
-    /// Another monitor, or the window on another one.
+    /// Changes the resolution, as on another monitor.
     pub fn dots_per_inch(&mut self, dots: u32) {
         const INTEGER: u8 = 0;
         let (name, little_endian) = (b"Xft/DPI\0", 0u32);

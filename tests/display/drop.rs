@@ -1,4 +1,4 @@
-//! A file that is dropped on a window, as another program does it: the XDND protocol, version 5, from the side of the source.
+//! A file drop from another program: the source's side of the XDND protocol, version 5.
 
 use super::Display;
 use std::path::Path;
@@ -33,7 +33,7 @@ impl Source {
             .unwrap();
     }
 
-    /// Gives the file's address to whoever asks, until a message of this name comes.
+    /// Answers requests for the file's address until a message of this name comes.
     fn serve(&self, address: &str, until: &str) {
         let (wanted, began) = (self.atom(until), Instant::now());
         loop {
@@ -81,7 +81,7 @@ impl Source {
     }
 }
 
-/// Drops a file on a window, and waits until its program says that it has it.
+/// Drops a file on a window, and waits until its program confirms it.
 pub fn drop_file(display: &Display, window: &str, file: &Path) {
     let target: u32 = window.parse().unwrap();
     let (connection, screen) = x11rb::connect(Some(&display.name)).expect("the display");
@@ -103,7 +103,8 @@ pub fn drop_file(display: &Display, window: &str, file: &Path) {
     source.tell(target, "XdndEnter", [VERSION << 24, uris, 0, 0]);
     source.tell(target, "XdndPosition", [0, 100 << 16 | 100, CURRENT_TIME, copy]);
     source.serve(&address, "XdndStatus");
-    // The address is asked for before the status is sent, and may be read after it: a second position is answered when it has been.
+    // The address is asked for before the status is sent, and may be read after it: a second
+    // position is answered when it has been.
     source.tell(target, "XdndPosition", [0, 101 << 16 | 100, CURRENT_TIME, copy]);
     source.serve(&address, "XdndStatus");
     source.tell(target, "XdndDrop", [0, CURRENT_TIME, 0, 0]);

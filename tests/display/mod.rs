@@ -1,4 +1,5 @@
-//! A display of its own, and the program with its window on it: real keys and a real mouse, pictures taken of what is there. Validation is on; what it says ends the program with 1.
+//! A display of a test's own, and the program with its window on it: real keys, a real mouse, and
+//! screenshots. Validation is on; its messages end the program with exit code 1.
 //!
 //! Needs Xvfb, xdotool and ImageMagick's import, which tools/setup installs.
 
@@ -78,7 +79,7 @@ impl Drop for Display {
     }
 }
 
-/// What a stream has said so far, read on a thread of its own.
+/// The output of a stream so far, read on a thread.
 struct Heard {
     lines: Arc<Mutex<Vec<String>>>,
     reader: JoinHandle<()>,
@@ -127,7 +128,7 @@ impl<'d> Viewer<'d> {
     /// In a small window without its panel, which would lie over the picture.
     pub fn open(display: &'d Display, folder: &Path, files: &[&Path], line: &str) -> Viewer<'d> {
         let mut viewer = Viewer::with_panel(display, folder, files, SIZE, line);
-        // Keys that come before there is anything to see may be nobody's.
+        // Keys before the first frame may be lost.
         viewer.until("panel", |viewer| {
             let seen = viewer.photograph();
             seen.pixels.iter().any(|pixel| *pixel != seen.pixels[0])
@@ -211,7 +212,8 @@ impl<'d> Viewer<'d> {
         }
     }
 
-    /// For whoever has to find out why something did not come: what it said, and a photograph that outlives the test's own folder.
+    /// Fails a test that waited in vain, with the program's output and a screenshot outside of the
+    /// test's folder.
     fn so_far(&self) -> String {
         let kept = Path::new(env!("CARGO_TARGET_TMPDIR"))
             .join(format!("missed-{}.png", std::process::id()));
@@ -251,7 +253,7 @@ impl<'d> Viewer<'d> {
 
     pub fn photograph(&self) -> Png {
         let path = self.folder.join("photograph.png");
-        // Where there is no such window it waits for somebody to click on another one.
+        // Without such a window, import would wait for a click on another one.
         let mut import = self.display.command("timeout");
         import
             .args(["20", "import", "-window", &self.window, "-depth", "8"])
@@ -280,7 +282,7 @@ impl<'d> Viewer<'d> {
         });
     }
 
-    /// Processor time that it has taken so far, hundredths of a second.
+    /// Returns the program's processor time so far [10 ms].
     pub fn ticks(&self) -> u64 {
         let stat =
             std::fs::read_to_string(format!("/proc/{}/stat", self.program.as_ref().unwrap().id()))
@@ -290,7 +292,7 @@ impl<'d> Viewer<'d> {
         [11, 12].map(|at| fields[at].parse::<u64>().unwrap()).iter().sum()
     }
 
-    /// That nothing is drawn, and nothing else done, while nobody touches anything.
+    /// Checks that nothing is drawn, and nothing else done, without input.
     #[track_caller]
     pub fn rests(&self) {
         std::thread::sleep(Duration::from_secs(1));
@@ -308,7 +310,7 @@ impl<'d> Viewer<'d> {
         assert!(sent.expect("kill").success());
     }
 
-    /// What became of it; within a minute.
+    /// Waits at most a minute for the program's end.
     #[track_caller]
     pub fn ended(mut self) -> Output {
         let began = Instant::now();
@@ -321,7 +323,7 @@ impl<'d> Viewer<'d> {
         }
     }
 
-    /// What it said: the statistics, and nothing of validation.
+    /// Closes the window, and returns the program's statistics; fails on validation messages.
     #[track_caller]
     pub fn close(self) -> String {
         self.key("Escape");

@@ -1,4 +1,4 @@
-//! What a test of the window works with: a folder and a display of its own, scans in it, and the pictures that `render` draws of them.
+//! The place of a window test: a folder and a display, scans, and the pictures that `render` draws.
 
 use super::{Display, SIZE, Viewer};
 use crate::support::{pointillist, scan, succeeded};
@@ -40,7 +40,7 @@ impl Place {
         Viewer::with_panel(&self.display, self.folder.path(), cloud, size, line)
     }
 
-    /// What `render` draws, of the window's size where the line does not say another.
+    /// Returns what `render` draws, with the window's size unless the line has another.
     #[track_caller]
     pub fn picture(&self, cloud: &[&Path], name: &str, line: &str) -> PathBuf {
         let path = self.at(name);
@@ -61,7 +61,7 @@ impl Place {
         path
     }
 
-    /// What hands have made of the scene, as a file, the picture that `render` draws of it, and waits until the window shows that.
+    /// Saves the window's scene, draws it with `render`, and waits until the window shows the same.
     #[track_caller]
     pub fn shows_its_scene(
         &self,
