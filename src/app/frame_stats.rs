@@ -96,7 +96,7 @@ pub struct Summary {
     pub moving: u64,
     /// Time from a change to its frame, of the frames drawn while changes came.
     pub change_ms: Spread,
-    /// Of a scripted flight, if there was one.
+    /// The scripted flight, if there was one.
     pub flight: Option<FlightSummary>,
 }
 
