@@ -1,7 +1,7 @@
 //! Compiles GLSL to SPIR-V and generates one typed Rust struct per shader, or per pair of a vertex
 //! and a fragment shader of one name; `src/shader.rs` includes the result.
 //!
-//! Input: every `glsl/*.comp|vert|frag` (files under `glsl/lib` are only included). Output:
+//! Input: every `glsl/*/*.comp|vert|frag` (files in `glsl/lib` are only included). Output:
 //! `$OUT_DIR/shader.rs`. All of it is reflected from the SPIR-V. Bindings become fields with their
 //! GLSL names, `&` for `readonly` and `&mut` otherwise. Push constants and structs in buffers
 //! become `#[repr(C)]` structs; a padding hole fails the build, because two layouts would have to
@@ -18,12 +18,16 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 fn main() {
     println!("cargo:rerun-if-changed=glsl");
     println!("cargo:rerun-if-changed=build.rs");
-    let mut sources: Vec<PathBuf> = std::fs::read_dir("glsl")
-        .expect("glsl/")
-        .map(|entry| entry.expect("glsl/").path())
-        .collect();
+    let in_folder = |folder: &Path| -> Vec<PathBuf> {
+        let entries = std::fs::read_dir(folder).expect("glsl/");
+        entries.map(|entry| entry.expect("glsl/").path()).collect()
+    };
+    let folders =
+        in_folder(Path::new("glsl")).into_iter().filter(|folder| !folder.ends_with("lib"));
+    let mut sources: Vec<PathBuf> = folders.flat_map(|folder| in_folder(&folder)).collect();
     sources.retain(|source| stage(source).is_some());
-    sources.sort();
+    // By name, whatever the folder.
+    sources.sort_by_key(|source| source.file_name().map(|name| name.to_os_string()));
     let compiled = compile_all(&sources);
     let (mut rust, mut shared) = (String::new(), BTreeMap::new());
     for source in &sources {
@@ -159,7 +163,7 @@ struct Stage {
     push: Option<String>,
     /// Name and type by constant id.
     spec: BTreeMap<u32, (String, String)>,
-    /// Binding and constant of glsl/lib/area.glsl, which the graph sets and which are no fields.
+    /// Binding and constant of glsl/lib/tile_mask.glsl, which the graph sets and which are no fields.
     area: Option<u32>,
     listed: Option<u32>,
     workgroup: [u32; 3],

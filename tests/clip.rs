@@ -10,8 +10,8 @@ use pointillist::cloud::attribute::{Attribute, DisplayAttribute};
 use pointillist::cloud::{Cloud, Lattice};
 use pointillist::config::{NO_POINT, POINTS_PER_PAGE, POSITION_PLANES};
 use pointillist::graph::{Gpu, Graph};
+use pointillist::passes::count_visible;
 use pointillist::passes::project::{self, Precision, Statistics};
-use pointillist::passes::tally;
 use pointillist::progress::Silent;
 use pointillist::render::frame;
 use pointillist::render::settings::{FrameConfig, RenderSettings};
@@ -120,7 +120,7 @@ fn the_points_drawn_are_those_that_an_f64_comparison_keeps() {
                 assert_eq!(seen, kept, "{way:?} {words:?}");
                 let mut g = Graph::new(gpu);
                 let points = project::draw(&mut g, &view, &resident, Precision::Auto).unwrap();
-                let counted = tally::record(&mut g, &view, &points);
+                let counted = count_visible::record(&mut g, &view, &points);
                 let frame = g.submit_and_wait(&[]).unwrap();
                 assert_eq!(counted.points(&frame), kept.len() as u64, "{way:?} {words:?}");
                 frame.recycle(gpu);

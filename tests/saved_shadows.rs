@@ -52,7 +52,7 @@ fn casts(explained: &Value) -> bool {
         .as_array()
         .unwrap()
         .iter()
-        .any(|pass| pass == "shadow_depth" || pass == "light_limit")
+        .any(|pass| pass == "shadow_test" || pass == "shadow_depth_limit")
 }
 
 #[test]

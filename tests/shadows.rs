@@ -12,8 +12,10 @@ use pointillist::graph::{Buffer, Gpu, Graph};
 use pointillist::index::build;
 use pointillist::index::format::Index;
 use pointillist::passes::project::Precision;
-use pointillist::passes::shadows::cameras::Sight;
-use pointillist::passes::shadows::{self, Facts, Layer, Method, Reached, Settings, disc};
+use pointillist::passes::shadows::cameras::LightCamera;
+use pointillist::passes::shadows::{
+    self, Facts, Layer, Method, Reached, Settings, area_light_samples,
+};
 use pointillist::passes::{Effects, FrameContext, Switch};
 use pointillist::progress::Silent;
 use pointillist::render::frame;
@@ -479,13 +481,14 @@ fn hard_14_behind_an_edge_every_sample_is_the_ray_to_its_place() {
         .unwrap();
     let tangent = 12f64.to_radians().tan();
     // How far a ray to the floor has passed the edge's side where it crosses the plate's height.
-    let aside: Vec<f64> = disc::places(16, disc::Pattern::Stratified, 0)
-        .iter()
-        .map(|[u, v]| {
-            let forward = basis.forward + (basis.right * u + basis.up * v) * tangent;
-            forward.x / forward.z
-        })
-        .collect();
+    let aside: Vec<f64> =
+        area_light_samples::places(16, area_light_samples::Pattern::Stratified, 0)
+            .iter()
+            .map(|[u, v]| {
+                let forward = basis.forward + (basis.right * u + basis.up * v) * tangent;
+                forward.x / forward.z
+            })
+            .collect();
     let (mut between, mut wrong) = (0, 0);
     for (p, count) in marked.iter().filter(|(p, _)| p.z < 0.5 && p.x.abs() < 0.5 && p.y.abs() < 0.8)
     {
@@ -850,7 +853,7 @@ fn marks_agree_with_f64() {
             let mut g = Graph::new(gpu);
             let counts = g.buffer("marks", resident.nodes.len() as u64 * POINTS_PER_PAGE as u64);
             let mut tally = shadows::Tally::new(&mut g, counts, false);
-            let sight = Sight { view, margin: 0, halvings: 0, spacing_m: 0.0 };
+            let sight = LightCamera { view, margin: 0, halvings: 0, spacing_m: 0.0 };
             let reached = shadows::cast(
                 &mut g,
                 &sight,
@@ -927,7 +930,7 @@ fn marks_are_kept_while_light_and_nodes_stay() {
                 let outcome = frame::record(&mut g, &view, resident, &config).unwrap();
                 let picture = g.download(&outcome.picture);
                 let frame = g.submit_and_wait(&[]).unwrap();
-                let cast = frame.passes.iter().any(|(name, _)| name == "shadow_depth");
+                let cast = frame.passes.iter().any(|(name, _)| name == "shadow_test");
                 let picture: Vec<[u32; 4]> = frame.read(&picture).to_vec();
                 frame.recycle(gpu);
                 (cast, picture)

@@ -1,7 +1,7 @@
-// Four neighbours -> sums of their pixels. The includer has `front`, `levels`, `shallow`, a buffer `sums` and `add_to`, which adds a channel's value and count to a pixel's; walk.glsl comes after.
+// Four neighbours -> sums of their pixels. The includer has `front`, `levels`, `shallow`, a buffer `sums` and `add_to`, which adds a channel's value and count to a pixel's; point_loop.glsl comes after.
 
 #include "luminance.glsl"
-#include "rows.glsl"
+#include "pixel_index.glsl"
 
 #define IS_TO_BE_WALKED(at) (shallow.chunk[at] != 0u)
 #define WALKED(at)

@@ -3,7 +3,7 @@
 #ifndef OCTAHEDRAL
 #define OCTAHEDRAL
 
-#include "dot.glsl"
+#include "exact_dot.glsl"
 
 const uint UNKNOWN_NORMAL = 0xFFFFFFu;
 

@@ -1,4 +1,4 @@
-// One level of shape depiction at one pixel, for shape.comp and shape_level.comp, which include around.glsl. Declares no bindings.
+// One level of shape depiction at one pixel, for shape.comp and shape_level.comp, which include neighborhood.glsl. Declares no bindings.
 //
 //   mu, sigma = mean and standard deviation of the depths in the 3 x 3         of differences to the centre: exact beside it
 //   dmin = mu - sigma, dmax = mu + sigma

@@ -1,9 +1,9 @@
 // What a point's two words (src/index/strokes.rs) make of it. Declares no bindings.
 
-#include "canvas.glsl"
-#include "dot.glsl"
+#include "stroke_constants.glsl"
+#include "exact_dot.glsl"
 #include "octahedral.glsl"
-#include "tangent.glsl"
+#include "stroke_tangent.glsl"
 
 // A node by its number: the two words of the address of its first page, the number of position planes; of one that is drawn, the place of its first point among all strokes.
 struct Home {

@@ -1,8 +1,8 @@
 // The walk over points that are to be strokes: how each lies on the screen, and what it may touch there.
 // The includer has `touch`, which takes a point that is somewhere in the wider view; `miss`, which takes one that is not.
 
-#include "points.glsl"
-#include "node.glsl"
+#include "point_constants.glsl"
+#include "drawn_node.glsl"
 #include "stroke.glsl"
 
 // lavapipe ends all loops of an invocation together after 65,535 rounds, and a stroke near the camera touches thousands of tiles.
@@ -112,4 +112,4 @@ void four(uint pixel[4], float depth[4], uint first) {
     }
 }
 
-#include "walk.glsl"
+#include "point_loop.glsl"

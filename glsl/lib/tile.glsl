@@ -1,11 +1,11 @@
 // Tiles of 8 x 8 pixels: what is known of one, and lists of those that a pass is to work on. Declares no bindings.
 //
-// A list is words in a buffer, from a place `at` on: three words of an indirect dispatch, the number of tiles, then the tiles: their numbers, or in an area (lib/area.glsl, which goes row by
+// A list is words in a buffer, from a place `at` on: three words of an indirect dispatch, the number of tiles, then the tiles: their numbers, or in an area (lib/tile_mask.glsl, which goes row by
 // row) how far across and down they are. It starts as zeros. A workgroup of 64 takes eight tiles at a time, a lane a column of eight pixels, from top to bottom: what a column's pixels share is found once, and eight lanes side by side load side by side. Workgroups go on until the list ends, so that it may be
 // longer than the 65,535 workgroups that every device dispatches allow.
 
-#include "rows.glsl"
-#include "word.glsl"
+#include "pixel_index.glsl"
+#include "buffer_word.glsl"
 
 const int TILE_PX = 8;
 // Of packed depth, on every side: as far as the widest kernel looks, in whole texels.

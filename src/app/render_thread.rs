@@ -27,7 +27,7 @@ use super::dynamic_resolution::ResolutionScale;
 use super::profile::Profile;
 use crate::error::{Error, Result};
 use crate::graph::{Gpu, Graph};
-use crate::passes::{project, tally};
+use crate::passes::{count_visible, project};
 use crate::present::Present;
 use crate::render::scene::Scene;
 #[cfg(doc)]
@@ -403,7 +403,7 @@ impl RenderLoop {
             return Ok(());
         };
         let points = points.one_sided(one_sided);
-        let counted = tally::record(&mut g, &view, &points);
+        let counted = count_visible::record(&mut g, &view, &points);
         let frame = g.submit_and_wait(&[])?;
         (self.report)(RenderEvent::Counted(counted.points(&frame)));
         frame.recycle(&mut self.gpu);

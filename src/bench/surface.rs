@@ -64,7 +64,7 @@ enum Walls {
 type Way = (&'static str, Walls, &'static [&'static str], &'static [&'static str], f64);
 
 const WAYS: [Way; 9] = [
-    ("plain", Walls::Lattice(0.0), &[], &["plain"], 1.0),
+    ("box_blur_reference", Walls::Lattice(0.0), &[], &["box_blur_reference"], 1.0),
     (
         "visibility",
         Walls::Lattice(1.0),
@@ -76,7 +76,7 @@ const WAYS: [Way; 9] = [
         "fill",
         Walls::Lattice(1.0),
         &["visibility=on,levels=1,kernel=9", "fill=on,method=median,iterations=18", "shape=off"],
-        &["fill_pintus"],
+        &["fill_median"],
         18.0,
     ),
     ("dense", Walls::Lattice(0.0), CHAIN, SURFACE, 4.0),
@@ -92,14 +92,14 @@ const CHAIN: &[&str] = &["visibility=auto", "fill=auto", "shape=auto"];
 /// All passes that turn points into a surface, with the buffers they clear.
 const SURFACE: &[&str] = &[
     "pack_depth",
-    "classify",
-    "pyramid",
-    "assign",
+    "tile_classify",
+    "depth_pyramid",
+    "visibility_assign",
     "visibility",
-    "hide",
+    "visibility_apply",
     "fill_",
     "shape",
-    "unpack_light",
+    "shape_unpack",
     "clear pyramid",
     "clear places",
     "clear lists",
@@ -195,13 +195,13 @@ fn draw(
     let mut g = Graph::new(gpu);
     let outcome = frame::record(&mut g, view, resident, &config)?;
     let mut wanted = vec![outcome.gbuffer.depth.resource(), outcome.picture.resource()];
-    if passes == ["plain"] {
+    if passes == ["box_blur_reference"] {
         let mut mean = g.image("mean", view.size, Kind::R32f);
         g.run(
-            shader::Plain {
+            shader::BoxBlurReference {
                 depth: &outcome.gbuffer.depth,
                 mean: &mut mean,
-                push: shader::plain::Push { size: view.size },
+                push: shader::box_blur_reference::Push { size: view.size },
             },
             Dispatch::PerPixel,
         );

@@ -8,8 +8,8 @@ use crate::error::{Error, Result};
 use crate::graph::{CompletedSubmission, Gpu};
 use crate::output::export::Downloads;
 use crate::output::tiled::{self, PictureRequest};
-use crate::passes::counts::{self, Counts};
 use crate::passes::phong::{self, Backfaces};
+use crate::passes::tile_stats::{self, Counts};
 use crate::passes::{Effects, project::Statistics, shadows, significant, strokes};
 use crate::progress::Progress;
 use crate::render::frame::{self, Done};
@@ -153,7 +153,7 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
             facts.strokes = outcome.strokes.as_ref().map(|painted| painted.facts);
             facts.shadows = outcome.gbuffer.light_visibility.as_ref().map(|marks| marks.facts);
             let counts =
-                arguments.explain.is_some().then(|| counts::Asked::of(g, &outcome.gbuffer));
+                arguments.explain.is_some().then(|| tile_stats::Asked::of(g, &outcome.gbuffer));
             Ok((Downloads::ask(g, outcome, png, exr)?, counts, outcome.statistics))
         })?;
     let (downloads, counts, statistics) = asked;

@@ -9,7 +9,7 @@ use crate::error::{Error, Result};
 use crate::graph::Gpu;
 use crate::index::format::Index;
 use crate::passes::Effects;
-use crate::passes::shadows::whole::{self, Summary};
+use crate::passes::shadows::bake_index::{self, Summary};
 use crate::progress::Progress;
 use crate::view::light::Light;
 use std::path::PathBuf;
@@ -64,7 +64,7 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
     let index = Index::open(&arguments.file)?;
     let mut gpu = Gpu::open(&arguments.device.to_options())?;
     let settings = &effects.shadows.settings;
-    let Summary { facts, leaves, readings, bytes } = whole::cast(
+    let Summary { facts, leaves, readings, bytes } = bake_index::cast(
         &mut gpu,
         &index,
         arguments.light,

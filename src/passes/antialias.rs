@@ -12,7 +12,7 @@ use super::smooth::Pixels;
 use super::visibility::Looked;
 use super::{Decided, Effects, FrameContext, GBuffer, LIST_HEADER, Reason, Setting, Value, tiles};
 use crate::graph::{Dispatch, Graph, Kind};
-use crate::shader::{self, antialias, antialias_close, silhouettes};
+use crate::shader::{self, antialias, antialias_end, antialias_tiles};
 use crate::view::View;
 
 pub const SUMMARY: &str =
@@ -129,15 +129,15 @@ pub fn record(
     );
     g.fill(&mut found, 0);
     g.fill(&mut lists, 0);
-    let push = silhouettes::Push {
+    let push = antialias_tiles::Push {
         size,
         tiles: across,
         jump,
         all: (settings.tiles == Looked::All) as u32,
     };
-    let spec = silhouettes::Spec { inverse, high };
+    let spec = antialias_tiles::Spec { inverse, high };
     g.run(
-        shader::Silhouettes {
+        shader::AntialiasTiles {
             depth: &gbuffer.depth,
             found: &mut found,
             lists: &mut lists,
@@ -172,9 +172,9 @@ pub fn record(
     let mut nowhere = lit.is_none().then(|| g.image("nowhere", [1, 1], Kind::R32f));
     let light = lit.as_mut().or(nowhere.as_mut()).expect("one of them");
     let (push, spec) =
-        (antialias_close::Push { tiles_across: across[0] }, antialias_close::Spec { lit_by });
+        (antialias_end::Push { tiles_across: across[0] }, antialias_end::Spec { lit_by });
     g.run(
-        shader::AntialiasClose {
+        shader::AntialiasEnd {
             lists: &lists,
             blended: &blended,
             left: &left,

@@ -21,7 +21,7 @@ impl Thresholds {
         self.0.partition_point(|&threshold| linear >= threshold) as u8
     }
 
-    /// For every start of a float's bits, as glsl/encode.comp takes them: the bits of the threshold that lies among them, if one does, and the code of what does not reach it.
+    /// For every start of a float's bits, as glsl/trunk/encode.comp takes them: the bits of the threshold that lies among them, if one does, and the code of what does not reach it.
     fn buckets(&self) -> Vec<[u32; 4]> {
         let float = |start: u32| f32::from_bits(start << 16);
         let bucket = |start: u32| {
@@ -35,7 +35,7 @@ impl Thresholds {
     }
 }
 
-/// As in glsl/encode.comp: 2^-13 and 1.
+/// As in glsl/trunk/encode.comp: 2^-13 and 1.
 const FIRST: u32 = 0x3900;
 const LAST: u32 = 0x3F80;
 

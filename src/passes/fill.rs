@@ -10,18 +10,18 @@
 //!
 //! How much of a light reaches a surface, where lighting is to come, is filled like its colour: from means by the same passes with it in the colour's place, from one point by looking that point up.
 
-mod dobrev;
+mod mask;
 mod pullpush;
 mod splat;
 
-pub use dobrev::APART_PX;
+pub use mask::APART_PX;
 
 use super::{
     Decided, Effects, FrameContext, GBuffer, Holes, MOST_LEVELS, Reason, Setting, TILE_PX, Value,
     significant, tiles, visibility,
 };
 use crate::graph::{Dispatch, Graph, Image, Kind};
-use crate::shader::{self, fill_close, fill_open, fill_pintus};
+use crate::shader::{self, fill_median, fill_median_begin, fill_median_end};
 use crate::view::{Projection, View};
 
 pub const SUMMARY: &str = "fills the holes that visibility found from the surfaces around them";
@@ -117,7 +117,7 @@ impl super::Settings for Settings {
         match self.method {
             Method::Median if self.iterations == 0.0 => WIDEST,
             Method::Median => self.iterations,
-            Method::Mask => dobrev::most_steps(self, spacing_px) as f64,
+            Method::Mask => mask::most_steps(self, spacing_px) as f64,
             Method::Splat => splat::radius(self),
             Method::Auto | Method::Pullpush => pullpush::reach_px(self) as f64,
         }
@@ -212,7 +212,7 @@ pub fn record(
     let view = context.view;
     match settings.method {
         Method::Median => {}
-        Method::Mask => return dobrev::record(g, context, settings, gbuffer),
+        Method::Mask => return mask::record(g, context, settings, gbuffer),
         Method::Splat => return splat::record(g, view, settings, gbuffer),
         Method::Auto | Method::Pullpush => {
             return pullpush::record(g, view, settings, context.shown.is_label(), gbuffer);
@@ -223,16 +223,16 @@ pub fn record(
     let filled: Vec<_> = gbuffer
         .colors()
         .zip(labels)
-        .map(|(color, labels)| pintus(g, view, settings, holes, &gbuffer.depth, color, labels))
+        .map(|(color, labels)| median(g, view, settings, holes, &gbuffer.depth, color, labels))
         .collect();
     let GBuffer { mut depth, mut color, mut shadow_factor, .. } = gbuffer;
     for (color, [filled_depth, filled_color]) in
         [Some(&mut color), shadow_factor.as_mut()].into_iter().flatten().zip(&filled)
     {
-        let push = fill_close::Push { size: view.size, tiles_across: tiles(view.size)[0] };
+        let push = fill_median_end::Push { size: view.size, tiles_across: tiles(view.size)[0] };
         let listed = Dispatch::Indirect(&holes.list, 0);
         g.run(
-            shader::FillClose {
+            shader::FillMedianEnd {
                 lists: &holes.list,
                 filled_depth,
                 filled_color,
@@ -247,7 +247,7 @@ pub fn record(
 }
 
 /// Depths and colours with what steps have filled, in the form that they go back and forth in.
-fn pintus(
+fn median(
     g: &mut Graph,
     view: &View,
     settings: &Settings,
@@ -266,10 +266,10 @@ fn pintus(
     };
     let ([mut from_depth, mut from_color], [mut to_depth, mut to_color]) =
         (pair(g, "even"), pair(g, "odd"));
-    let push = fill_open::Push { tiles_across: across[0] };
+    let push = fill_median_begin::Push { tiles_across: across[0] };
     let (even, odd) = ((&mut from_depth, &mut from_color), (&mut to_depth, &mut to_color));
     g.run(
-        shader::FillOpen {
+        shader::FillMedianBegin {
             lists,
             depth,
             color,
@@ -293,7 +293,7 @@ fn pintus(
     g.fill(&mut steps, 0);
     let (tolerance, relative) = tolerance_px(view, settings, WIDEST);
     for step in 1..=most {
-        let push = fill_pintus::Push {
+        let push = fill_median::Push {
             tiles: across,
             step,
             woken_at,
@@ -309,7 +309,7 @@ fn pintus(
             Dispatch::Indirect(&counted, 4 * step)
         };
         g.run(
-            shader::FillPintus {
+            shader::FillMedian {
                 lists,
                 listed_words: lists,
                 kernel_words: kernels,
@@ -321,7 +321,7 @@ fn pintus(
                 to_depth: &mut to_depth,
                 to_color: &mut to_color,
                 push,
-                spec: fill_pintus::Spec { texels, labels },
+                spec: fill_median::Spec { texels, labels },
             },
             listed,
         );
@@ -346,7 +346,7 @@ fn tolerance_px(view: &View, settings: &Settings, px: f64) -> (f32, u32) {
     (if automatic { px / view.focal_px() } else { settings.tolerance } as f32, relative as u32)
 }
 
-/// Steps until nothing changed any more, from the words of a buffer of steps (glsl/lib/steps.glsl), for so many tiles, after the frame; none where there is no such buffer.
+/// Steps until nothing changed any more, from the words of a buffer of steps (glsl/lib/tile_steps.glsl), for so many tiles, after the frame; none where there is no such buffer.
 pub fn steps_taken(steps: &[u32], tiles: u32) -> u32 {
     let most = (steps.len().saturating_sub(tiles as usize) / 4).saturating_sub(2);
     (1..=most).take_while(|step| steps[4 * step + 4] > 0).count() as u32

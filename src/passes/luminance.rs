@@ -11,7 +11,7 @@
 
 use super::exposure;
 use super::project::{self, Band, Drawn, Group, Shallow, Walk};
-use super::resolve::Paint;
+use super::resolve::ColorLookup;
 use super::{Decided, Effects, FrameContext, GBuffer, Reason, Setting, Value};
 use crate::cloud::attribute::Attribute;
 use crate::error::{Error, Result};
@@ -138,7 +138,7 @@ pub fn averages(shown: Attribute, decided: &Decided) -> bool {
 pub struct Sums {
     bands: Vec<Summed>,
     /// The trunk's.
-    paint: Paint,
+    paint: ColorLookup,
     channels: u32,
     /// Metres.
     pub epsilon: f32,
@@ -177,7 +177,7 @@ pub fn shallow(
     context: &FrameContext,
     settings: &Settings,
     drawn: &Drawn,
-    paint: &Paint,
+    paint: &ColorLookup,
 ) -> Option<Shallow> {
     paint.levels.is_some().then(|| drawn.shallow(g, epsilon(context, settings) as f32))
 }
@@ -192,7 +192,7 @@ pub fn sums(
     settings: &Settings,
     drawn: &Drawn,
     shallow: &Shallow,
-    paint: &Paint,
+    paint: &ColorLookup,
     front: &Image,
 ) -> Result<Sums> {
     if drawn.statistics.points_drawn > MOST_POINTS {
@@ -237,7 +237,7 @@ struct Again<'w> {
     context: &'w FrameContext<'w>,
     drawn: &'w Drawn,
     shallow: &'w Shallow,
-    paint: &'w Paint,
+    paint: &'w ColorLookup,
     front: &'w Image,
     channels: u32,
 }

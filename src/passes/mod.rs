@@ -3,22 +3,22 @@
 pub mod antialias;
 pub mod ao;
 pub mod composite;
-pub mod counts;
+pub mod count_visible;
 pub mod edl;
 pub mod encode;
 pub mod exposure;
 pub mod fill;
-pub mod gate;
 pub mod luminance;
-pub mod normal;
 pub mod phong;
+pub mod predicate;
 pub mod project;
 pub mod resolve;
 pub mod shadows;
 pub mod shape;
 pub mod smooth;
 pub mod strokes;
-pub mod tally;
+pub mod surface_normal;
+pub mod tile_stats;
 pub mod transparency;
 pub mod visibility;
 
@@ -60,7 +60,7 @@ pub struct GBuffer {
     pub spacing_px: [f64; 2],
     /// How far apart pixels are whose depths are not those of one point, pixels; 1 where each is its own or lies between those around.
     pub flat_px: u32,
-    /// Where each pixel's depth was taken from, if from others: four rows a texel (glsl/lib/source.glsl).
+    /// Where each pixel's depth was taken from, if from others: four rows a texel (glsl/lib/depth_source.glsl).
     pub depth_source: Option<Image>,
     /// Tiles with pixels of unknown depth, where a pass has looked for them.
     pub holes: Option<Holes>,

@@ -5,11 +5,11 @@
 //!     phong    depth, color, normals of pixels -> color
 //! ```
 //! A pixel whose point has a normal takes it; one that filling has made takes the mean of those around it on the same surface; and where there are none the normal is fitted to the depths on the screen
-//! (glsl/lib/normal.glsl). All are turned towards the camera. Shape depiction, and shadows, multiply what is left of the light; this colours what they multiply.
+//! (glsl/lib/fit_normal.glsl). All are turned towards the camera. Shape depiction, and shadows, multiply what is left of the light; this colours what they multiply.
 
 use super::{Asked, Decided, Effects, FrameContext, GBuffer, Reason, Setting, Switch, Value, fill};
 use crate::graph::{Dispatch, Graph, Image, Kind};
-use crate::shader::{self, facing, phong::Push, phong::Spec};
+use crate::shader::{self, phong::Push, phong::Spec, point_normals};
 use crate::view::light::Light;
 use crate::view::{Projection, View};
 use glam::DVec3;
@@ -189,7 +189,7 @@ pub fn facing(g: &mut Graph, view: &View, gbuffer: &GBuffer) -> Option<Image> {
     let mut facing = g.image("facing", view.size, Kind::Rgba32f);
     let axis = |axis: DVec3| axis.as_vec3().to_array();
     let basis = &view.basis;
-    let push = facing::Push {
+    let push = point_normals::Push {
         size: view.size,
         centre: view.centre().map(|at| at as f32),
         px_per_unit: view.focal_px() as f32,
@@ -197,9 +197,10 @@ pub fn facing(g: &mut Graph, view: &View, gbuffer: &GBuffer) -> Option<Image> {
         down: axis(-basis.up),
         forward: axis(basis.forward),
     };
-    let spec = facing::Spec { perspective: view.camera.projection == Projection::Perspective };
+    let spec =
+        point_normals::Spec { perspective: view.camera.projection == Projection::Perspective };
     g.run(
-        shader::Facing { index: &gbuffer.index, facings, facing: &mut facing, push, spec },
+        shader::PointNormals { index: &gbuffer.index, facings, facing: &mut facing, push, spec },
         Dispatch::PerPixel,
     );
     Some(facing)

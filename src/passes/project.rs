@@ -28,7 +28,7 @@ pub struct Drawn {
     pub statistics: Statistics,
 }
 
-/// Which points of a group are not there, as bits (glsl/lib/points.glsl): those of opacity 0, those that face away from the camera, those that clip boxes leave out.
+/// Which points of a group are not there, as bits (glsl/lib/point_constants.glsl): those of opacity 0, those that face away from the camera, those that clip boxes leave out.
 const BY_OPACITY: u32 = 1;
 const ONE_SIDED: u32 = 2;
 const CLIPPED: u32 = 4;
@@ -57,7 +57,7 @@ impl Group {
     }
 }
 
-/// What all walks over points are told (glsl/lib/points.glsl, project.glsl).
+/// What all walks over points are told (glsl/lib/point_constants.glsl, project.glsl).
 #[derive(Clone, Copy)]
 pub(super) struct Walk {
     pub centre: [f32; 2],

@@ -26,7 +26,7 @@ pub fn begin(g: &mut Graph, view: &View) -> Resolved {
 }
 
 /// What turns a point's word into a colour, on the GPU.
-pub struct Paint {
+pub struct ColorLookup {
     pub(super) shown: Buffer,
     /// Where points say of what kind they are.
     pub(super) kinds: Option<Buffer>,
@@ -42,7 +42,7 @@ pub struct Paint {
     pub(super) ramp: [f32; 2],
 }
 
-impl Paint {
+impl ColorLookup {
     /// What is not looked at wants a binding all the same.
     pub(super) fn kinds(&self) -> &Buffer {
         self.kinds.as_ref().unwrap_or(&self.shown)
@@ -53,9 +53,9 @@ impl Paint {
     }
 
     /// For a later pass.
-    pub(super) fn again(&self) -> Paint {
+    pub(super) fn again(&self) -> ColorLookup {
         let again = |buffer: &Option<Buffer>| buffer.as_ref().map(Buffer::alias);
-        Paint {
+        ColorLookup {
             shown: self.shown.alias(),
             kinds: again(&self.kinds),
             opacities: again(&self.opacities),
@@ -67,7 +67,7 @@ impl Paint {
     }
 }
 
-/// How words become colours, as glsl/lib/paint.glsl numbers it.
+/// How words become colours, as glsl/lib/color_lookup.glsl numbers it.
 const RGB: u32 = 0;
 const RAMP: u32 = 1;
 const PALETTE: u32 = 2;
@@ -84,7 +84,7 @@ fn mode(attribute: Attribute) -> u32 {
     }
 }
 
-pub fn paint(g: &mut Graph, resident: &Resident, decided: &Decided) -> Result<Paint> {
+pub fn paint(g: &mut Graph, resident: &Resident, decided: &Decided) -> Result<ColorLookup> {
     let DisplayAttribute { attribute, stretch: [lo, hi], .. } = resident.shown;
     let mode = mode(attribute);
     let shown = g.upload("shown", &resident.addresses(0))?;
@@ -103,7 +103,7 @@ pub fn paint(g: &mut Graph, resident: &Resident, decided: &Decided) -> Result<Pa
     let levels = luminance::averages(resident.shown.attribute, decided)
         .then(|| g.upload("levels", &exposure::levels(&gains)))
         .transpose()?;
-    Ok(Paint {
+    Ok(ColorLookup {
         shown,
         kinds,
         opacities,
@@ -118,7 +118,7 @@ pub fn paint(g: &mut Graph, resident: &Resident, decided: &Decided) -> Result<Pa
 pub fn record(
     g: &mut Graph,
     keys: &Keys,
-    paint: &Paint,
+    paint: &ColorLookup,
     band: Band,
     resolved: Resolved,
 ) -> Resolved {

@@ -12,14 +12,14 @@
 //! several frames, and then add up to the same marks.
 //! Points have no normals: the slope of the surface comes from the light's own depths.
 
+pub mod area_light_samples;
+pub mod bake_index;
 pub mod cameras;
-pub mod changed;
-pub mod disc;
+mod depth_limit;
+pub mod invalidation;
 mod peel;
-mod reach;
-pub mod whole;
 
-pub use reach::{Layer, Reached, reach};
+pub use depth_limit::{Layer, Reached, reach};
 
 use super::project::{self, Band, Drawn, Precision, Shallow};
 use super::{Decided, Effects, FrameContext, GBuffer, Reason, Setting, Value};
@@ -27,12 +27,12 @@ use crate::config::{POINTS_PER_PAGE, SUN};
 use crate::error::{Error, Result};
 use crate::graph::{Buffer, Dispatch, Graph, Image, Kind};
 use crate::resident::{IDENTITY_WORDS, Resident, ResidentNode};
-use crate::shader::{self, shadow_depth};
+use crate::shader::{self, shadow_test};
 use crate::view::View;
 use crate::view::light::Light;
-use cameras::Sight;
-use changed::Changed;
+use cameras::LightCamera;
 use glam::DVec3;
+use invalidation::Changed;
 use std::ops::Range;
 
 pub const SUMMARY: &str = "shadows of a light: of --light, or of a sun where that is a headlight";
@@ -42,7 +42,7 @@ pub struct Settings {
     pub method: Method,
     /// Places on the light; 1: its middle, a hard shadow.
     pub samples: f64,
-    pub pattern: disc::Pattern,
+    pub pattern: area_light_samples::Pattern,
     /// Of the light: of one far away half its angle, degrees; of one at a place, metres.
     pub radius: f64,
     /// Texels of the longer side of the light's picture; 0: from the spacing of the points.
@@ -79,7 +79,7 @@ impl Default for Settings {
         Settings {
             method: Method::Depth,
             samples: 1.0,
-            pattern: disc::Pattern::Stratified,
+            pattern: area_light_samples::Pattern::Stratified,
             radius: 0.5,
             size: 0.0,
             ambient: 0.35,
@@ -212,9 +212,9 @@ pub struct Facts {
 }
 
 impl Facts {
-    fn new(cameras: &[Sight], bounds: (DVec3, DVec3), settings: &Settings) -> Facts {
+    fn new(cameras: &[LightCamera], bounds: (DVec3, DVec3), settings: &Settings) -> Facts {
         let samples = settings.samples as u32;
-        let Some(Sight { view: first, halvings, spacing_m, .. }) = cameras.first() else {
+        let Some(LightCamera { view: first, halvings, spacing_m, .. }) = cameras.first() else {
             return Facts { samples, cast: samples, ..Facts::default() };
         };
         let layer = Layer::new(first, bounds, settings);
@@ -310,8 +310,9 @@ fn counted(
     let samples = settings.samples as u32;
     let wanted = |kept: u32| at_once.map_or(samples, |more| (kept + more).clamp(1, samples));
     let around = cameras::Wanted::around(resident, bounds, context.sampling.spacing_m, settings);
-    let places = disc::spread(disc::places(samples, settings.pattern, 0));
-    let views = |samples: Range<u32>| -> Result<Vec<Sight>> {
+    let places =
+        area_light_samples::spread(area_light_samples::places(samples, settings.pattern, 0));
+    let views = |samples: Range<u32>| -> Result<Vec<LightCamera>> {
         let of = places[samples.start as usize..samples.end as usize]
             .iter()
             .map(|&place| cameras::cameras(context.light, &around, place));
@@ -335,7 +336,7 @@ fn counted(
     if let Some((before, kept)) = before.filter(|(before, kept)| {
         *before != made_of && settings.method == Method::Depth && (*kept == 1 || at_once != Some(0))
     }) && let sights = views(0..kept)?
-        && let Some(Changed { stay, again }) = changed::changed(
+        && let Some(Changed { stay, again }) = invalidation::changed(
             &before[light.len()..],
             resident,
             &sights.iter().map(|sight| sight.view).collect::<Vec<_>>(),
@@ -355,7 +356,7 @@ fn counted(
         g.copy_parts("stay marks", &old, &mut tally.marks, parts);
         for sight in sights {
             let casters =
-                changed::casters(&sight.view, resident, &again, travel_px(settings, &[sight]));
+                invalidation::casters(&sight.view, resident, &again, travel_px(settings, &[sight]));
             let marked: Vec<_> = again.iter().map(|&number| &resident.nodes[number]).collect();
             cast_on(g, &sight, resident, [&casters, &marked], around.bounds, settings, &mut tally)?;
         }
@@ -395,7 +396,7 @@ fn counted(
 const PLACES: [&str; 2] = ["marks", "marks beside"];
 
 /// How far in the light's pictures what one texel shows may change the limit of another, and a texel for rounding.
-fn travel_px(settings: &Settings, sights: &[Sight]) -> f64 {
+fn travel_px(settings: &Settings, sights: &[LightCamera]) -> f64 {
     let coarsest = sights.iter().map(|sight| sight.halvings).max().unwrap_or(0);
     // Within a halved picture; one of its texels is as wide as so many.
     (settings.fill + 2.0) * (1u64 << coarsest) as f64
@@ -489,7 +490,7 @@ fn bounds(resident: &Resident) -> Option<(DVec3, DVec3)> {
 /// A sample more for every point that the camera's light reaches; what the light sees, and how deep it reaches. `bounds` are those that the light sees, world corners.
 pub fn cast(
     g: &mut Graph,
-    sight: &Sight,
+    sight: &LightCamera,
     resident: &Resident,
     bounds: (DVec3, DVec3),
     settings: &Settings,
@@ -502,7 +503,7 @@ pub fn cast(
 /// The same for the points of some nodes, of shadows that some cast.
 fn cast_on(
     g: &mut Graph,
-    sight: &Sight,
+    sight: &LightCamera,
     resident: &Resident,
     [casters, marked]: [&[&ResidentNode]; 2],
     bounds: (DVec3, DVec3),
@@ -560,13 +561,13 @@ fn by_depth(
             points_per_chunk,
         } = walk;
         let project::Group { first_chunk, chunk_count, planes, filtered, .. } = *group;
-        let push = shadow_depth::Push { centre, corner, size, near, first_chunk, chunk_count };
+        let push = shadow_test::Push { centre, corner, size, near, first_chunk, chunk_count };
         let spec =
-            shadow_depth::Spec { lanes, planes, perspective, texels, points_per_chunk, filtered };
+            shadow_test::Spec { lanes, planes, perspective, texels, points_per_chunk, filtered };
         let (pages, opacities, within) =
             (&drawn.pages[group.block], drawn.opacities(), drawn.within());
         g.run(
-            shader::ShadowDepth {
+            shader::ShadowTest {
                 nodes: &drawn.nodes,
                 chunks: &drawn.chunks,
                 shallow: &shallow.chunks,
@@ -620,11 +621,11 @@ fn shaded(
 ) -> Image {
     let mut shaded = g.image(if marks.apart { "reached" } else { "shaded" }, size, Kind::Rgba32f);
     let full = marks.saved.unwrap_or(marks.facts.cast);
-    let push = shader::shadows::Push { size, full: full as f32, ambient: ambient as f32 };
-    let spec = shader::shadows::Spec { saved: marks.saved.is_some(), apart: marks.apart };
+    let push = shader::shadow_apply::Push { size, full: full as f32, ambient: ambient as f32 };
+    let spec = shader::shadow_apply::Spec { saved: marks.saved.is_some(), apart: marks.apart };
     let GBuffer { index, color, .. } = gbuffer;
     g.run(
-        shader::Shadows {
+        shader::ShadowApply {
             index,
             marks: &marks.counts,
             saved: &marks.counts,

@@ -7,7 +7,7 @@ use super::{
     Decided, Effects, FrameContext, GBuffer, LIST_HEADER, Reason, Setting, TILE_PX, Value, tiles,
 };
 use crate::graph::{Dispatch, Graph, Kind};
-use crate::shader::{self, pack_depth, shape, shape_level, unpack_light, whiten};
+use crate::shader::{self, base_white, pack_depth, shape, shape_level, shape_unpack};
 use crate::view::{Projection, View};
 
 pub const SUMMARY: &str =
@@ -177,7 +177,7 @@ pub fn record(
     }
     let mut lit = g.image("lit", size, Kind::R32f);
     g.run(
-        shader::UnpackLight { shade: &shade, lit: &mut lit, push: unpack_light::Push { size } },
+        shader::ShapeUnpack { shade: &shade, lit: &mut lit, push: shape_unpack::Push { size } },
         Dispatch::Groups([size[0].div_ceil(64), size[1].div_ceil(4), 1]),
     );
     let color = match settings.base {
@@ -185,10 +185,10 @@ pub fn record(
         Base::White => {
             let mut white = g.image("white", size, Kind::Rgba32f);
             g.run(
-                shader::Whiten {
+                shader::BaseWhite {
                     color: &gbuffer.color,
                     white: &mut white,
-                    push: whiten::Push { size },
+                    push: base_white::Push { size },
                 },
                 Dispatch::PerPixel,
             );

@@ -15,7 +15,7 @@ use super::{
     tiles,
 };
 use crate::graph::{Dispatch, Graph, Kind};
-use crate::shader::{self, smooth, smooth_close, smooth_tiles};
+use crate::shader::{self, smooth, smooth_end, smooth_tiles};
 use crate::view::View;
 use clap::ValueEnum;
 
@@ -217,9 +217,9 @@ pub fn record(
         );
         let light = shadow_factor.as_mut().filter(|_| lit_by).unwrap_or(&mut nowhere);
         let (push, spec) =
-            (smooth_close::Push { tiles_across: tiles[0] }, smooth_close::Spec { reached: lit_by });
+            (smooth_end::Push { tiles_across: tiles[0] }, smooth_end::Spec { reached: lit_by });
         g.run(
-            shader::SmoothClose {
+            shader::SmoothEnd {
                 lists: &lists,
                 smooth_depth: &smooth_depth,
                 smooth_color: &smooth_color,

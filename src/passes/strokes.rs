@@ -23,23 +23,23 @@
 mod abuffer;
 mod blur;
 pub mod brush;
-mod canvas;
-mod facts;
+mod constants;
+pub mod coverage;
 mod fragments;
-pub mod ground;
-mod lists;
 mod nearest;
 mod order;
 mod quads;
 mod settings;
+mod stats;
 pub mod tangents;
+mod tile_binning;
 
 pub use blur::record;
-pub use facts::Facts;
 pub use settings::{Blend, Order, Settings, Sort, Tangents};
+pub use stats::Facts;
 
 use super::project::{self, Band, Drawn, Keys, Precision, Walk};
-use super::resolve::{Paint, Resolved};
+use super::resolve::{ColorLookup, Resolved};
 use super::{Decided, Effects, FrameContext, Reason, TILE_PX, tiles};
 use crate::config::POINTS_PER_PAGE;
 use crate::error::{Error, Result};
@@ -133,7 +133,7 @@ pub fn begin<'f>(
 }
 
 fn margin(view: &View, settings: &Settings) -> u32 {
-    (MARGIN * settings.largest_px(view.whole)).ceil() as u32 + ground::ENCLOSED_PX
+    (MARGIN * settings.largest_px(view.whole)).ceil() as u32 + coverage::ENCLOSED_PX
 }
 
 /// The same camera with so many pixels more on every side.
@@ -142,13 +142,13 @@ fn widened(view: &View, margin: u32) -> View {
 }
 
 /// What the passes of one submission share.
-struct Desk<'p> {
+struct StrokeInputs<'p> {
     drawn: Drawn,
     homes: Buffer,
     /// Of the points of all drawn nodes.
     places: u32,
     canvas: Buffer,
-    paint: &'p Paint,
+    paint: &'p ColorLookup,
     turns: Buffer,
     brushes: Buffer,
     band: Band,
@@ -179,7 +179,7 @@ impl Painting<'_> {
     /// Bands that fit into `limit` bytes with what is around them.
     pub fn bands(&self, limit: u64) -> Vec<Band> {
         let [width, height] = self.view.size;
-        let around = 2 * ground::ENCLOSED_PX;
+        let around = 2 * coverage::ENCLOSED_PX;
         let bands = project::bands(
             [width + around, height],
             project::KEY_BYTES,
@@ -189,7 +189,7 @@ impl Painting<'_> {
     }
 
     /// Keys of a band, as those of [`project::record`]; and its part of the blended colours.
-    pub fn record(&mut self, g: &mut Graph, paint: &Paint, band: Band) -> Result<Keys> {
+    pub fn record(&mut self, g: &mut Graph, paint: &ColorLookup, band: Band) -> Result<Keys> {
         let words = match self.blended {
             Some(_) => self.layers(g, paint, band),
             None => self.nearest(g, paint, band),
@@ -198,7 +198,7 @@ impl Painting<'_> {
     }
 
     /// All strokes of a band over each other.
-    fn layers(&mut self, g: &mut Graph, paint: &Paint, band: Band) -> Result<Buffer> {
+    fn layers(&mut self, g: &mut Graph, paint: &ColorLookup, band: Band) -> Result<Buffer> {
         let made_of =
             self.at_once.filter(|_| band.size == self.view.size).map(|_| self.made_of(paint));
         if let Some(made_of) = &made_of
@@ -209,7 +209,7 @@ impl Painting<'_> {
         }
         let found = Found { surface: self.surface(g, band)?, listed: self.listed(g, band)? };
         let parts = self.parts(g, band, &found)?;
-        let desk = self.lay(g, band, paint)?;
+        let desk = self.bind(g, band, paint)?;
         self.paint(g, &desk, &found, &parts, made_of.as_deref())
     }
 
@@ -257,7 +257,7 @@ impl Painting<'_> {
     fn paint(
         &mut self,
         g: &mut Graph,
-        desk: &Desk,
+        desk: &StrokeInputs,
         found: &Found,
         parts: &[Part],
         made_of: Option<&[u64]>,
@@ -320,7 +320,7 @@ impl Painting<'_> {
     fn go_on(
         &mut self,
         g: &mut Graph,
-        paint: &Paint,
+        paint: &ColorLookup,
         band: Band,
         made_of: &[u64],
     ) -> Result<Buffer> {
@@ -372,7 +372,12 @@ impl Painting<'_> {
         Painted { facts: self.facts, unordered: self.unordered }
     }
 
-    fn lay<'p>(&self, g: &mut Graph, band: Band, paint: &'p Paint) -> Result<Desk<'p>> {
+    fn bind<'p>(
+        &self,
+        g: &mut Graph,
+        band: Band,
+        paint: &'p ColorLookup,
+    ) -> Result<StrokeInputs<'p>> {
         // All planes: positions are read by two passes, which have to agree.
         let drawn = project::draw(
             g,
@@ -385,7 +390,7 @@ impl Painting<'_> {
         let canvas = g.upload("canvas", &[self.canvas(band, paint)])?;
         let turns = g.upload("turns", &brush::turns(self.settings.noise))?;
         let brushes = self.brushes(g, &turns)?;
-        Ok(Desk {
+        Ok(StrokeInputs {
             drawn,
             homes,
             places,
@@ -415,7 +420,7 @@ impl Painting<'_> {
     }
 
     /// Over the points of a band and of what is around it.
-    fn walked(&self, g: &Graph, desk: &Desk) -> Walk {
+    fn walked(&self, g: &Graph, desk: &StrokeInputs) -> Walk {
         let size = desk.band.size.map(|side| side + 2 * margin(self.view, &self.settings));
         Walk::new(g, &self.wide, Band { top: desk.band.top, size })
     }

@@ -15,7 +15,7 @@ use super::project::{self, Band};
 use super::visibility::Looked;
 use super::{Decided, Effects, FrameContext, GBuffer, Reason, Setting, Value, fill, significant};
 use crate::graph::{Buffer, Dispatch, Graph, Image, Kind};
-use crate::shader::{self, peeled, transparency::Push, transparency::Spec};
+use crate::shader::{self, peel_count, transparency::Push, transparency::Spec};
 use crate::view::View;
 
 pub const SUMMARY: &str =
@@ -143,9 +143,9 @@ pub fn record(
         (front.alias(), peeled.alias())
     };
     let (color, push, spec) =
-        (&gbuffer.color, peeled::Push { size }, peeled::Spec { first: number == 0 });
+        (&gbuffer.color, peel_count::Push { size }, peel_count::Spec { first: number == 0 });
     g.run(
-        shader::Peeled { color, before: &peeled_before, peeled: &mut peeled, push, spec },
+        shader::PeelCount { color, before: &peeled_before, peeled: &mut peeled, push, spec },
         Dispatch::PerPixel,
     );
     let last = number + 1 == settings.layers as u32;

@@ -1,7 +1,7 @@
 //! Visibility: depths of projected points in, the same without hidden layers out, and which pixels have to be filled (Pintus et al. 2011, sec. 4).
 //!
 //! A minimum is associative, so that the nearest points of 2 x 2 pixels, of 2 x 2 of those, and so on, are the cloud projected at every resolution. Where points are about a cell apart every surface is an
-//! easy case for one small kernel. Levels judge from the finest on; each decides what it can tell, and leaves the rest to the next coarser one (glsl/visibility_levels.comp has the rule).
+//! easy case for one small kernel. Levels judge from the finest on; each decides what it can tell, and leaves the rest to the next coarser one (glsl/visibility/visibility_levels.comp has the rule).
 //!
 //! ```text
 //!     classify                   depth -> tiles                          what each tile of 8 x 8 pixels holds
@@ -24,11 +24,12 @@
 
 use super::{
     Decided, Effects, FrameContext, GBuffer, Holes, LIST_HEADER, MOST_LEVELS, Reason, Scattered,
-    Setting, Switch, TILE_PX, Value, fill, gate, significant, tiles,
+    Setting, Switch, TILE_PX, Value, fill, predicate, significant, tiles,
 };
 use crate::graph::{Buffer, Dispatch, Graph, Image, Kind};
 use crate::shader::{
-    self, Tile, assign, classify, hide, pack_depth, pyramid, visibility, visibility_levels,
+    self, Tile, depth_pyramid, pack_depth, tile_classify, visibility, visibility_apply,
+    visibility_assign, visibility_levels,
 };
 use crate::view::{Projection, View};
 use std::f64::consts::{PI, SQRT_2, TAU};
@@ -206,7 +207,7 @@ pub fn record(
     if !is_single(settings) {
         judged.empties(g, &gbuffer.depth);
         let holes = judged.holes.alias();
-        gate::only_where(g, &holes, |g| {
+        predicate::only_where(g, &holes, |g| {
             for round in 1..ROUNDS {
                 judged.hide(g, &mut gbuffer, false);
                 judged.points(g, &gbuffer.depth, round);
@@ -298,16 +299,16 @@ impl<'s> Judged<'s> {
         let [scattered, decided] = ["scattered", "decided"].map(|name| filled(name, 2 * count, 0));
         let mut tiles = g.buffer("tiles", std::mem::size_of::<Tile>() as u64 * count);
         let perspective = view.camera.projection == Projection::Perspective;
-        let push = classify::Push {
+        let push = tile_classify::Push {
             size: view.size,
             tiles: across,
             px_per_unit: view.focal_px() as f32,
             slope: slope(view, settings) as f32,
         };
-        let spec = classify::Spec { perspective };
+        let spec = tile_classify::Spec { perspective };
         let GBuffer { depth, index, spacings, .. } = gbuffer;
         g.run(
-            shader::Classify { depth, index, spacings, tiles: &mut tiles, push, spec },
+            shader::TileClassify { depth, index, spacings, tiles: &mut tiles, push, spec },
             Dispatch::Groups([count.div_ceil(64) as u32, 1, 1]),
         );
         let sparsest = if gbuffer.accumulation.is_none() { SPARSEST } else { SPARSEST_BEHIND };
@@ -359,7 +360,7 @@ impl<'s> Judged<'s> {
             4 * ((self.settings.levels as u32 + 1) * stride(self.across)) as u64,
         );
         g.fill(&mut lists, 0);
-        let push = assign::Push {
+        let push = visibility_assign::Push {
             size: self.view.size,
             centre: self.centre(),
             tiles: self.across,
@@ -376,14 +377,14 @@ impl<'s> Judged<'s> {
             empties: (subject == Subject::Points && round == 0) as u32,
             all: (self.settings.tiles == Looked::All) as u32,
         };
-        let spec = assign::Spec {
+        let spec = visibility_assign::Spec {
             radius: self.radius(),
             perspective: self.perspective,
             empty: subject == Subject::Empty,
         };
         let (Judged { tiles, invisible, .. }, Pyramid { depth: pyramid, places }) = (self, pyramid);
         let candidates = if subject == Subject::Points { &self.candidates } else { &self.decided };
-        let shader = shader::Assign {
+        let shader = shader::VisibilityAssign {
             tiles,
             pyramid,
             places,
@@ -593,17 +594,17 @@ impl<'s> Judged<'s> {
     /// Takes what is invisible out of the depths, or out of all layers.
     fn hide(&self, g: &mut Graph, gbuffer: &mut GBuffer, all: bool) {
         let GBuffer { depth, index, color, .. } = gbuffer;
-        let push = hide::Push { tiles_across: self.across[0] };
+        let push = visibility_apply::Push { tiles_across: self.across[0] };
         let Judged { holes, invisible, .. } = self;
         g.run(
-            shader::Hide {
+            shader::VisibilityApply {
                 lists: holes,
                 invisible,
                 depth,
                 index,
                 color,
                 push,
-                spec: hide::Spec { all },
+                spec: visibility_apply::Spec { all },
             },
             Dispatch::Indirect(holes, 0),
         );
@@ -672,7 +673,7 @@ impl Left {
     }
 }
 
-/// The nearest points of every level but the picture itself: depths, and where they lie (glsl/lib/levels.glsl).
+/// The nearest points of every level but the picture itself: depths, and where they lie (glsl/lib/depth_pyramid.glsl).
 struct Pyramid {
     depth: Image,
     places: Image,
@@ -692,11 +693,11 @@ impl Pyramid {
         g.clear(&mut places);
         for level in 1..levels {
             let [width, height] = level_size(level);
-            let push = pyramid::Push { size, level: level as i32 };
-            let spec = pyramid::Spec { first: level == 1 };
+            let push = depth_pyramid::Push { size, level: level as i32 };
+            let spec = depth_pyramid::Spec { first: level == 1 };
             let (pyramid, places) = (&mut depth, &mut places);
             g.run(
-                shader::Pyramid { depth: picture, pyramid, places, push, spec },
+                shader::DepthPyramid { depth: picture, pyramid, places, push, spec },
                 Dispatch::Groups([width.div_ceil(64), height, 1]),
             );
         }

@@ -3,13 +3,13 @@
 use crate::error::Result;
 use crate::graph::{Buffer, CompletedSubmission, Gpu, Graph, Image, ReusedImages, TileList};
 use crate::passes::project::{Band, Behind, Drawn};
-use crate::passes::resolve::Paint;
+use crate::passes::resolve::ColorLookup;
 use crate::passes::shadows::LightVisibility;
 use crate::passes::strokes::Painting;
 use crate::passes::transparency::Accumulation;
 use crate::passes::{
-    self, FrameContext, GBuffer, composite, counts, gate, luminance, normal, project, resolve,
-    shadows, strokes,
+    self, FrameContext, GBuffer, composite, luminance, predicate, project, resolve, shadows,
+    strokes, surface_normal, tile_stats,
 };
 use crate::progress::Progress;
 use crate::render::settings::FrameConfig;
@@ -56,7 +56,7 @@ pub fn draw<T>(
             return Err(error);
         }
     };
-    let warned = counts::Warned::ask(&mut g, &config.effects);
+    let warned = tile_stats::Warned::ask(&mut g, &config.effects);
     let frame = g.submit_and_wait(&[])?;
     let notes = warned
         .note(&frame)
@@ -116,7 +116,7 @@ pub fn record(
         ))
     })?;
     let gbuffer = behind(g, &points, gbuffer, images)?;
-    let normal = normal::record(g, view, &gbuffer);
+    let normal = surface_normal::record(g, view, &gbuffer);
     let picture = composite::record(g, view, config.background, &gbuffer);
     Ok(Outcome { picture, normal, gbuffer, statistics: drawn.statistics, strokes })
 }
@@ -136,7 +136,7 @@ fn behind(
     }
     let grows_px = config.effects.grows_px(&config.decided, nearest.spacing_px[1]);
     let mut alive = points.drawn.alive(g);
-    let mut before = gate::covered(g, &nearest.projected_depth, grows_px);
+    let mut before = predicate::occupied_tiles(g, &nearest.projected_depth, grows_px);
     nearest = kept(g, nearest);
     for layer in 1..config.layers() {
         let accumulation =
@@ -186,7 +186,7 @@ struct Points<'p> {
     resident: &'p Resident,
     bands: &'p [Band],
     drawn: &'p Drawn,
-    paint: &'p Paint,
+    paint: &'p ColorLookup,
 }
 
 impl Points<'_> {
@@ -237,17 +237,17 @@ impl Points<'_> {
     ) -> Result<(GBuffer, TileList)> {
         let Next { mut accumulation, alive, layer, grows_px } = next;
         let bounded = grows_px.is_finite();
-        let left = gate::area_where(g, &accumulation.left, before);
-        let (gbuffer, covered) = gate::only_where(g, &accumulation.left, |g| {
+        let left = predicate::area_where(g, &accumulation.left, before);
+        let (gbuffer, covered) = predicate::only_where(g, &accumulation.left, |g| {
             g.within_tiles(bounded.then_some(&left), |g| {
                 let gbuffer = self.nearest(g, Some((&mut accumulation.next, alive, layer)))?;
-                let covered = gate::covered(g, &gbuffer.projected_depth, grows_px);
+                let covered = predicate::occupied_tiles(g, &gbuffer.projected_depth, grows_px);
                 Ok((gbuffer, covered))
             })
         })?;
-        let shown = gate::area_where(g, &covered.list, &left);
+        let shown = predicate::area_where(g, &covered.list, &left);
         let gbuffer = GBuffer { light_visibility, accumulation: Some(accumulation), ..gbuffer };
-        let gbuffer = gate::only_where(g, &covered.list, |g| {
+        let gbuffer = predicate::only_where(g, &covered.list, |g| {
             Ok(g.within_tiles(bounded.then_some(&shown), |g| {
                 passes::apply(g, self.context, &self.config.effects, &self.config.decided, gbuffer)
             }))

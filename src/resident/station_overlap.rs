@@ -5,7 +5,7 @@ use crate::view::View;
 use glam::DVec3;
 use std::ops::Range;
 
-/// Side of a tile [px] (glsl/luminance.comp).
+/// Side of a tile [px] (glsl/luminance/luminance.comp).
 pub const OVERLAP_PX: u32 = 64;
 
 /// Tiles of a whole picture that may show points of several stations, regardless of depth.

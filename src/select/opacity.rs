@@ -216,7 +216,7 @@ impl Opacities {
     }
 
     /// Returns the factors: 256 for classes, 16 for return numbers, one per station. A point's
-    /// opacity is the product of its three (`glsl/lib/kind.glsl`).
+    /// opacity is the product of its three (`glsl/lib/point_kind.glsl`).
     pub fn table(&self, stations: &[Station]) -> Vec<f32> {
         let mut table = vec![1.0; CLASSES + RETURNS + stations.len().max(1)];
         let (classes, others) = table.split_at_mut(CLASSES);

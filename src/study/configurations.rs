@@ -17,7 +17,7 @@ use super::{Plan, Row, mark_fronts, metrics, sweep};
 use crate::cloud::attribute::{Attribute, DisplayAttribute};
 use crate::error::Result;
 use crate::graph::{CompletedSubmission, Gpu, Graph, Handle};
-use crate::passes::counts::{self, Counts};
+use crate::passes::tile_stats::{self, Counts};
 use crate::progress::Progress;
 use crate::render::frame;
 use crate::render::settings::{FrameConfig, RenderSettings};
@@ -238,7 +238,7 @@ fn draw(
     let outcome = frame::record(&mut g, view, resident, &config)?;
     let (depth, index) = (g.download(&outcome.gbuffer.depth), g.download(&outcome.gbuffer.index));
     let lit = outcome.gbuffer.shading.as_ref().map(|lit| g.download(lit));
-    let asked = counts::Asked::of(&mut g, &outcome.gbuffer);
+    let asked = tile_stats::Asked::of(&mut g, &outcome.gbuffer);
     let frame = g.submit_and_wait(&[])?;
     fn words<T: bytemuck::Pod>(
         frame: &CompletedSubmission,

@@ -55,7 +55,7 @@ impl Question for Smooth {
         "shape=off",
         "edl=off",
     ];
-    const AFTER: &'static [&'static str] = &["resolve", "hide", "fill"];
+    const AFTER: &'static [&'static str] = &["resolve", "visibility_apply", "fill"];
     const HOW: &'static str = "Surfaces are filled by masks, or where <em>pintus</em> is said by medians and means. <em>auto</em> is what is done after filling by masks when nothing is asked for: the \
         alleviated Gaussian, once, where points are about a pixel apart, and the box as often as it takes where they are more, of pixels that were filled and those beside them. Filters run as often \
         as points lie apart, too. Where <em>all</em> or <em>pintus</em> is said, the others are smoothed, too. Filling runs before, and is not timed here.";

@@ -5,14 +5,14 @@
 //!     push    level k + 1 -> k   what has no value is of the surface known nearest to it, and takes the bilinear mean of the coarser level there; what has one is carried to its cell's middle
 //!     relax   level k            what has no value takes the mean of those around it, so that coarse cells leave no corners
 //! ```
-//! Leaves and branches are no surface (glsl/scatter.comp): there colours are those of the nearest point, and none is between two of them.
+//! Leaves and branches are no surface (glsl/fill/fill_scattered.comp): there colours are those of the nearest point, and none is between two of them.
 //!
 //! Where visibility ran, its holes are filled and background gives and takes nothing. Where it did not, nobody knows which empty pixels are holes: all are filled, and the background is flooded.
 
 use super::{Settings, tolerance};
 use crate::graph::{Buffer, Dispatch, Graph, Image, Kind};
 use crate::passes::{self, GBuffer, Scattered};
-use crate::shader::{self, fill_pull, fill_push, fill_relax, scatter};
+use crate::shader::{self, fill_pull, fill_push, fill_relax, fill_scattered};
 use crate::view::{Projection, View};
 
 /// A step leaves blocks of coarse cells where depths curve; with two they are gone, and with more surfaces flatten between their points (a fifth more pixels on a wrong layer after four).
@@ -66,9 +66,9 @@ fn rough(
     let across = passes::tiles(view.size);
     let count = across[0] * across[1];
     let mut rough = g.buffer("rough", 4 * count as u64);
-    let push = scatter::Push { tiles: across, part: SCATTERED_PART };
+    let push = fill_scattered::Push { tiles: across, part: SCATTERED_PART };
     g.run(
-        shader::Scatter { tiles, invisible, scattered, rough: &mut rough, push },
+        shader::FillScattered { tiles, invisible, scattered, rough: &mut rough, push },
         Dispatch::Groups([count.div_ceil(64), 1, 1]),
     );
     rough

@@ -54,7 +54,7 @@ impl Wanted {
 
 /// What a light sees the cloud through.
 #[derive(Clone, Copy, Debug)]
-pub struct Sight {
+pub struct LightCamera {
     pub view: View,
     /// Texels along its borders that belong to another side of the cube.
     pub margin: u32,
@@ -71,8 +71,8 @@ pub const SPARSE: f64 = 0.75;
 const COARSEST: f64 = 4.0;
 const MOST_HALVINGS: f64 = 5.0;
 
-impl Sight {
-    fn of(view: View, margin: u32, wanted: &Wanted) -> Sight {
+impl LightCamera {
+    fn of(view: View, margin: u32, wanted: &Wanted) -> LightCamera {
         let (side, focal) = (view.size[0].max(view.size[1]) - 2 * margin, view.focal_px());
         let nearest = match view.camera.projection {
             Projection::Orthographic => 1.0,
@@ -82,7 +82,7 @@ impl Sight {
                 view.size.map(|side| side as f64 / 2.0 / focal),
             ),
         };
-        Sight {
+        LightCamera {
             view,
             margin,
             halvings: halvings(wanted.spacing_m * focal / nearest, side as f64),
@@ -118,7 +118,7 @@ const MOST: f64 = 4096.0;
 const SPACINGS_PER_TEXEL: f64 = 2.0;
 
 /// `place` is on the unit disc.
-pub fn cameras(light: Light, wanted: &Wanted, place: [f64; 2]) -> Result<Vec<Sight>> {
+pub fn cameras(light: Light, wanted: &Wanted, place: [f64; 2]) -> Result<Vec<LightCamera>> {
     let (min, max) = wanted.bounds;
     let (centre, half) = ((min + max) / 2.0, (max - min) / 2.0);
     match light {
@@ -155,7 +155,7 @@ fn far(
     [u, v]: [f64; 2],
     centre: DVec3,
     half: DVec3,
-) -> Result<Vec<Sight>> {
+) -> Result<Vec<LightCamera>> {
     let middle = looking(centre, direction.normalize()).basis()?;
     let tangent = wanted.radius.min(WIDEST_DEGREES).to_radians().tan();
     let forward = (middle.forward + (middle.right * u + middle.up * v) * tangent).normalize();
@@ -177,7 +177,7 @@ fn far(
         up: middle.up,
         ..looking(centre - forward * (1.01 * reach(forward) + 2.0 * least), forward)
     };
-    Ok(vec![Sight::of(View::new(camera, size)?, 0, wanted)])
+    Ok(vec![LightCamera::of(View::new(camera, size)?, 0, wanted)])
 }
 
 fn near(
@@ -186,7 +186,7 @@ fn near(
     [u, v]: [f64; 2],
     centre: DVec3,
     half: DVec3,
-) -> Result<Vec<Sight>> {
+) -> Result<Vec<LightCamera>> {
     let middle =
         looking(position, if centre == position { DVec3::NEG_Z } else { centre - position })
             .basis()?;
@@ -215,7 +215,7 @@ fn near(
         let focal = (texels(wanted.size, 2.0 * longer, texel) - 2.0).max(1.0) / (2.0 * longer);
         let size = across.map(|tangent| (2.0 * tangent * focal - 1e-6).ceil().max(1.0) as u32 + 2);
         let fov_y = 2.0 * (size[1] as f64 / 2.0 / focal).atan().to_degrees();
-        return Ok(vec![Sight::of(
+        return Ok(vec![LightCamera::of(
             View::new(Camera { fov_y, ..looking(eye, middle.forward) }, size)?,
             0,
             wanted,
@@ -233,7 +233,7 @@ fn near(
     let sides = sides.into_iter().collect::<Result<Vec<_>>>()?.into_iter();
     Ok(sides
         .filter(|view| view.least_depth(wanted.bounds).is_some())
-        .map(|view| Sight::of(view, margin, wanted))
+        .map(|view| LightCamera::of(view, margin, wanted))
         .collect())
 }
 
@@ -242,7 +242,7 @@ mod tests {
     use super::*;
 
     /// Whether a point is in the picture, and not in its margin.
-    fn sees(sight: &Sight, p: DVec3) -> bool {
+    fn sees(sight: &LightCamera, p: DVec3) -> bool {
         let view = &sight.view;
         let (d, f) = (p - view.camera.eye, view.focal_px());
         let z = d.dot(view.basis.forward);

@@ -11,9 +11,9 @@ use super::Tally;
 use crate::error::Result;
 use crate::graph::MAX_PREDICATED_PASSES;
 use crate::graph::{Buffer, Dispatch, Graph};
-use crate::passes::gate;
+use crate::passes::predicate;
 use crate::passes::project::{Band, Drawn, Group, Walk};
-use crate::shader::{self, shadow_mark, shadow_peel};
+use crate::shader::{self, shadow_peel, shadow_peel_apply};
 use crate::view::View;
 
 /// Peels that are recorded where no number is asked for: as many points as a texel has in hardly any scan.
@@ -53,7 +53,7 @@ pub fn record(
             Ok(())
         };
         match before.filter(|_| is_gated) {
-            Some(before) => gate::only_where(g, &before, block)?,
+            Some(before) => predicate::only_where(g, &before, block)?,
             None => block(g)?,
         }
         before = Some(peeled);
@@ -109,9 +109,9 @@ fn one(
             );
         }
     }
-    let push = shadow_mark::Push { size };
+    let push = shadow_peel_apply::Push { size };
     g.run(
-        shader::ShadowMark { peeled, keys, last, marks, push },
+        shader::ShadowPeelApply { peeled, keys, last, marks, push },
         Dispatch::Groups([size[0].div_ceil(64), size[1], 1]),
     );
 }

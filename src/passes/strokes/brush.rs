@@ -6,7 +6,7 @@ use crate::error::Result;
 use crate::graph::{Buffer, Dispatch, Graph};
 use crate::shader::{self, stroke_brush};
 
-/// As glsl/stroke_brush.comp: 256 brushes of 32 x 32 words.
+/// As glsl/strokes/stroke_brush.comp: 256 brushes of 32 x 32 words.
 const WORDS: u32 = 256 * 32 * 32;
 
 /// How far from its point a stroke may lie on the surface, radii: less leaves holes, more stands out.

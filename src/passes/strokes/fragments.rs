@@ -1,8 +1,8 @@
 //! Strokes of tiles in, so many of each at a time; the nearest of each pixel out, and its fragments or how many they are.
 
-use super::lists::Bins;
 use super::settings::Order;
-use super::{Desk, Found, Painting, TILE_PIXELS, groups};
+use super::tile_binning::Bins;
+use super::{Found, Painting, StrokeInputs, TILE_PIXELS, groups};
 use crate::error::Result;
 use crate::graph::{Buffer, Graph};
 use crate::passes::project::Band;
@@ -10,7 +10,7 @@ use crate::passes::resolve;
 use crate::shader;
 use std::ops::Range;
 
-/// Strokes of each tile that a pass looks at, as in glsl/strokes.comp.
+/// Strokes of each tile that a pass looks at, as in glsl/strokes/stroke_fragments.comp.
 const STROKES_AT_ONCE: usize = 8192;
 
 impl Painting<'_> {
@@ -25,7 +25,7 @@ impl Painting<'_> {
     ) -> Result<(Vec<u32>, Vec<u32>)> {
         let mut counting = g.preceding();
         let paint = resolve::paint(&mut counting, self.resident, self.decided)?;
-        let desk = self.lay(&mut counting, band, &paint)?;
+        let desk = self.bind(&mut counting, band, &paint)?;
         let starts = counting.upload("starts", &[0u32])?;
         let bytes = 4 * tiles.len() as u64 * TILE_PIXELS as u64;
         let (mut keys, mut fragments, mut counts) = (
@@ -65,7 +65,7 @@ impl Painting<'_> {
     pub(super) fn strokes(
         &self,
         g: &mut Graph,
-        desk: &Desk,
+        desk: &StrokeInputs,
         (listed, surface, tiles): (&[Vec<u32>], &Buffer, &Range<u32>),
         starts: &Buffer,
         (kept, before_hiders): (bool, bool),
@@ -76,7 +76,8 @@ impl Painting<'_> {
             self.settings.order == Order::Stroke,
             g.gpu.device.has_large_texel_buffers,
         );
-        let spec = shader::strokes::Spec { perspective, kept, texels, by_stroke, before_hiders };
+        let spec =
+            shader::stroke_fragments::Spec { perspective, kept, texels, by_stroke, before_hiders };
         for (turn, of_turn) in listed.iter().enumerate() {
             let Bins { part, strokes, longest } =
                 &self.bins(g, desk, of_turn, tiles, [turn as u32, listed.len() as u32])?;
@@ -84,7 +85,7 @@ impl Painting<'_> {
                 let (keys, counts, fragments, hiders) =
                     (&mut *keys, &mut *counts, &mut *fragments, &mut *hiders);
                 g.run(
-                    shader::Strokes {
+                    shader::StrokeFragments {
                         canvases: &desk.canvas,
                         part,
                         strokes,
@@ -97,7 +98,7 @@ impl Painting<'_> {
                         counts,
                         fragments,
                         hiders,
-                        push: shader::strokes::Push { before },
+                        push: shader::stroke_fragments::Push { before },
                         spec,
                     },
                     groups(tiles.len() as u32),

@@ -1,23 +1,28 @@
 //! Points in, of each pixel the nearest stroke out: z-buffered, where a surface is.
 
 use super::Painting;
-use super::ground::{self, ENCLOSED_PX};
+use super::coverage::{self, ENCLOSED_PX};
 use super::quads::{Quads, STROKE_BYTES};
 use crate::error::Result;
 use crate::graph::{Buffer, Dispatch, Graph};
 use crate::passes::project::Band;
-use crate::passes::resolve::Paint;
+use crate::passes::resolve::ColorLookup;
 use crate::shader::{self, stroke_keys};
 
 impl Painting<'_> {
     /// Keys of a band.
-    pub(super) fn nearest(&mut self, g: &mut Graph, paint: &Paint, band: Band) -> Result<Buffer> {
-        let desk = self.lay(g, band, paint)?;
+    pub(super) fn nearest(
+        &mut self,
+        g: &mut Graph,
+        paint: &ColorLookup,
+        band: Band,
+    ) -> Result<Buffer> {
+        let desk = self.bind(g, band, paint)?;
         let Quads { ground, nearest, at_once } = self.draw(g, &desk, true)?;
         self.facts.listed += desk.places as u64;
         self.facts.parts += desk.places.max(1).div_ceil(at_once);
         self.facts.bytes = self.facts.bytes.max(STROKE_BYTES * at_once.min(desk.places) as u64);
-        let surface = ground::surface(g, &ground, band);
+        let surface = coverage::surface(g, &ground, band);
         let mut around = g.buffer("keys around", nearest.desc.bytes());
         g.copy_out(&nearest, &mut around);
         let [width, height] = band.size;

@@ -2,8 +2,8 @@
 //!
 //! Vertices are pulled from strokes on the screen, which a compute pass leaves in the order of their points: of strokes of the same depth the first one drawn stays, which is that of the lowest number, in every picture and in all its pieces.
 
-use super::ground::ENCLOSED_PX;
-use super::{Desk, Painting};
+use super::coverage::ENCLOSED_PX;
+use super::{Painting, StrokeInputs};
 use crate::error::Result;
 use crate::graph::{Buffer, Graph, Image, ImageDesc, Vertices};
 use crate::passes::project;
@@ -24,7 +24,12 @@ pub struct Quads {
 
 impl Painting<'_> {
     /// All strokes of a band; `painted`: not only their ground.
-    pub(super) fn draw(&mut self, g: &mut Graph, desk: &Desk, painted: bool) -> Result<Quads> {
+    pub(super) fn draw(
+        &mut self,
+        g: &mut Graph,
+        desk: &StrokeInputs,
+        painted: bool,
+    ) -> Result<Quads> {
         let band = self.canvas(desk.band, desk.paint);
         let (size, corner) = (
             band.size.map(|side| side + 2 * ENCLOSED_PX),
@@ -66,14 +71,14 @@ impl Painting<'_> {
     fn on_screen(
         &self,
         g: &mut Graph,
-        desk: &Desk,
+        desk: &StrokeInputs,
         canvases: &Buffer,
         places: [u32; 2],
     ) -> Result<Buffer> {
         let part = g.upload("part", &places)?;
         let mut strokes =
             g.buffer("strokes on the screen", STROKE_BYTES * (places[1] - places[0]).max(1) as u64);
-        let Desk { drawn, homes, turns, .. } = desk;
+        let StrokeInputs { drawn, homes, turns, .. } = desk;
         for group in &drawn.groups {
             let project::Group { block, planes, filtered, first_chunk, chunk_count, .. } = *group;
             let project::Walk {

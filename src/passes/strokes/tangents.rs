@@ -19,9 +19,9 @@ pub fn on_device(
     let mut tangents = g.buffer("tangents", 12 * count.max(1) as u64);
     g.fill(&mut tangents, 0);
     let groups = count.div_ceil(64).max(1);
-    let push = shader::tangents::Push { count, way: way as u32 };
+    let push = shader::stroke_tangents::Push { count, way: way as u32 };
     g.run(
-        shader::Tangents { directions: &directions, tangents: &mut tangents, push },
+        shader::StrokeTangents { directions: &directions, tangents: &mut tangents, push },
         Dispatch::Groups([groups.min(ROW), groups.div_ceil(ROW), 1]),
     );
     let found = g.download_buffer(&tangents);

@@ -14,7 +14,7 @@ use crate::passes::fill::Settings;
 use crate::view::{Projection, View};
 use std::ops::RangeInclusive;
 
-/// The constant of glsl/fill_pintus.comp.
+/// The constant of glsl/fill/fill_median.comp.
 const AT_REST: f64 = 16.0;
 const CODES: [u32; 3] = [255; 3];
 /// Widest kernel of visibility; the default tolerance is this many pixels.

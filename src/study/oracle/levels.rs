@@ -1,7 +1,7 @@
 //! The f64 twin of visibility on a pyramid: from depths in the kernels' own f32 bits to a verdict
 //! per pixel: visible, hidden, or a hole.
 //!
-//! The rule is that of glsl/visibility_levels.comp, level by level, two rounds for points and one
+//! The rule is that of glsl/visibility/visibility_levels.comp, level by level, two rounds for points and one
 //! for empty pixels. Where f32 may decide either way, everything that depends on it is
 //! [`Verdict::InBand`].
 

@@ -1,0 +1,165 @@
+// One step of anisotropic filling (Pintus et al. 2011, sec. 5; papers/README.md): from one image into the other, only pixels to fill.
+//
+//   without a value: the lower median, by depth, of the neighbours' values in the 3 x 3, with that neighbour's colour
+//   with one:        the mean of the neighbourhood, weighted by (1 - r / 2) (1 - min(1, |z - z0| / tolerance))
+// Background never gives a value. Depths are averaged as differences to the pixel's own. What is chosen is chosen by mix, not by ?, which becomes a branch: a compiler that is no compiler of branches
+// takes minutes over hundreds of them.
+//
+// A tile that nothing changed in the step before is left alone (lib/tile_steps.glsl).
+#version 460
+#extension GL_EXT_scalar_block_layout : require
+#extension GL_EXT_control_flow_attributes : require
+#extension GL_GOOGLE_include_directive : require
+
+#include "tile.glsl"
+#include "pixel.glsl"
+
+layout(local_size_x = 64) in;
+
+layout(scalar) readonly buffer Lists { uint word[]; } lists;
+layout(r32ui) readonly uniform uimageBuffer listed_words;
+// Of every tile, the width of the kernel that found its holes, pixels.
+layout(scalar) readonly buffer Kernels { uint word[]; } kernels;
+layout(r32ui) readonly uniform uimageBuffer kernel_words;
+layout(scalar) buffer Steps { uint word[]; } steps;
+layout(r32ui) readonly uniform uimageBuffer step_words;
+// Depth and colour (lib/pixel.glsl), four rows a texel.
+layout(rgba32f) readonly uniform image2D from_depth;
+layout(rgba32f) readonly uniform image2D from_color;
+layout(rgba32f) writeonly uniform image2D to_depth;
+layout(rgba32f) writeonly uniform image2D to_color;
+
+layout(constant_id = 0) const bool TEXELS = true;
+// True where colours are labels, which are never mixed.
+layout(constant_id = 1) const bool LABELS = false;
+
+layout(push_constant, scalar) uniform Push {
+    uvec2 tiles;
+    uint step;       // from 1
+    uint woken_at; // the first tile's word in `steps`
+    float tolerance; // of depth: metres, or, where it is relative, parts of the depth
+    uint relative;
+    uint surrounded; // background is filled, too, where so many of its neighbours have a value
+    uint most_groups; // of a step's dispatch
+} push;
+
+// A step of less than the tolerance divided by this and by the kernel's width is none: about two pixels' width divided by that of the kernel.
+const float AT_REST = 16.0;
+// More than any depth's bits.
+const int NOTHING = 0x7FFFFFFF;
+
+// Without the sign; NOTHING where there is no depth.
+int depth_bits(uint word) {
+    uint magnitude = word & ~FILLING;
+    return mix(NOTHING, int(magnitude), magnitude - 1u < BACKGROUND_BITS - 1u);
+}
+
+#include "tile_steps.glsl"
+
+// Of the 3 x 3, row by row, by places in a column of six rows of three: the pixel is at `c`.
+#define AROUND(k, c) ((c) - 4 + (k) + (k) / 4)
+
+uint tile_at(uint place) {
+    return WORD(listed_words, lists, LIST_HEADER + place);
+}
+
+Changes work(uint tile) {
+    ivec2 top = column_of(tile, push.tiles.x);
+    // What the steps to come add up to grows with the square of a hole's width: with steps so much smaller the wider it is, what is missing in the end is a slope, the same for all. Smaller steps show
+    // nowhere, and would keep the tile awake for long.
+    float at_rest = AT_REST * float(WORD(kernel_words, kernels, tile));
+    Changes changes = NO_CHANGES;
+    [[dont_unroll]] for (int half_tile = 0;; ++half_tile) {
+        ivec2 texel = ivec2(top.x, top.y / 4 + half_tile);
+        // Bits of depths without the sign, NOTHING where there is none.
+        int bits[18];
+        uvec4 own = floatBitsToUint(imageLoad(from_depth, texel));
+        [[unroll]] for (int k = 0; k < 3; ++k) {
+            ivec2 at = texel + ivec2(k - 1, 0);
+            uvec4 column = k == 1 ? own : floatBitsToUint(imageLoad(from_depth, at));
+            bits[k] = depth_bits(floatBitsToUint(imageLoad(from_depth, at - ivec2(0, 1)).w));
+            [[unroll]] for (int p = 0; p < 4; ++p) bits[3 * p + 3 + k] = depth_bits(column[p]);
+            bits[15 + k] = depth_bits(floatBitsToUint(imageLoad(from_depth, at + ivec2(0, 1)).x));
+        }
+        bvec4 filling;
+        bvec4 none;
+        [[unroll]] for (int p = 0; p < 4; ++p) {
+            int valid = 0;
+            [[unroll]] for (int k = 0; k < 8; ++k) valid += int(bits[AROUND(k, 3 * p + 4)] != NOTHING);
+            int needed = mix(mix(9, int(push.surrounded), own[p] == BACKGROUND_BITS), 1, (own[p] & FILLING) != 0u);
+            filling[p] = valid >= needed;
+            none[p] = all(bvec2(filling[p], bits[3 * p + 4] == NOTHING));
+        }
+        if (any(filling)) {
+            float colors[18];
+            vec4 own_colors = imageLoad(from_color, texel);
+            [[unroll]] for (int k = 0; k < 3; ++k) {
+                ivec2 at = texel + ivec2(k - 1, 0);
+                vec4 column = k == 1 ? own_colors : imageLoad(from_color, at);
+                colors[k] = imageLoad(from_color, at - ivec2(0, 1)).w;
+                [[unroll]] for (int p = 0; p < 4; ++p) colors[3 * p + 3 + k] = column[p];
+                colors[15 + k] = imageLoad(from_color, at + ivec2(0, 1)).x;
+            }
+            uvec4 next = own;
+            vec4 next_colors = own_colors;
+            [[unroll]] for (int p = 0; p < 4; ++p) {
+                // The mean, where there is a value; elsewhere of numbers that are not used.
+                int c = 3 * p + 4;
+                float z0 = intBitsToFloat(mix(bits[c], 0x3F800000, bits[c] == NOTHING));
+                float tolerance = push.relative == 1u ? push.tolerance * z0 : push.tolerance;
+                // Where there is no tolerance, only equal depths are of one surface.
+                float strictness = tolerance > 0.0 ? min(1.0 / tolerance, 3.402823466e38) : 3.402823466e38;
+                float weights = 1.0;
+                float rise = 0.0;
+                vec3 light = light_of(colors[c]);
+                [[unroll]] for (int k = 0; k < 8; ++k) {
+                    int i = AROUND(k, c);
+                    bool corner = k == 0 || k == 2 || k == 5 || k == 7;
+                    bool has = bits[i] != NOTHING;
+                    float difference = mix(z0, intBitsToFloat(bits[i]), has) - z0;
+                    float near = 1.0 - min(1.0, abs(difference) * strictness);
+                    float weight = mix(0.0, (corner ? 0.292893219 : 0.5) * near, has);
+                    weights += weight;
+                    rise += weight * difference;
+                    light += weight * light_of(colors[i]);
+                }
+                float share = 1.0 / weights;
+                float step = rise * share;
+                float z = mix(z0 + step, z0, abs(step) * at_rest < tolerance);
+                bool mean = filling[p] != none[p];
+                next[p] = mix(next[p], floatBitsToUint(z) | FILLING, mean);
+                if (!LABELS) next_colors[p] = mix(next_colors[p], pack_light(light * share, opacity_bits(colors[c])), mean);
+            }
+            if (any(none)) {
+                [[unroll]] for (int p = 0; p < 4; ++p) {
+                    int c = 3 * p + 4;
+                    int valid = 0;
+                    [[unroll]] for (int k = 0; k < 8; ++k) valid += int(bits[AROUND(k, c)] != NOTHING);
+                    int rank = mix(-1, (valid - 1) >> 1, none[p]);
+                    [[unroll]] for (int k = 0; k < 8; ++k) {
+                        int own_bits = bits[AROUND(k, c)];
+                        int before = 0;
+                        [[unroll]] for (int i = 0; i < 8; ++i) {
+                            int other = bits[AROUND(i, c)];
+                            if (i < k) before += int(other <= own_bits);
+                            if (i > k) before += int(other < own_bits);
+                        }
+                        bool found = before == rank;
+                        next[p] = mix(next[p], uint(own_bits) | FILLING, found);
+                        next_colors[p] = mix(next_colors[p], colors[AROUND(k, c)], found);
+                    }
+                }
+            }
+            uvec4 differ = uvec4(notEqual(next, own)) | uvec4(notEqual(next_colors, own_colors));
+            add_changes(changes, half_tile, bvec4(differ));
+            imageStore(to_depth, texel, uintBitsToFloat(next));
+            imageStore(to_color, texel, next_colors);
+        }
+        if (half_tile == 1) break;
+    }
+    return changes;
+}
+
+void main() {
+    take_step(WORD(listed_words, lists, 3u), lists.word[0]);
+}

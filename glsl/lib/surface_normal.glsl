@@ -1,0 +1,20 @@
+// The surface at a pixel, as depth shows it. The includer has `depth`, pixel.glsl, normalize.glsl and fit_normal.glsl.
+
+bool known(float z) {
+    return has_depth(floatBitsToUint(z)) && z > 0.0;
+}
+
+// Fitted to the window of `radius_px` around a pixel of known depth z; depths that differ by `reach` or more are of other surfaces. Right, down, away; 0 where neighbours do not tell.
+vec3 normal_at(ivec2 pixel, float z, int radius_px, float reach, vec2 from_centre, float px_per_unit, bool perspective) {
+    Fit fit = NO_FIT;
+    // One loop, row by row, tested at its end (lib/tile.glsl says why).
+    ivec2 aside_px = ivec2(-radius_px);
+    for (;;) {
+        float other = imageLoad(depth, pixel + aside_px).r;
+        add_to_fit(fit, known(other), aside_px, other, z, reach, perspective);
+        bool row_ends = aside_px.x == radius_px;
+        aside_px = mix(aside_px + ivec2(1, 0), ivec2(-radius_px, aside_px.y + 1), bvec2(row_ends));
+        if (aside_px.y > radius_px) break;
+    }
+    return normal_of(fit, from_centre, px_per_unit, perspective);
+}

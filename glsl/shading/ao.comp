@@ -1,0 +1,84 @@
+// Ambient occlusion: depth -> what is left of light that comes from everywhere (horizons on the screen: Bavoil, Sainz and Dimitrov 2008).
+//
+//   sin^2 h = (v.n)^2 / v.v        h: how high a sample stands above the tangent plane; v: the way to it, n: the normal
+//   hidden  = mean over directions of the highest sin^2 h among the samples of one
+//   left    = 1 - strength * hidden
+// A horizon at h takes the part sin^2 h of the light from its direction when light counts by its cosine, exactly: no trigonometry is needed, and a plane hides nothing of itself however steep it is.
+// A sample counts less the farther it is, by 1 - v.v / radius^2, so that what stands far in front casts no halo. Ways are in parts of the depth, or without perspective in metres.
+#version 460
+#extension GL_EXT_scalar_block_layout : require
+#extension GL_EXT_control_flow_attributes : require
+#extension GL_GOOGLE_include_directive : require
+
+#include "pixel.glsl"
+#include "normalize.glsl"
+#include "fit_normal.glsl"
+
+layout(local_size_x = 64) in;
+
+layout(r32f) readonly uniform image2D depth;
+layout(r32f) readonly uniform image2D lit;
+layout(r32f) writeonly uniform image2D left;
+
+layout(constant_id = 0) const bool PERSPECTIVE = true;
+// Whether an effect before has taken light.
+layout(constant_id = 1) const bool LIT_BY = false;
+// The radius is in metres with perspective, too, where it otherwise is in parts of the depth.
+layout(constant_id = 2) const bool METRES = false;
+
+layout(push_constant, scalar) uniform Push {
+    uvec2 size;        // pixels
+    vec2 centre;       // where the camera looks, pixels from the first
+    float px_per_unit; // perspective: focal length in pixels; orthographic: pixels per metre
+    float reach;       // difference in depth from which pixels are of other surfaces: metres, or with perspective parts of the depth
+    int radius_px;     // of the window that a normal is fitted to
+    float radius;      // beyond which nothing hides light
+    float strength;
+    float least;       // sin^2 h that does not count: of roughness
+    int directions;
+    int steps;         // samples of a direction
+    vec2 turn;         // cosine and sine of the angle between directions
+} push;
+
+#include "surface_normal.glsl"
+
+void main() {
+    ivec2 pixel = ivec2(gl_GlobalInvocationID.xy);
+    if (any(greaterThanEqual(pixel, ivec2(push.size)))) return;
+    float z = imageLoad(depth, pixel).r;
+    float before = LIT_BY ? imageLoad(lit, pixel).r : 1.0;
+    float hidden = 0.0;
+    if (known(z)) {
+        vec2 from_centre = vec2(pixel) + 0.5 - push.centre;
+        float unit_m = PERSPECTIVE ? z : 1.0;
+        vec3 n = normal_at(pixel, z, push.radius_px, push.reach * unit_m, from_centre, push.px_per_unit, PERSPECTIVE);
+        float radius = METRES ? push.radius / unit_m : push.radius;
+        float step_px = radius * push.px_per_unit / float(push.steps);
+        float share = 1.0 / (radius * radius);
+        vec2 way = vec2(1.0, 0.0);
+        [[dont_unroll]] for (int direction = 1;; ++direction) {
+            float highest = 0.0;
+            [[dont_unroll]] for (int n_step = 1;; ++n_step) {
+                vec2 aside = floor(way * vec2(step_px * (float(n_step) - 0.5)) + 0.5);
+                float other = imageLoad(depth, pixel + ivec2(aside)).r;
+                float rise = (other - z) / unit_m;
+                bool counts = known(other) && abs(rise) < radius && aside != vec2(0.0);
+                rise = mix(0.0, rise, counts);
+                vec2 lean = PERSPECTIVE ? (from_centre + aside) / push.px_per_unit : vec2(0.0);
+                vec3 v = vec3(aside / push.px_per_unit + lean * vec2(rise), rise);
+                float above = v.x * n.x + v.y * n.y + v.z * n.z;
+                float square = mix(1.0, v.x * v.x + v.y * v.y + v.z * v.z, counts);
+                float height = above * above / square - push.least;
+                float near = 1.0 - square * share;
+                bool hides = counts && above > 0.0 && height > 0.0 && near > 0.0;
+                highest = max(highest, mix(0.0, height * near, hides));
+                if (n_step == push.steps) break;
+            }
+            hidden += highest;
+            way = vec2(way.x * push.turn.x - way.y * push.turn.y, way.x * push.turn.y + way.y * push.turn.x);
+            if (direction == push.directions) break;
+        }
+    }
+    float own = max(0.0, 1.0 - push.strength * (hidden / float(push.directions)));
+    imageStore(left, pixel, vec4(before * own));
+}

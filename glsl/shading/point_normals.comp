@@ -1,0 +1,55 @@
+// Points' normals -> those of pixels: right, down and away from the camera, which they are turned towards, and 1; 0 where a pixel shows no point, or one whose normal is not known.
+//
+// A surface is seen from the side that it is seen from: which of the two normals a file or a fitted plane has does not matter here.
+#version 460
+#extension GL_EXT_scalar_block_layout : require
+#extension GL_EXT_buffer_reference : require
+#extension GL_EXT_buffer_reference_uvec2 : require
+#extension GL_GOOGLE_include_directive : require
+
+#include "drawn_node.glsl"
+#include "exact_dot.glsl"
+#include "octahedral.glsl"
+#include "tile.glsl"
+#include "tile_mask.glsl"
+
+// Normals of the points of one node: a page of 32-bit words.
+layout(buffer_reference, scalar, buffer_reference_align = 4) readonly buffer Plane { uint word[]; };
+
+layout(local_size_x = 64) in;
+
+layout(r32ui) readonly uniform uimage2D index;
+// Of every node of the frame, the two words of the address of the page with its points' normals.
+layout(scalar) readonly buffer Facings { uvec2 page[]; } facings;
+layout(rgba32f) writeonly uniform image2D facing;
+
+layout(constant_id = 0) const bool PERSPECTIVE = true;
+
+layout(push_constant, scalar) uniform Push {
+    uvec2 size;        // pixels
+    vec2 centre;       // where the camera looks, pixels from the first
+    float px_per_unit; // perspective: focal length in pixels; orthographic: pixels per metre
+    vec3 right;        // the camera's axes in the world
+    vec3 down;
+    vec3 forward;
+} push;
+
+const uint NO_POINT = 0xFFFFFFFFu;
+
+void face(ivec2 pixel) {
+    if (any(greaterThanEqual(pixel, ivec2(push.size)))) return;
+    uint id = imageLoad(index, pixel).r;
+    uint word = UNKNOWN_NORMAL;
+    if (id != NO_POINT) word = Plane(facings.page[id >> POINTS_PER_PAGE_LOG2]).word[id & (POINTS_PER_PAGE - 1u)];
+    bool known = (word & UNKNOWN_NORMAL) != UNKNOWN_NORMAL;
+    vec3 world = normal_of(known ? word : 0u);
+    vec3 n = vec3(dot_of(push.right, world), dot_of(push.down, world), dot_of(push.forward, world));
+    vec2 across = (vec2(pixel) + 0.5 - push.centre) / push.px_per_unit;
+    vec3 ray = vec3(PERSPECTIVE ? across : vec2(0.0), 1.0);
+    n = dot_of(n, ray) > 0.0 ? -n : n;
+    imageStore(facing, pixel, known ? vec4(n, 1.0) : vec4(0.0));
+}
+
+void main() {
+    EACH_OWN_PIXEL(face)
+}

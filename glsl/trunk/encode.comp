@@ -1,0 +1,59 @@
+// A linear picture -> its 8-bit sRGB words or bytes.
+//
+// A code is the number of thresholds that a channel has reached (src/passes/encode.rs). Floats whose bits begin alike share a bucket, which holds one threshold at most: one look, one comparison, and exact.
+#version 460
+#extension GL_EXT_scalar_block_layout : require
+
+layout(local_size_x = 64) in;
+
+layout(rgba32f) readonly uniform image2D picture;
+// Of every bucket, the bits of its threshold, and the code of what does not reach it.
+layout(rgba32ui) readonly uniform uimageBuffer buckets;
+layout(scalar) writeonly buffer Screen { uint word[]; } screen;
+
+layout(constant_id = 0) const bool BLUE_FIRST = false;
+// Three bytes a pixel, red first, for files; not a word.
+layout(constant_id = 1) const bool PACKED = false;
+
+layout(push_constant, scalar) uniform Push {
+    uvec2 size; // pixels of the band that `screen` holds
+    uint top;   // its first row in the picture
+} push;
+
+// Of a sign, an exponent and 7 bits: from 2^-13, which is code 0, to 1.
+const int FIRST = 0x3900;
+const int LAST = 0x3F80;
+
+#include "pixel_index.glsl"
+
+uint code(float linear) {
+    int bucket = clamp(floatBitsToInt(linear) >> 16, FIRST, LAST) - FIRST;
+    uvec4 found = imageLoad(buckets, bucket);
+    uint reached = found.y + (min(linear, 1.0) >= uintBitsToFloat(found.x) ? 1u : 0u);
+    // NaN is nothing.
+    return linear > 0.0 ? reached : 0u;
+}
+
+uvec3 codes(uvec2 pixel) {
+    vec3 linear = imageLoad(picture, ivec2(pixel.x, pixel.y + push.top)).rgb;
+    return uvec3(code(linear.r), code(linear.g), code(linear.b));
+}
+
+void main() {
+    if (PACKED) {
+        // Four pixels are three words.
+        uint four = gl_WorkGroupID.y * gl_NumWorkGroups.x * 64u + gl_GlobalInvocationID.x;
+        if (4u * four >= push.size.x * push.size.y) return;
+        uvec3 c[4];
+        for (uint k = 0u; k < 4u; ++k) c[k] = codes(uvec2(in_rows(4u * four + k, push.size.x)));
+        screen.word[3u * four] = c[0].r | c[0].g << 8 | c[0].b << 16 | c[1].r << 24;
+        screen.word[3u * four + 1u] = c[1].g | c[1].b << 8 | c[2].r << 16 | c[2].g << 24;
+        screen.word[3u * four + 2u] = c[2].b | c[3].r << 8 | c[3].g << 16 | c[3].b << 24;
+        return;
+    }
+    uvec2 pixel = gl_GlobalInvocationID.xy;
+    if (pixel.x >= push.size.x || pixel.y >= push.size.y) return;
+    uvec3 c = codes(pixel);
+    uint low = BLUE_FIRST ? c.b : c.r, high = BLUE_FIRST ? c.r : c.b;
+    screen.word[pixel.y * push.size.x + pixel.x] = low | c.g << 8 | high << 16 | 255u << 24;
+}

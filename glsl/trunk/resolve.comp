@@ -1,0 +1,80 @@
+// Keys -> depth, index and colour images. Colours are multiplied by the point's opacity, which is their alpha.
+//
+// The point's attribute word is read here, once a pixel, and not once a point while
+// projecting. Colours come from one table of 256 linear colours, made on the CPU so that every driver gives the same bits: for `rgb` it decodes sRGB,
+// for scalars it is a ramp over lo..hi, for kinds a palette.
+#version 460
+#extension GL_EXT_scalar_block_layout : require
+#extension GL_EXT_buffer_reference : require
+#extension GL_EXT_buffer_reference_uvec2 : require
+#extension GL_GOOGLE_include_directive : require
+
+#include "drawn_node.glsl"
+#include "tile.glsl"
+#include "tile_mask.glsl"
+
+layout(local_size_x = 64) in;
+
+// As texels, and for devices whose texel buffers are too small as a storage buffer.
+layout(r32ui) readonly uniform uimageBuffer keys;
+layout(scalar) readonly buffer KeyWords { uint word[]; } key_words;
+// Of every node of the frame, the two words of the address of the page that says what its points show.
+layout(scalar) readonly buffer Shown { uvec2 page[]; } shown;
+// The same of the pages that say of what kind its points are.
+layout(scalar) readonly buffer Kinds { uvec2 page[]; } kinds;
+// Factors that make up a point's opacity.
+layout(scalar) readonly buffer Opacities { float factor[]; } opacities;
+// 256 colours, four words of f32 bits each.
+layout(rgba32ui) readonly uniform uimageBuffer table;
+layout(r32f) writeonly uniform image2D depth;
+layout(r32ui) writeonly uniform uimage2D index;
+layout(rgba32f) writeonly uniform image2D color;
+
+layout(constant_id = 0) const uint MODE = 0u;
+layout(constant_id = 1) const bool TEXELS = true;
+// Not all points are opaque; and whether it takes their kinds to tell.
+layout(constant_id = 2) const bool TRANSPARENT = false;
+layout(constant_id = 3) const bool BY_KIND = false;
+// Colours are left to another pass (luminance.comp).
+layout(constant_id = 4) const bool COLORLESS = false;
+// Of a layer behind others.
+layout(constant_id = 5) const bool BEHIND = false;
+
+layout(push_constant, scalar) uniform Push {
+    uvec2 size;  // pixels of this band
+    uint top;    // first row of this band in the picture
+    float lo;    // attribute words at the ends of the ramp
+    float scale; // 255 / (hi - lo)
+} push;
+
+const uint NO_POINT = 0xFFFFFFFFu;
+const uint INFINITY_BITS = 0x7F800000u;
+
+#include "keys.glsl"
+#include "point_color.glsl"
+#include "color_lookup.glsl"
+
+uint key_word(uint at) {
+    return TEXELS ? imageLoad(keys, int(at)).r : key_words.word[at];
+}
+
+void resolve(ivec2 at) {
+    // Listed pixels are those of the whole picture.
+    if (LISTED) at.y -= int(push.top);
+    if (at.y < 0 || any(greaterThanEqual(at, ivec2(push.size)))) return;
+    uint k = uint(at.y) * push.size.x + uint(at.x);
+    uint point = key_word(point_word(k));
+    uint depth_bits = key_word(depth_word(k));
+    ivec2 pixel = ivec2(at.x, at.y + int(push.top));
+    bool empty = point == NO_POINT;
+    imageStore(depth, pixel, vec4(uintBitsToFloat(empty ? INFINITY_BITS : depth_bits)));
+    imageStore(index, pixel, uvec4(point));
+    if (COLORLESS) return;
+    vec4 c = vec4(0.0);
+    if (!empty) c = painted(MODE == CONSTANT ? 0u : shown_word(point), push.lo, push.scale) * vec4(own_opacity(point));
+    imageStore(color, pixel, c);
+}
+
+void main() {
+    EACH_OWN_PIXEL(resolve)
+}

@@ -1,0 +1,46 @@
+// A level of the pyramid of nearest points (lib/depth_pyramid.glsl) -> the next coarser one: of each 2 x 2 the nearest point; of equals the first, row by row.
+//
+// Keys of a picture half as large would be the minima over 2 x 2, since a minimum is associative: each level is the cloud as it would be projected at that resolution.
+#version 460
+#extension GL_EXT_scalar_block_layout : require
+#extension GL_EXT_control_flow_attributes : require
+#extension GL_GOOGLE_include_directive : require
+
+#include "pixel.glsl"
+#include "depth_pyramid.glsl"
+
+layout(local_size_x = 64) in;
+
+layout(r32f) readonly uniform image2D depth;
+layout(r32f) uniform image2D pyramid;
+layout(r32f) uniform image2D places;
+
+// True for level 1, which is made of the picture.
+layout(constant_id = 0) const bool FIRST = true;
+
+layout(push_constant, scalar) uniform Push {
+    uvec2 size; // of the picture, pixels
+    int level;  // that is made
+} push;
+
+void main() {
+    ivec2 size = ivec2(push.size);
+    ivec2 cell = ivec2(gl_GlobalInvocationID.xy);
+    if (any(greaterThanEqual(cell, level_size(size, push.level)))) return;
+    ivec2 last = level_size(size, push.level - 1) - 1;
+    ivec2 from = level_corner(size, push.level - 1);
+    float side = float(1 << (push.level - 1));
+    float nearest = uintBitsToFloat(BACKGROUND_BITS);
+    float place = NO_PLACE;
+    [[unroll]] for (int k = 0; k < 4; ++k) {
+        ivec2 fine = 2 * cell + ivec2(k % 2, k / 2);
+        ivec2 at = min(fine, last);
+        float z = FIRST ? imageLoad(depth, at).r : imageLoad(pyramid, from + at).r;
+        float own = FIRST ? 0.0 : imageLoad(places, from + at).r;
+        bool nearer = at == fine && z > 0.0 && z < nearest;
+        nearest = nearer ? z : nearest;
+        place = nearer ? own + side * (float(k % 2) + ROW_OF_PLACES * float(k / 2)) : place;
+    }
+    imageStore(pyramid, level_corner(size, push.level) + cell, vec4(nearest));
+    imageStore(places, level_corner(size, push.level) + cell, vec4(place));
+}

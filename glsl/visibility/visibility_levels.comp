@@ -1,0 +1,285 @@
+// One level of the pyramid judges what finer ones have left open: which points are hidden, or which pixels without a point are holes.
+//
+// A level looks at the nearest points of the cells in its kernel. Those that lead close cones: of a pixel with a point, those that are nearer to the camera than its own surface may be; of one without, all.
+//
+//   open     so many leading points would be expected in the open area around the pixel that its being empty is no chance:   lambda A >= `expected`
+//   closed   the cones that are left add up to less than `threshold` (Pintus et al. 2011, sec. 4), or to less than `holes`
+//   else     this level is too fine for the surface that leads here: the next coarser one judges. Where fewer points lead than can say either, no cones are looked at.
+//
+// lambda is how many of them a cell holds, from the share p of the neighbours of leading cells that lead too: -ln(1 - p), which p / sqrt(1 - p) is near enough. It is the density of the surface in front alone, whatever
+// shows behind it. A is made of eight sectors, each as far as its nearest leading point, or to the rim of the kernel. So a dense surface is judged where it is dense, and its openings stay open at any size;
+// a sparse one further up, where its points are about a cell apart.
+//
+// Cones are those of visibility.comp, which has the geometry. Sectors are told by where points lie in their cells, since a cell may lie in several.
+#version 460
+#extension GL_EXT_scalar_block_layout : require
+#extension GL_EXT_control_flow_attributes : require
+#extension GL_GOOGLE_include_directive : require
+
+#include "tile.glsl"
+#include "pixel.glsl"
+#include "depth_pyramid.glsl"
+
+layout(local_size_x = 64) in;
+
+layout(r32f) readonly uniform image2D depth;
+layout(r32f) readonly uniform image2D pyramid;
+layout(r32f) readonly uniform image2D places;
+// Three words a tile: two of pixels to judge, and one with a bit for each level that has to judge them.
+layout(scalar) readonly buffer Asked { uint word[]; } asked;
+layout(r32ui) readonly uniform uimageBuffer asked_words;
+layout(scalar) readonly buffer Lists { uint word[]; } lists;
+layout(r32ui) readonly uniform uimageBuffer listed_words;
+// Tiles with invisible pixels.
+layout(scalar) buffer Holes { uint word[]; } holes;
+// Points that the levels so far have left open: pixels, 16 bits across and 16 down. Each level reads those of the one before, and leaves its own to the next.
+layout(scalar) readonly buffer From { uint pixel[]; } from;
+layout(r32ui) readonly uniform uimageBuffer from_words;
+layout(scalar) writeonly buffer To { uint pixel[]; } to;
+// Four words a level: an indirect dispatch over the points that are left to it, and their number.
+layout(scalar) buffer Counts { uint word[]; } counts;
+// Two words a tile and level: pixels without a point that the level has decided. Each level reads what those before it wrote.
+layout(scalar) buffer Decided { uint word[]; } decided;
+layout(r32ui) readonly uniform uimageBuffer decided_words;
+// Two words a tile: pixels that are hidden, or holes.
+layout(scalar) buffer Invisible { uint word[]; } invisible;
+// Two words a tile: points that something leads.
+layout(scalar) buffer Led { uint word[]; } led;
+// Two words a tile: points that are led from all sides, and of which no level can tell whether they are hidden.
+layout(scalar) buffer Scattered { uint word[]; } scattered;
+// Width of the kernel that put a tile on the list of holes, pixels; 0 for other tiles.
+layout(scalar) buffer Kernels { uint tile[]; } kernels;
+
+layout(constant_id = 0) const uint RADIUS = 3u;
+layout(constant_id = 1) const bool PERSPECTIVE = true;
+// True where pixels without a point are judged, false for those with one.
+layout(constant_id = 2) const bool EMPTY = false;
+layout(constant_id = 3) const bool TEXELS = true;
+
+layout(push_constant, scalar) uniform Push {
+    uvec2 size;        // pixels
+    vec2 centre;       // where the camera looks, pixels from the first
+    uint tiles_across;
+    int level;
+    uint at;           // the list of this level
+    uint stride;       // words from level to level of `decided`
+    float px_per_unit;
+    float closed;      // solid angle in sectors' hemispheres, below which a pixel is invisible
+    int fewest;        // leading points without which nothing can be said
+    float expected;    // points
+    float own_slope;   // t t up to which a neighbour may be of the point's own surface
+} push;
+
+const float FARTHEST = 3.402823466e38;
+// Depths beyond these count as these, so that squares neither overflow nor vanish.
+const float NEAREST_PLACE = 1e-15;
+const float FARTHEST_PLACE = 1e15;
+
+const int R = int(RADIUS);
+const int WIDTH = 2 * R + 1;
+const int MOST_WIDTH = 15;
+
+// Returns the eighth of a turn from the x axis that an offset lies in; each has its first border.
+int sector_of(vec2 offset) {
+    bool upper = offset.y > 0.0 || (offset.y == 0.0 && offset.x > 0.0);
+    int quarter = upper ? (offset.x > 0.0 ? 0 : 1) : (offset.x < 0.0 ? 2 : 3);
+    vec2 along = quarter % 2 == 0 ? abs(offset) : abs(offset.yx);
+    return 2 * quarter + int(along.y >= along.x);
+}
+
+// Says whether a point of a cell may lie in a sector, seen from anywhere in the middle cell.
+bool may_lie(ivec2 cell, int sector) {
+    int quarter = sector / 2;
+    ivec2 turned = quarter == 0 ? cell : quarter == 1 ? ivec2(cell.y, -cell.x) : quarter == 2 ? -cell : ivec2(-cell.y, cell.x);
+    turned = sector % 2 == 0 ? turned : turned.yx;
+    return turned.y + 1 >= 0 && turned.x + 1 >= max(turned.y - 1, 0);
+}
+
+// A bit beside a verdict: what leads a point does so from more than half a turn, as nothing does on a surface, however steep it is.
+const uint ALL_SIDES = 4u;
+const uint VERDICT = 3u;
+
+// Judges from the middle of a square of pixels, by its first pixel and its side.
+uint judge(ivec2 pixel, int across) {
+    ivec2 size = ivec2(push.size);
+    ivec2 cells = level_size(size, push.level);
+    ivec2 corner = level_corner(size, push.level);
+    ivec2 cell = pixel >> push.level;
+    float side = float(1 << push.level);
+    vec2 at = vec2(pixel) + 0.5 * float(across);
+    float own = imageLoad(depth, pixel).r;
+    vec2 ray = (at - push.centre) / push.px_per_unit;
+    float farthest = PERSPECTIVE ? FARTHEST_PLACE : FARTHEST_PLACE / push.px_per_unit;
+    float z0 = clamp(own, NEAREST_PLACE, farthest);
+    float f_rr = PERSPECTIVE ? push.px_per_unit * (1.0 + ray.x * ray.x + ray.y * ray.y) : push.px_per_unit;
+    float rim = (float(R) + 0.5) * side;
+    float most[8];
+    float nearest[8];
+    [[unroll]] for (int s = 0; s < 8; ++s) {
+        most[s] = -1.0;
+        nearest[s] = rim * rim;
+    }
+    uint rows[MOST_WIDTH];
+    int columns[MOST_WIDTH];
+    [[unroll]] for (int dx = -R; dx <= R; ++dx) columns[dx + R] = at_edge(cell.x + dx, cells.x);
+    [[unroll]] for (int dy = -R; dy <= R; ++dy) {
+        int y = at_edge(cell.y + dy, cells.y);
+        uint row = 0u;
+        [[unroll]] for (int dx = -R; dx <= R; ++dx) {
+            ivec2 from = ivec2(columns[dx + R], y);
+            float code = imageLoad(places, corner + from).r;
+            float found = EMPTY ? 0.0 : imageLoad(pyramid, corner + from).r;
+            vec2 offset = place_in(cell + ivec2(dx, dy), push.level, code) - at;
+            bool has = code > NO_PLACE;
+            float z = clamp(found, NEAREST_PLACE, farthest);
+            float square = offset.x * offset.x + offset.y * offset.y;
+            float ratio = 0.0;
+            bool leads = has;
+            if (!EMPTY) {
+                float twist = offset.x * ray.y - offset.y * ray.x;
+                float along = (z0 - z) * f_rr - (PERSPECTIVE ? z * (offset.x * ray.x + offset.y * ray.y) : 0.0);
+                float across = PERSPECTIVE ? z * z * (square + twist * twist) : square;
+                ratio = along * along / across;
+                leads = has && z < z0 && along > 0.0 && ratio > push.own_slope;
+            }
+            row |= leads ? 1u << (dx + R) : 0u;
+            ratio = leads ? ratio : -1.0;
+            square = leads ? square : rim * rim;
+            int sector = sector_of(offset);
+            [[unroll]] for (int s = 0; s < 8; ++s) {
+                if (!may_lie(ivec2(dx, dy), s)) continue;
+                bool here = sector == s;
+                most[s] = here ? max(most[s], ratio) : most[s];
+                nearest[s] = here ? min(nearest[s], square) : nearest[s];
+            }
+        }
+        rows[dy + R] = row;
+    }
+    // Neighbours of leading cells within the kernel, and those of them that lead.
+    const uint EDGES = 1u | 1u << (WIDTH - 1);
+    int leaders = 0;
+    int neighbours = 0;
+    int pairs = 0;
+    [[unroll]] for (int y = 0; y < WIDTH; ++y) {
+        leaders += bitCount(rows[y]);
+        int tall = y == 0 || y == WIDTH - 1 ? 2 : 3;
+        neighbours += (3 * tall - 1) * bitCount(rows[y]) - tall * bitCount(rows[y] & EDGES);
+        pairs += bitCount(rows[y] & rows[y] >> 1);
+        if (y > 0) pairs += bitCount(rows[y] & rows[y - 1]) + bitCount(rows[y] & rows[y - 1] >> 1) + bitCount(rows[y] >> 1 & rows[y - 1]);
+    }
+    float squares = 0.0;
+    float cones = 0.0;
+    int sides = 0;
+    [[unroll]] for (int s = 0; s < 8; ++s) {
+        squares += min(nearest[s], rim * rim);
+        float hypotenuse = 1.0 + max(most[s], 0.0);
+        float left = EMPTY ? 0.0 : 1.0 / (hypotenuse + sqrt(hypotenuse * max(most[s], 0.0)));
+        cones += most[s] < 0.0 ? 1.0 : left;
+        sides += int(most[s] >= 0.0);
+    }
+    uint said = verdict(leaders, push.fewest, pairs, neighbours, squares / (side * side), cones, push.closed, push.expected);
+    return sides > 4 ? said | ALL_SIDES : said;
+}
+
+// Returns the first pixel of those that are left: numbers run down a column, then down the next.
+int first_of(uvec2 bits) {
+    return bits.x != 0u ? findLSB(bits.x) : 32 + findLSB(bits.y);
+}
+
+uvec2 without_first(uvec2 bits) {
+    return bits.x != 0u ? uvec2(bits.x & (bits.x - 1u), bits.y) : uvec2(0u, bits.y & (bits.y - 1u));
+}
+
+// Returns the pixels of a square, by its first pixel and its side.
+uvec2 square_at(int first, int across) {
+    uvec2 bits = uvec2(0u);
+    uint column = ((1u << across) - 1u) << (first % 8);
+    [[dont_unroll]] for (int x = first / 8; x < first / 8 + across; ++x) {
+        bits.x |= x < 4 ? column << (8 * x) : 0u;
+        bits.y |= x < 4 ? 0u : column << (8 * (x - 4));
+    }
+    return bits;
+}
+
+// Records what has been found of pixels of a tile.
+void keep(uint tile, uvec2 closed, uvec2 leads) {
+    [[unroll]] for (int half_tile = 0; half_tile < 2; ++half_tile) {
+        uint word = 2u * tile + uint(half_tile);
+        if (closed[half_tile] != 0u) atomicOr(invisible.word[word], closed[half_tile]);
+        if (!EMPTY && leads[half_tile] != 0u) atomicOr(led.word[word], leads[half_tile]);
+    }
+    uint width = uint(WIDTH) << push.level;
+    if (closed != uvec2(0u) && atomicExchange(kernels.tile[tile], width) == 0u) APPEND(holes, 0u, tile)
+}
+
+// Judges all pixels of a tile that are asked for. Several lanes share it, and take them in turn.
+//
+// Pixels without a point are taken by squares a quarter of a cell wide, from whose middle the level looks nearly the same.
+void judge_tile(uint n, uint lane, uint lanes) {
+    uint tile = WORD(listed_words, lists, push.at + LIST_HEADER + n);
+    uvec2 pixels = uvec2(WORD(asked_words, asked, 3u * tile), WORD(asked_words, asked, 3u * tile + 1u));
+    [[dont_unroll]] for (int level = 1; level < push.level; ++level) {
+        uint word = uint(level) * push.stride + 2u * tile;
+        pixels &= ~uvec2(WORD(decided_words, decided, word), WORD(decided_words, decided, word + 1u));
+    }
+    uvec2 left = pixels;
+    int across = clamp(1 << push.level >> 2, 1, TILE_PX);
+    [[dont_unroll]] for (int first = 0; across > 1 && first < 64; first += first % 8 + across < 8 ? across : 8 * across - first % 8) {
+        uvec2 square = square_at(first, across);
+        bool any = (square & pixels) != uvec2(0u);
+        left = (left & ~square) | (any ? square_at(first, 1) : uvec2(0u));
+    }
+    ivec2 corner = tile_corner(tile, push.tiles_across);
+    [[dont_unroll]] for (uint skipped = 0u; skipped < lane; ++skipped) left = without_first(left);
+    uvec2 settled = uvec2(0u);
+    uvec2 closed = uvec2(0u);
+    if (left != uvec2(0u)) for (;;) {
+        int first = first_of(left);
+        uint said = judge(corner + ivec2(first / 8, first % 8), across) & VERDICT;
+        uvec2 square = square_at(first, across) & pixels;
+        settled |= said == OPEN || said == CLOSED ? square : uvec2(0u);
+        closed |= said == CLOSED ? square : uvec2(0u);
+        [[dont_unroll]] for (uint skipped = 0u; skipped < lanes; ++skipped) left = without_first(left);
+        if (left == uvec2(0u)) break;
+    }
+    keep(tile, closed, uvec2(0u));
+    [[unroll]] for (int half_tile = 0; half_tile < 2; ++half_tile) {
+        uint word = uint(push.level) * push.stride + 2u * tile + uint(half_tile);
+        if (settled[half_tile] != 0u) atomicOr(decided.word[word], settled[half_tile]);
+    }
+}
+
+// Judges a point that finer levels have left.
+void judge_point(uint n) {
+    uint entry = WORD_OF(from_words, from.pixel, n);
+    ivec2 pixel = ivec2(entry & 0xFFFFu, entry >> 16);
+    ivec2 at = pixel % TILE_PX;
+    uint tile = uint(pixel.y / TILE_PX) * push.tiles_across + uint(pixel.x / TILE_PX);
+    uint levels = WORD(asked_words, asked, 3u * tile + 2u);
+    uint judged = judge(pixel, 1);
+    uint said = judged & VERDICT;
+    said = (levels >> push.level & 1u) == 1u ? said : TOO_FEW;
+    uvec2 bits = square_at(8 * at.x + at.y, 1);
+    keep(tile, said == CLOSED ? bits : uvec2(0u), said != TOO_FEW ? bits : uvec2(0u));
+    uint word = 2u * tile + uint(at.x / 4);
+    uint bit = bits.x | bits.y;
+    if (said == UNDECIDED && judged != said) atomicOr(scattered.word[word], bit);
+    if (said == OPEN) atomicAnd(scattered.word[word], ~bit);
+    if ((said == TOO_FEW || said == UNDECIDED) && levels >> (push.level + 1) != 0u) {
+        uint place;
+        LEAVE(counts, push.level + 1, 1u, place)
+        to.pixel[place] = entry;
+    }
+}
+
+void main() {
+    uint lanes = !EMPTY ? 1u : push.level < 4 ? 8u : push.level < 5 ? 4u : 1u;
+    uint end = EMPTY ? WORD(listed_words, lists, push.at + 3u) : counts.word[4u * uint(push.level) + 3u];
+    uint n = (64u * gl_WorkGroupID.x + gl_LocalInvocationID.x) / lanes;
+    if (n < end) for (;;) {
+        if (EMPTY) judge_tile(n, gl_LocalInvocationID.x % lanes, lanes);
+        else judge_point(n);
+        n += 64u / lanes * gl_NumWorkGroups.x;
+        if (n >= end) break;
+    }
+}

@@ -1,0 +1,49 @@
+//! GROUND in, where a surface is out, for both ways of blending.
+//!
+//! A stroke's ends stand out from crests and claws: what only they cover is not painted. Near its own point a stroke lies on its surface: that is near ground. Farther out ([`Brush::ground`](super::brush::Brush::ground))
+//! it does where near ground is close by in half of all directions: gaps between strokes are closed, while outlines do not grow, nor do notches and holes that one sees through.
+
+use super::Painting;
+use super::quads::Quads;
+use crate::error::Result;
+use crate::graph::{Buffer, Dispatch, Graph};
+use crate::passes::project::Band;
+use crate::passes::resolve;
+use crate::shader::{self, stroke_surface};
+
+/// How far near ground is looked for.
+pub const ENCLOSED_PX: u32 = 2;
+/// In so many of eight directions it is to be found.
+pub const DIRECTIONS: u32 = 4;
+/// How much less far near ground reaches than all ground does: parts of what is more than a pixel, so that small strokes have pixels, and pixels at most, so that large ones have no gaps wider than are closed.
+pub const NEARER: f64 = 0.6;
+pub const NEARER_PX: f64 = 4.0;
+
+/// Of every pixel of a band 1 where a surface is, else 0; of ground around it, too.
+pub fn surface(g: &mut Graph, ground: &Buffer, band: Band) -> Buffer {
+    let [width, height] = band.size;
+    let mut surface = g.buffer("surface", 4 * width as u64 * height as u64);
+    let push = stroke_surface::Push { width, enclosed: ENCLOSED_PX, directions: DIRECTIONS };
+    g.run(
+        shader::StrokeSurface { ground, surface: &mut surface, push },
+        Dispatch::Groups([width.div_ceil(64), height, 1]),
+    );
+    surface
+}
+
+impl Painting<'_> {
+    /// The same, before the frame.
+    pub(super) fn surface(&mut self, g: &mut Graph, band: Band) -> Result<Vec<u32>> {
+        let mut before = g.preceding();
+        let paint = resolve::paint(&mut before, self.resident, self.decided)?;
+        let desk = self.bind(&mut before, band, &paint)?;
+        let Quads { ground, .. } = self.draw(&mut before, &desk, false)?;
+        let surface = surface(&mut before, &ground, band);
+        let found = before.download_buffer(&surface);
+        let frame = before.submit_and_wait(&[])?;
+        self.facts.counting_ms += frame.ms("");
+        let surface = frame.read::<u32>(&found).to_vec();
+        frame.recycle(g.gpu);
+        Ok(surface)
+    }
+}

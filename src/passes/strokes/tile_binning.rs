@@ -1,0 +1,145 @@
+//! Points in, which strokes may touch each tile out: how many first, since only then is it known how much room they need.
+
+use super::{PLACE_BYTES, Painting, StrokeInputs};
+use crate::error::Result;
+use crate::graph::{Buffer, Graph};
+use crate::passes::project::{self, Band};
+use crate::passes::resolve;
+use crate::shader::{self, stroke_bins};
+use std::ops::Range;
+
+/// Workgroups that share a chunk there, so that 16 points one after the other may touch thousands of tiles each.
+const SLICES: u32 = 32;
+
+/// Tiles in a row, and the list of their strokes.
+pub struct Bins {
+    pub part: Buffer,
+    pub strokes: Buffer,
+    /// Strokes of one of the tiles, at most.
+    pub longest: u32,
+}
+
+impl Painting<'_> {
+    /// Of every tile of a band, how many strokes may touch it; in several turns, each of some of the points, where those of a single tile are more than a list may hold.
+    pub(super) fn listed(&mut self, g: &mut Graph, band: Band) -> Result<Vec<Vec<u32>>> {
+        let room = self.room(g, 2) / PLACE_BYTES;
+        let mut turns = 1;
+        loop {
+            let listed = (0..turns)
+                .map(|turn| self.tally(g, band, [turn, turns]))
+                .collect::<Result<Vec<_>>>()?;
+            let most = listed.iter().flatten().copied().max().unwrap_or(0) as u64;
+            if most <= room || turns as u64 > most {
+                return Ok(listed);
+            }
+            // Turns are about as long as each other.
+            turns = (turns + 1).max((turns as u64 * most * 9 / 8).div_ceil(room) as u32);
+        }
+    }
+
+    /// Of every tile of a band, how many strokes may touch it.
+    fn tally(&mut self, g: &mut Graph, band: Band, turn: [u32; 2]) -> Result<Vec<u32>> {
+        let mut counting = g.preceding();
+        let paint = resolve::paint(&mut counting, self.resident, self.decided)?;
+        let desk = self.bind(&mut counting, band, &paint)?;
+        let count = desk.tiles[0] * desk.tiles[1];
+        let part = counting.upload("part", &[0, count, turn[0], turn[1]])?;
+        let (mut tallies, mut strokes) = (
+            counting.buffer("tallies", 4 * count as u64),
+            counting.buffer("stroke list", PLACE_BYTES),
+        );
+        counting.fill(&mut tallies, 0);
+        self.walk(&mut counting, &desk, &part, &mut tallies, &mut strokes, 0);
+        let tallies = counting.download_buffer(&tallies);
+        let frame = counting.submit_and_wait(&[])?;
+        self.facts.counting_ms += frame.ms("");
+        let counts = frame.read::<u32>(&tallies).to_vec();
+        frame.recycle(g.gpu);
+        Ok(counts)
+    }
+
+    /// Which strokes may touch each of some tiles, of a turn.
+    pub(super) fn bins(
+        &self,
+        g: &mut Graph,
+        desk: &StrokeInputs,
+        listed: &[u32],
+        tiles: &Range<u32>,
+        turn: [u32; 2],
+    ) -> Result<Bins> {
+        let starts = super::abuffer::sums(&listed[tiles.start as usize..tiles.end as usize]);
+        let part =
+            g.upload("part", &[&[tiles.start, tiles.end], &turn[..], &starts[..]].concat())?;
+        let mut cursors = g.upload("cursors", &starts)?;
+        let mut strokes = g.buffer("stroke list", PLACE_BYTES * starts[tiles.len()].max(1) as u64);
+        self.walk(g, desk, &part, &mut cursors, &mut strokes, 1);
+        Ok(Bins {
+            part,
+            strokes,
+            longest: starts.windows(2).map(|pair| pair[1] - pair[0]).max().unwrap_or(0),
+        })
+    }
+
+    fn walk(
+        &self,
+        g: &mut Graph,
+        desk: &StrokeInputs,
+        part: &Buffer,
+        tallies: &mut Buffer,
+        strokes: &mut Buffer,
+        step: u32,
+    ) {
+        let project::Walk {
+            centre,
+            corner,
+            size,
+            near,
+            lanes,
+            perspective,
+            texels,
+            points_per_chunk,
+        } = self.walked(g, desk);
+        let slices_of_chunk = if g.gpu.device.is_cpu { SLICES } else { 1 };
+        for group in &desk.drawn.groups {
+            let project::Group { block, planes, filtered, first_chunk, chunk_count, .. } = *group;
+            let push = stroke_bins::Push { centre, corner, size, near, first_chunk, chunk_count };
+            let StrokeInputs { drawn, homes, canvas, turns, paint, .. } = desk;
+            let (mode, transparent, by_kind) =
+                (paint.mode, paint.opacities.is_some(), paint.kinds.is_some());
+            let spec = stroke_bins::Spec {
+                lanes,
+                planes,
+                perspective,
+                texels,
+                points_per_chunk,
+                filtered,
+                step,
+                mode,
+                transparent,
+                by_kind,
+                slices_of_chunk,
+            };
+            let pages = &drawn.pages[block];
+            g.run(
+                shader::StrokeBins {
+                    nodes: &drawn.nodes,
+                    chunks: &drawn.chunks,
+                    opacities: paint.opacities.as_ref().unwrap_or(drawn.opacities()),
+                    within: drawn.within(),
+                    pages,
+                    page_words: pages,
+                    homes,
+                    turns,
+                    canvases: canvas,
+                    part,
+                    tallies,
+                    strokes,
+                    table: &paint.table,
+                    push,
+                    spec,
+                },
+                group.slices(slices_of_chunk),
+            );
+        }
+    }
+}
