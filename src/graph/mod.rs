@@ -526,7 +526,7 @@ impl<'g> Graph<'g> {
         recorded
     }
 
-    /// Restricts passes to a tile list, if their shaders include area.glsl. Devices with small
+    /// Restricts passes to a tile list, if their shaders include tile_mask.glsl. Devices with small
     /// texel buffers process the whole picture, with the same result.
     pub fn within_tiles<T>(
         &mut self,
