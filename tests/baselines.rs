@@ -38,7 +38,7 @@ fn drawn(camera: Camera, effects: &[&str]) -> Layers {
     ["shape=off", "edl=off"]
         .iter()
         .chain(effects)
-        .for_each(|effect| settings.effects.set(effect).unwrap());
+        .for_each(|effect| settings.effects.set_any(effect).unwrap());
     let layers = draw(Way::Compute64, &plane(), &view, &settings);
     layers.depth.iter().for_each(|z| assert!(*z > 0.0, "{effects:?}: {z}"));
     layers

@@ -84,7 +84,7 @@ fn check_scene(
     shown.further.kind = !opacities.is_empty();
     let mut settings =
         RenderSettings { effects: Effects::of(style), light, ..RenderSettings::default() };
-    effects.split_whitespace().for_each(|effect| settings.effects.set(effect).unwrap());
+    effects.split_whitespace().for_each(|effect| settings.effects.set_any(effect).unwrap());
     let mut resident = Resident::fill(&mut gpu, cloud, shown, &Silent).unwrap();
     resident.opacities = Opacities(opacities.iter().map(|rule| rule.parse().unwrap()).collect());
     let config = FrameConfig::new(&settings, &view, &resident);

@@ -53,7 +53,7 @@ fn draw(cloud: &Cloud, view: &View, way: Way, opacities: &[&str], effects: &[&st
         ["shape=off", "edl=off"]
             .iter()
             .chain(effects)
-            .for_each(|effect| settings.effects.set(effect).unwrap());
+            .for_each(|effect| settings.effects.set_any(effect).unwrap());
         let layer_m = FrameContext::of(view, &resident, settings.light).layer_m(0.0);
         let config = FrameConfig::new(&settings, view, &resident);
         let mut g = Graph::new(gpu);

@@ -33,7 +33,7 @@ fn on_a_plane<T>(
     let mut shown = DisplayAttribute::new(Attribute::Rgb, &cloud);
     shown.further.strokes = effects.iter().any(|effect| effect.starts_with("strokes=on"));
     let mut settings = RenderSettings::default();
-    effects.iter().for_each(|effect| settings.effects.set(effect).unwrap());
+    effects.iter().for_each(|effect| settings.effects.set_any(effect).unwrap());
     let resident = Resident::fill(&mut gpu, cloud, shown, &Silent).unwrap();
     let drawn = draw(&mut gpu, &view, &resident, &FrameConfig::new(&settings, &view, &resident));
     resident.free(&mut gpu);

@@ -442,7 +442,7 @@ fn shadows_take_what_phong_adds_and_leave_its_ambient_part() {
             for effect in
                 ["phong=on,ambient=0.25,diffuse=0.75,specular=1,shininess=2", fill, shadows]
             {
-                settings.effects.set(effect).unwrap();
+                settings.effects.set_any(effect).unwrap();
             }
             gpu::draw(Way::Compute64, &cloud, &view, &settings).color
         };
@@ -921,7 +921,7 @@ fn marks_are_kept_while_light_and_nodes_stay() {
             View::new(Camera::framing(preset, &cloud.core_points(), [64, 64]), [64, 64]).unwrap()
         };
         let mut settings = RenderSettings { light: sun, ..RenderSettings::points() };
-        settings.effects.set("shadows=on").unwrap();
+        settings.effects.set_any("shadows=on").unwrap();
         let draw =
             |gpu: &mut Gpu, resident: &Resident, preset: Preset, settings: &RenderSettings| {
                 let view = view(preset);
@@ -944,7 +944,7 @@ fn marks_are_kept_while_light_and_nodes_stay() {
         );
         assert!(!draw(gpu, &resident, Preset::Iso, &settings).0, "the camera is not the light");
         let mut darker = settings.clone();
-        darker.effects.set("shadows=on,ambient=0.1").unwrap();
+        darker.effects.set_any("shadows=on,ambient=0.1").unwrap();
         assert!(
             !draw(gpu, &resident, Preset::Fit, &darker).0,
             "how dark shadows are is not what is in them"

@@ -228,7 +228,7 @@ mod painted {
             background: [0; 3],
             ..RenderSettings::default()
         };
-        [effect, "edl=off"].iter().for_each(|effect| settings.effects.set(effect).unwrap());
+        [effect, "edl=off"].iter().for_each(|effect| settings.effects.set_any(effect).unwrap());
         FrameConfig::new(&settings, view, resident)
     }
 
@@ -485,7 +485,7 @@ mod painted {
         let found = strokes(&part.columns, &part.lattice, &Silent).unwrap();
         for effect in ["strokes=on", "strokes=on,order=stroke,sort=bubble"] {
             let mut effects = Effects::default();
-            effects.set(effect).unwrap();
+            effects.set_any(effect).unwrap();
             let settings = &effects.strokes.settings;
             // Of points that are not opaque none hide others wholly.
             for (rules, opacity) in [(&[][..], 1.0), (&["0.9"], 0.9)] {
@@ -826,7 +826,7 @@ mod painted {
             ] {
                 let effect = format!("strokes=on,size=1.5,{effect}");
                 let mut effects = Effects::default();
-                effects.set(&effect).unwrap();
+                effects.set_any(&effect).unwrap();
                 let painted = paint(&cloud, &view, &effect);
                 let truth = oracle::paint(&view, &effects.strokes.settings, part, &found, &|_| 1.0);
                 let agreement = oracle::compare(&truth, &painted.picture, &painted.depth);
@@ -852,7 +852,7 @@ mod painted {
             View::new(Camera::framing(Preset::Fit, &cloud.core_points(), size), size).unwrap();
         let effect = "strokes=on,size=1";
         let mut effects = Effects::default();
-        effects.set(effect).unwrap();
+        effects.set_any(effect).unwrap();
         let opaque = paint(&cloud, &view, effect);
         for (rules, opacity) in [
             (&["0.5"][..], (|_| 0.5) as fn(u8) -> f64),

@@ -737,7 +737,7 @@ fn strips_of_a_real_scan_meet_as_closely_as_offline_and_keep_as_many_details() {
     );
     let plain = gpu::bare();
     let mut averaged = plain.clone();
-    averaged.effects.set("luminance=on").unwrap();
+    averaged.effects.set_any("luminance=on").unwrap();
     for side in [56, 104] {
         let size = [side, side];
         let view =

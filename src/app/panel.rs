@@ -331,9 +331,12 @@ fn contents(
         layer_distance(ui, &mut scene.settings.layer_m);
     });
     CollapsingHeader::new("what runs, and why").show(ui, |ui| {
-        for (name, reason) in &state.decided.0 {
-            let title =
-                RichText::new(format!("{name} {}:", if reason.runs { "on" } else { "off" }));
+        for (effect, reason) in &state.decided.0 {
+            let title = RichText::new(format!(
+                "{} {}:",
+                effect.name(),
+                if reason.runs { "on" } else { "off" }
+            ));
             ui.horizontal_wrapped(|ui| {
                 ui.label(title.color(if reason.runs {
                     Color32::LIGHT_GREEN
@@ -517,8 +520,8 @@ fn loading(ui: &mut Ui, state: &UiState, view: Option<&View>, options: &mut LodO
 }
 
 fn effect(ui: &mut Ui, listed: Listed, decided: &Decided) {
-    let Listed { name, about, switch, settings } = listed;
-    let reason = decided.0.iter().find(|(effect, _)| *effect == name).map(|(_, reason)| reason);
+    let Listed { effect, about, switch, settings } = listed;
+    let (name, reason) = (effect.name(), decided.reason(effect));
     ui.horizontal(|ui| {
         for choice in [Switch::Off, Switch::Auto, Switch::On] {
             ui.selectable_value(switch, choice, Choice::name(&choice));
@@ -560,7 +563,7 @@ fn layer_distance(ui: &mut Ui, layer_m: &mut f64) {
 }
 
 fn setting(ui: &mut Ui, setting: Setting) {
-    let Setting { name, about, value } = setting;
+    let Setting { name, about, value, .. } = setting;
     let response = match value {
         Value::Number(number, range) => {
             // On a linear slider over decades, all small values would be at one end.

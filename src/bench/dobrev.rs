@@ -174,7 +174,7 @@ fn draw(
         way.samples.max(1)
     );
     let effects = SURFACE.into_iter().chain([transparency.as_str(), shadows.as_str()]);
-    effects.for_each(|effect| settings.effects.set(effect).expect("constants above"));
+    effects.for_each(|effect| settings.effects.set_any(effect).expect("constants above"));
     let config = FrameConfig::new(&settings, view, resident);
     let mut g = Graph::new(gpu);
     let outcome = frame::record(&mut g, view, resident, &config)?;

@@ -185,7 +185,7 @@ fn draw(
 ) -> Result<(f64, u64)> {
     let mut settings = RenderSettings { effects: Effects::of(style), ..RenderSettings::default() };
     for effect in [effect, "edl=off"] {
-        settings.effects.set(effect).expect("an effect's own words");
+        settings.effects.set_any(effect).expect("an effect's own words");
     }
     let config = FrameConfig::new(&settings, view, resident);
     let start = Instant::now();

@@ -190,7 +190,7 @@ fn draw(
     passes: &[&str],
 ) -> Result<BTreeMap<String, f64>> {
     let mut settings = RenderSettings::default();
-    effects.iter().for_each(|effect| settings.effects.set(effect).expect("a constant above"));
+    effects.iter().for_each(|effect| settings.effects.set_any(effect).expect("a constant above"));
     let config = FrameConfig::new(&settings, view, resident);
     let mut g = Graph::new(gpu);
     let outcome = frame::record(&mut g, view, resident, &config)?;

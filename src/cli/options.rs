@@ -89,7 +89,7 @@ pub struct PictureOptions {
     /// Colour behind the points, sRGB
     #[arg(long, value_name = "RRGGBB", default_value_t = Background(config::BACKGROUND))]
     pub background: Background,
-    /// Memory for lists and fragments of strokes [default: 512MiB, or --effect strokes=memory=MIB];
+    /// Memory for lists and fragments of strokes [default: 512MiB];
     /// a picture that needs more is painted in parts, with a note
     #[arg(long, value_name = "BYTES", value_parser = abuffer)]
     pub abuffer_memory: Option<Bytes>,
@@ -191,7 +191,7 @@ pub fn effect(text: &str) -> std::result::Result<String, String> {
     Effects::default().set(text).map(|()| text.to_string())
 }
 
-/// Parses `--abuffer-memory` within the limits of `strokes=memory`.
+/// Parses `--abuffer-memory` within its limits.
 fn abuffer(text: &str) -> std::result::Result<Bytes, String> {
     let bytes = text.parse::<Bytes>().map_err(|error| error.to_string())?;
     if (MIB..=65_536 * MIB).contains(&bytes.0) {

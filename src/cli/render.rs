@@ -10,7 +10,7 @@ use crate::output::export::Downloads;
 use crate::output::tiled::{self, PictureRequest};
 use crate::passes::phong::{self, Backfaces};
 use crate::passes::tile_stats::{self, Counts};
-use crate::passes::{Effects, project::Statistics, shadows, significant, strokes};
+use crate::passes::{Effect, Effects, project::Statistics, shadows, significant, strokes};
 use crate::progress::Progress;
 use crate::render::frame::{self, Done};
 use crate::render::settings::FrameConfig;
@@ -36,7 +36,7 @@ Examples:
   pointillist render huge.las -o out.png                   indexed first; the index is kept";
 
 #[derive(clap::Args, Clone, Debug)]
-#[command(after_help = help())]
+#[command(after_help = EXAMPLES)]
 pub struct Arguments {
     /// Point clouds: LAS, LAZ, COPC, PLY, E57, OBJ, XYZ, CSV, TXT, PTS, PTX; or one index, PNTI
     #[arg(required = true, value_name = "FILE")]
@@ -75,13 +75,16 @@ pub struct Arguments {
     /// Refuse a truncated, inconsistent or damaged file instead of keeping what is readable
     #[arg(long)]
     pub strict: bool,
-}
-
-fn help() -> String {
-    format!("Effects and their settings:\n{}\n\n{EXAMPLES}", Effects::help())
+    /// List the effects and their settings, instead of drawing
+    #[arg(long, exclusive = true)]
+    pub help_effects: bool,
 }
 
 pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
+    if arguments.help_effects {
+        println!("{}", Effects::help());
+        return Ok(());
+    }
     if let (Some(png), Some(exr)) = (&arguments.output, &arguments.exr)
         && png == exr
     {
@@ -284,14 +287,15 @@ fn explain(
         significant(config.quantum_m),
     );
     text += &format!("light: {}\n", config.light);
-    for (name, reason) in &config.decided.0 {
+    for (effect, reason) in &config.decided.0 {
         text += &format!(
-            "{name}: {}, because {}\n",
+            "{}: {}, because {}\n",
+            effect.name(),
             if reason.runs { "on" } else { "off" },
             reason.why
         );
     }
-    if config.decided.runs("phong") {
+    if config.decided.runs(Effect::Phong) {
         text += &format!("normals: {}\n", phong::source(&scene, &config.effects.phong.settings));
         let back =
             match (config.effects.phong.settings.backfaces, config.drops_back_faces(resident)) {
@@ -320,7 +324,7 @@ fn explain_json(
         .decided
         .0
         .iter()
-        .map(|(name, reason)| (name.to_string(), serde_json::json!(reason)))
+        .map(|(effect, reason)| (effect.name().to_string(), serde_json::json!(reason)))
         .collect();
     serde_json::json!({
         "device": { "name": gpu.device.name, "driver": gpu.device.driver, "int64_atomics": gpu.device.int64_atomics, "bytes": gpu.memory.allocated },

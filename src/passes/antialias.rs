@@ -10,7 +10,9 @@
 
 use super::smooth::Pixels;
 use super::visibility::Looked;
-use super::{Decided, Effects, FrameContext, GBuffer, LIST_HEADER, Reason, Setting, Value, tiles};
+use super::{
+    Decided, Effect, Effects, FrameContext, GBuffer, LIST_HEADER, Reason, Setting, Value, tiles,
+};
 use crate::graph::{Dispatch, Graph, Kind};
 use crate::shader::{self, antialias, antialias_end, antialias_tiles};
 use crate::view::View;
@@ -62,28 +64,18 @@ impl Default for Settings {
 }
 
 impl super::Settings for Settings {
-    fn list(&mut self) -> Vec<Setting<'_>> {
+    fn list_all(&mut self) -> Vec<Setting<'_>> {
+        let number = Value::Number;
         vec![
-            Setting {
-                name: "threshold",
-                about: "low: between surfaces, too; high: against the background only",
-                value: Value::Choice(&mut self.threshold),
-            },
-            Setting {
-                name: "laplacian",
-                about: "of 1 / depth, or of the depth",
-                value: Value::Choice(&mut self.laplacian),
-            },
-            Setting {
-                name: "jump",
-                about: "least Laplacian of a silhouette, parts of the depth",
-                value: Value::Number(&mut self.jump, 0.0..=4.0),
-            },
-            Setting {
-                name: "tiles",
-                about: "which tiles are worked on; the picture is the same",
-                value: Value::Choice(&mut self.tiles),
-            },
+            Setting::new(
+                "jump",
+                "smallest Laplacian of a silhouette, as a fraction of the depth",
+                number(&mut self.jump, 0.0..=4.0),
+            ),
+            // For studies.
+            Setting::variant("threshold", Value::Choice(&mut self.threshold)),
+            Setting::variant("laplacian", Value::Choice(&mut self.laplacian)),
+            Setting::variant("tiles", Value::Choice(&mut self.tiles)),
         ]
     }
 
@@ -98,9 +90,9 @@ pub fn reach_px(_view: &View, _settings: &Settings) -> Option<u32> {
 }
 
 pub fn called_for(_scene: &FrameContext, asked: &Effects, before: &Decided) -> Reason {
-    let smooths = before.runs("smooth")
-        && (before.runs("fill") || asked.smooth.settings.pixels == Pixels::All);
-    let (runs, why) = match before.runs("fill") {
+    let smooths = before.runs(Effect::Smooth)
+        && (before.runs(Effect::Fill) || asked.smooth.settings.pixels == Pixels::All);
+    let (runs, why) = match before.runs(Effect::Fill) {
         _ if smooths => (
             true,
             "what was smoothed ends in stairs against what lies behind; tiles without silhouettes are skipped",

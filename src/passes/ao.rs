@@ -32,34 +32,23 @@ impl Default for Settings {
 }
 
 impl super::Settings for Settings {
-    fn list(&mut self) -> Vec<Setting<'_>> {
+    fn list_all(&mut self) -> Vec<Setting<'_>> {
         let number = Value::Number;
         vec![
-            Setting {
-                name: "radius",
-                about: "beyond which nothing hides light, metres; 0: a twelfth of the picture's height",
-                value: number(&mut self.radius, 0.0..=1e6),
-            },
-            Setting {
-                name: "strength",
-                about: "parts of the light that a full horizon takes",
-                value: number(&mut self.strength, 0.0..=16.0),
-            },
-            Setting {
-                name: "directions",
-                about: "around a pixel",
-                value: Value::Whole(&mut self.directions, 2.0..=64.0),
-            },
-            Setting {
-                name: "steps",
-                about: "samples of each direction",
-                value: Value::Whole(&mut self.steps, 1.0..=64.0),
-            },
-            Setting {
-                name: "bias",
-                about: "sine of the horizon up to which a surface is only rough",
-                value: number(&mut self.bias, 0.0..=1.0),
-            },
+            Setting::new(
+                "radius",
+                "distance beyond which nothing occludes [m]; 0: a twelfth of the picture's height",
+                number(&mut self.radius, 0.0..=1e6),
+            ),
+            Setting::new(
+                "strength",
+                "darkening by a fully occluded horizon; 1 is physical",
+                number(&mut self.strength, 0.0..=16.0),
+            ),
+            // For studies.
+            Setting::variant("directions", Value::Whole(&mut self.directions, 2.0..=64.0)),
+            Setting::variant("steps", Value::Whole(&mut self.steps, 1.0..=64.0)),
+            Setting::variant("bias", number(&mut self.bias, 0.0..=1.0)),
         ]
     }
 

@@ -1,6 +1,6 @@
 //! Eye-dome lighting: depth and colour in, colour darkened where neighbours stand in front out (Boucheny 2009, ch. 5).
 
-use super::{Decided, Effects, FrameContext, GBuffer, Reason, Setting, Value};
+use super::{Decided, Effect, Effects, FrameContext, GBuffer, Reason, Setting, Value};
 use crate::graph::{Dispatch, Graph, Kind};
 use crate::shader::{self, edl::Push, edl::Spec};
 use crate::view::{Projection, View};
@@ -24,24 +24,21 @@ impl Default for Settings {
 }
 
 impl super::Settings for Settings {
-    fn list(&mut self) -> Vec<Setting<'_>> {
+    fn list_all(&mut self) -> Vec<Setting<'_>> {
         let number = Value::Number;
         vec![
-            Setting {
-                name: "strength",
-                about: "halvings of the light for each unit of mean slope",
-                value: number(&mut self.strength, 0.0..=100.0),
-            },
-            Setting {
-                name: "radius",
-                about: "distance of the neighbours, pixels",
-                value: Value::Whole(&mut self.radius, 1.0..=64.0),
-            },
-            Setting {
-                name: "cap",
-                about: "the steepest slope that counts",
-                value: number(&mut self.cap, 0.0..=1e6),
-            },
+            Setting::new(
+                "strength",
+                "halvings of the light per unit of mean slope",
+                number(&mut self.strength, 0.0..=100.0),
+            ),
+            Setting::new(
+                "radius",
+                "distance of the neighbours [px]",
+                Value::Whole(&mut self.radius, 1.0..=64.0),
+            ),
+            // For studies.
+            Setting::variant("cap", number(&mut self.cap, 0.0..=1e6)),
         ]
     }
 
@@ -59,10 +56,10 @@ pub fn reach_px(_view: &View, settings: &Settings) -> Option<u32> {
 pub fn called_for(context: &FrameContext, _asked: &Effects, before: &Decided) -> Reason {
     match context.points {
         0 => Reason { runs: false, why: "there is nothing to shade".to_string() },
-        _ if before.runs("phong") => {
+        _ if before.runs(Effect::Phong) => {
             Reason { runs: false, why: "Phong lighting shades already".to_string() }
         }
-        _ if before.runs("shape") => {
+        _ if before.runs(Effect::Shape) => {
             Reason { runs: false, why: "shape depiction shades already".to_string() }
         }
         _ => Reason {

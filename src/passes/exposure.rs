@@ -3,9 +3,8 @@
 //! Colours number their station, and are looked up in a row of a table that is its own: what this takes is the table. It comes before all else that is done to colours, keeps every detail, and leaves to
 //! `luminance` what no factor mends: shadows, the time of day.
 
-use super::{Decided, Effects, FrameContext, GBuffer, Reason, Setting};
+use super::{Decided, Effect, Effects, FrameContext, GBuffer, Reason, Setting};
 use crate::cloud::attribute::{Attribute, station_code};
-use crate::cloud::colormap::{linear_to_srgb, srgb_to_linear};
 use crate::graph::Graph;
 use crate::index::format::Balance;
 use crate::resident::Resident;
@@ -18,7 +17,7 @@ pub const SUMMARY: &str =
 pub struct Settings {}
 
 impl super::Settings for Settings {
-    fn list(&mut self) -> Vec<Setting<'_>> {
+    fn list_all(&mut self) -> Vec<Setting<'_>> {
         Vec::new()
     }
 
@@ -61,7 +60,7 @@ pub fn called_for(context: &FrameContext, _asked: &Effects, _before: &Decided) -
 
 /// Whether stations are shown with one exposure: their own, or that which this has given them.
 pub fn is_one(context: &FrameContext, decided: &Decided) -> bool {
-    decided.runs("exposure") || context.balance.is_some_and(|balance| stops(balance) < SEEN)
+    decided.runs(Effect::Exposure) || context.balance.is_some_and(|balance| stops(balance) < SEEN)
 }
 
 fn stops(balance: &Balance) -> f64 {
@@ -74,25 +73,13 @@ fn stops(balance: &Balance) -> f64 {
 
 /// A factor for every row of a table: none for words that number no station, then those of the stations, which are 1 where this does not run.
 pub fn gains(resident: &Resident, decided: &Decided) -> Vec<f64> {
-    let balance = resident.balance.as_ref().filter(|_| decided.runs("exposure"));
+    let balance = resident.balance.as_ref().filter(|_| decided.runs(Effect::Exposure));
     let numbered = if resident.shown.coded { resident.stations.len() } else { 0 };
     let stations = (0..numbered).take_while(|&station| station_code(station) > 0);
     [1.0]
         .into_iter()
         .chain(stations.map(|station| balance.map_or(1.0, |balance| balance.gains[station])))
         .collect()
-}
-
-/// Of every row, its 256 linear values.
-pub fn linear(gains: &[f64]) -> impl Iterator<Item = f64> + '_ {
-    gains
-        .iter()
-        .flat_map(|gain| (0..256).map(move |v| (gain * srgb_to_linear(v as f64 / 255.0)).min(1.0)))
-}
-
-/// And the same as values of 8 bits.
-pub fn levels(gains: &[f64]) -> Vec<u32> {
-    linear(gains).map(|linear| (255.0 * linear_to_srgb(linear)).round() as u32).collect()
 }
 
 /// What there was to do was done when colours were looked up.
@@ -103,17 +90,4 @@ pub fn record(
     gbuffer: GBuffer,
 ) -> GBuffer {
     gbuffer
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_factor_of_one_changes_nothing_and_values_grow_with_light() {
-        let levels = levels(&[1.0, 0.5, 16.0]);
-        assert!((0..256).all(|v| levels[v] == v as u32));
-        assert!(levels[256..].chunks(256).all(|row| row.is_sorted()));
-        assert_eq!((levels[256 + 255], levels[512 + 255], levels[512 + 100]), (188, 255, 255));
-    }
 }

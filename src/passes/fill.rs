@@ -17,8 +17,8 @@ mod splat;
 pub use mask::APART_PX;
 
 use super::{
-    Decided, Effects, FrameContext, GBuffer, Holes, MOST_LEVELS, Reason, Setting, TILE_PX, Value,
-    significant, tiles, visibility,
+    Decided, Effect, Effects, FrameContext, GBuffer, Holes, MOST_LEVELS, Reason, Setting, TILE_PX,
+    Value, significant, tiles, visibility,
 };
 use crate::graph::{Dispatch, Graph, Image, Kind};
 use crate::shader::{self, fill_median, fill_median_begin, fill_median_end};
@@ -76,40 +76,25 @@ impl Default for Settings {
 }
 
 impl super::Settings for Settings {
-    fn list(&mut self) -> Vec<Setting<'_>> {
+    fn list_all(&mut self) -> Vec<Setting<'_>> {
         let number = Value::Number;
         vec![
-            Setting { name: "method", about: "how", value: Value::Choice(&mut self.method) },
-            Setting {
-                name: "levels",
-                about: "of pullpush: each twice as coarse as the one before",
-                value: Value::Whole(&mut self.levels, 1.0..=MOST_LEVELS as f64),
-            },
-            Setting {
-                name: "iterations",
-                about: "of median and mask: most steps; 0: the width of the kernel for median, one and a half point spacings for mask (at most 127)",
-                value: Value::Whole(&mut self.iterations, 0.0..=1000.0),
-            },
-            Setting {
-                name: "tolerance",
-                about: "difference in depth from which two surfaces are not mixed, metres; 0: eight cells of a level, wherever a pixel is; with median 31 pixels",
-                value: number(&mut self.tolerance, 0.0..=1e9),
-            },
-            Setting {
-                name: "surrounded",
-                about: "background is filled, too, where so many of its 8 neighbours are; 9: never",
-                value: Value::Whole(&mut self.surrounded, 1.0..=9.0),
-            },
-            Setting {
-                name: "radius",
-                about: "of splats, pixels; 0: 2",
-                value: number(&mut self.radius, 0.0..=31.0),
-            },
-            Setting {
-                name: "layer",
-                about: "of mask: layer distance of this effect alone, metres; 0: that of --layer",
-                value: number(&mut self.layer, 0.0..=1e9),
-            },
+            Setting::new(
+                "method",
+                "median: step by step from the rim; mask: nearest neighbour; pullpush: from coarser levels; splat: discs of one size; auto: median if points are dense or transparent, else pullpush",
+                Value::Choice(&mut self.method),
+            ),
+            Setting::new(
+                "radius",
+                "radius of method=splat [px]; 0: 2",
+                number(&mut self.radius, 0.0..=31.0),
+            ),
+            // For studies.
+            Setting::variant("levels", Value::Whole(&mut self.levels, 1.0..=MOST_LEVELS as f64)),
+            Setting::variant("iterations", Value::Whole(&mut self.iterations, 0.0..=1000.0)),
+            Setting::variant("tolerance", number(&mut self.tolerance, 0.0..=1e9)),
+            Setting::variant("surrounded", Value::Whole(&mut self.surrounded, 1.0..=9.0)),
+            Setting::variant("layer", number(&mut self.layer, 0.0..=1e9)),
         ]
     }
 
@@ -159,7 +144,7 @@ pub fn called_for(context: &FrameContext, asked: &Effects, before: &Decided) -> 
                     .to_string(),
             };
         }
-        Method::Pullpush if before.runs("visibility") => {}
+        Method::Pullpush if before.runs(Effect::Visibility) => {}
         Method::Pullpush => {
             return Reason {
                 runs: true,
@@ -168,7 +153,7 @@ pub fn called_for(context: &FrameContext, asked: &Effects, before: &Decided) -> 
             };
         }
     }
-    match before.runs("visibility") {
+    match before.runs(Effect::Visibility) {
         true => Reason {
             runs: true,
             why: "visibility leaves holes; tiles without are skipped".to_string(),

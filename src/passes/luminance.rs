@@ -12,7 +12,7 @@
 use super::exposure;
 use super::project::{self, Band, Drawn, Group, Shallow, Walk};
 use super::resolve::ColorLookup;
-use super::{Decided, Effects, FrameContext, GBuffer, Reason, Setting, Value};
+use super::{Decided, Effect, Effects, FrameContext, GBuffer, Reason, Setting, Value};
 use crate::cloud::attribute::Attribute;
 use crate::error::{Error, Result};
 use crate::graph::{Buffer, Dispatch, Graph, Image};
@@ -49,23 +49,21 @@ impl Default for Settings {
 }
 
 impl super::Settings for Settings {
-    fn list(&mut self) -> Vec<Setting<'_>> {
+    fn list_all(&mut self) -> Vec<Setting<'_>> {
+        let number = Value::Number;
         vec![
-            Setting {
-                name: "space",
-                about: "what is averaged: V, with hue and saturation of the front point, or all of the colour",
-                value: Value::Choice(&mut self.space),
-            },
-            Setting {
-                name: "neighbourhood",
-                about: "pixels across whose points are averaged, 1 or 3; 0: as many as hold enough points",
-                value: Value::OneOf(&mut self.neighbourhood, &[0.0, 1.0, 3.0]),
-            },
-            Setting {
-                name: "epsilon",
-                about: "depth of a surface, metres; 0: three spacings of the points",
-                value: Value::Number(&mut self.epsilon, 0.0..=1e9),
-            },
+            Setting::new(
+                "neighbourhood",
+                "width of the square whose points are averaged [px]; 0: as wide as enough points need",
+                Value::OneOf(&mut self.neighbourhood, &[0.0, 1.0, 3.0]),
+            ),
+            Setting::new(
+                "epsilon",
+                "thickness of the front surface [m]; 0: three point spacings",
+                number(&mut self.epsilon, 0.0..=1e9),
+            ),
+            // For studies.
+            Setting::variant("space", Value::Choice(&mut self.space)),
         ]
     }
 
@@ -131,7 +129,7 @@ pub fn called_for(context: &FrameContext, _asked: &Effects, before: &Decided) ->
 
 /// Whether values are averaged: of strokes there are none that lie behind each other.
 pub fn averages(shown: Attribute, decided: &Decided) -> bool {
-    decided.runs("luminance") && !decided.runs("strokes") && shown.has_luminance()
+    decided.runs(Effect::Luminance) && !decided.runs(Effect::Strokes) && shown.has_luminance()
 }
 
 /// What every pixel's points add up to.

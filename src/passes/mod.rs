@@ -188,26 +188,54 @@ pub struct Reason {
 
 /// For every effect in order: whether it runs, and why.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Decided(pub Vec<(&'static str, Reason)>);
+pub struct Decided(pub Vec<(Effect, Reason)>);
 
 impl Decided {
     /// Whether an effect runs; an effect may ask for those before it.
-    pub fn runs(&self, name: &str) -> bool {
-        self.0.iter().any(|(effect, reason)| *effect == name && reason.runs)
+    pub fn runs(&self, effect: Effect) -> bool {
+        self.reason(effect).is_some_and(|reason| reason.runs)
+    }
+
+    /// Returns why an effect runs or does not; None before it is decided.
+    pub fn reason(&self, effect: Effect) -> Option<&Reason> {
+        self.0.iter().find(|(other, _)| *other == effect).map(|(_, reason)| reason)
     }
 
     /// Why an effect runs or does not, for who knows better.
-    pub fn explain(&mut self, name: &str, why: &str) {
+    pub fn explain(&mut self, effect: Effect, why: &str) {
         self.0
             .iter_mut()
-            .filter(|(effect, _)| *effect == name)
+            .filter(|(other, _)| *other == effect)
             .for_each(|(_, reason)| reason.why = why.into());
+    }
+}
+
+/// Returns how colours are looked up where these effects run.
+pub fn color_request(resident: &Resident, decided: &Decided) -> resolve::ColorRequest {
+    resolve::ColorRequest {
+        gains: exposure::gains(resident, decided),
+        averaged: luminance::averages(resident.shown.attribute, decided),
     }
 }
 
 /// The registry: one line an effect, in the order in which they run. It yields the settings, the name on the command line, the switch and the call.
 macro_rules! effects {
-    ($($name:ident),* $(,)?) => {
+    ($($name:ident $effect:ident),* $(,)?) => {
+        /// The effects, in the order in which they run.
+        #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+        pub enum Effect {
+            $($effect,)*
+        }
+
+        impl Effect {
+            /// Returns the name on the command line.
+            pub fn name(self) -> &'static str {
+                match self {
+                    $(Effect::$effect => stringify!($name),)*
+                }
+            }
+        }
+
         /// Names of all effects, in the order in which they run.
         pub const EFFECTS: &[&str] = &[$(stringify!($name)),*];
 
@@ -220,9 +248,18 @@ macro_rules! effects {
         impl Effects {
             /// `NAME=off|on|auto[,key=value...]`.
             pub fn set(&mut self, text: &str) -> Result<(), String> {
+                self.set_from(text, false)
+            }
+
+            /// Sets the same, and also the settings that only studies and tests use.
+            pub fn set_any(&mut self, text: &str) -> Result<(), String> {
+                self.set_from(text, true)
+            }
+
+            fn set_from(&mut self, text: &str, any: bool) -> Result<(), String> {
                 let (name, rest) = text.split_once('=').ok_or(format!("{text:?} is not NAME=off|on|auto[,key=value...]"))?;
                 match name {
-                    $(stringify!($name) => self.$name.set(rest),)*
+                    $(stringify!($name) => self.$name.set(rest, any),)*
                     _ => Err(format!("there is no effect {name:?}; there are: {}", EFFECTS.join(", "))),
                 }
             }
@@ -231,14 +268,14 @@ macro_rules! effects {
             pub fn decide(&self, context: &FrameContext) -> Decided {
                 let mut decided = Decided::default();
                 $(let reason = self.$name.decide(stringify!($name), $name::called_for(context, self, &decided));
-                decided.0.push((stringify!($name), reason));)*
+                decided.0.push((Effect::$effect, reason));)*
                 decided
             }
 
             /// How many pixels around one what is drawn there depends on; none where on the whole picture.
             pub fn reach_px(&self, view: &View, decided: &Decided) -> Option<u32> {
                 let mut reach = OTHERS_REACH_PX;
-                $(if decided.runs(stringify!($name)) {
+                $(if decided.runs(Effect::$effect) {
                     reach += $name::reach_px(view, &self.$name.settings)?;
                 })*
                 Some(reach)
@@ -247,7 +284,7 @@ macro_rules! effects {
             /// Every effect in order, for who shows them and lets people choose.
             pub fn list(&mut self) -> Vec<Listed<'_>> {
                 vec![$(Listed {
-                    name: stringify!($name),
+                    effect: Effect::$effect,
                     about: $name::SUMMARY,
                     switch: &mut self.$name.switch,
                     settings: self.$name.settings.list(),
@@ -264,7 +301,7 @@ macro_rules! effects {
             /// How far from a pixel that holds a point those that run may change a picture, pixels; points are at most so far apart on the screen.
             pub fn grows_px(&self, decided: &Decided, spacing_px: f64) -> f64 {
                 let mut grows_px = 0.0;
-                $(if decided.runs(stringify!($name)) {
+                $(if decided.runs(Effect::$effect) {
                     grows_px += self.$name.settings.grows_px(spacing_px);
                 })*
                 grows_px
@@ -273,7 +310,7 @@ macro_rules! effects {
 
         /// Every effect that runs, in order.
         pub fn apply(g: &mut Graph, context: &FrameContext, effects: &Effects, decided: &Decided, mut gbuffer: GBuffer) -> GBuffer {
-            $(if decided.runs(stringify!($name)) {
+            $(if decided.runs(Effect::$effect) {
                 gbuffer = $name::record(g, context, &effects.$name.settings, gbuffer);
             })*
             gbuffer
@@ -282,19 +319,19 @@ macro_rules! effects {
 }
 
 effects! {
-    exposure,   // the table that colours are looked up in
-    luminance,  // sums, values -> color
-    strokes,    // keys and color in place of projected points; color -> color
-    shadows,    // marks, index, color -> color, or reached
-    visibility, // depth, index, color -> the same without what is hidden; holes
-    fill,       // depth, color, reached, holes -> depth, color, reached
-    smooth,     // depth, color -> depth, color; all of it: reached, too
-    shape,      // depth -> lit
-    phong,      // depth, color, reached, index, normals of points -> color
-    edl,        // depth, color -> color
-    ao,         // depth, lit -> lit
-    antialias,  // depth, color, lit -> color, lit
-    transparency, // color, lit -> front
+    exposure Exposure,   // the table that colours are looked up in
+    luminance Luminance,  // sums, values -> color
+    strokes Strokes,    // keys and color in place of projected points; color -> color
+    shadows Shadows,    // marks, index, color -> color, or reached
+    visibility Visibility, // depth, index, color -> the same without what is hidden; holes
+    fill Fill,       // depth, color, reached, holes -> depth, color, reached
+    smooth Smooth,     // depth, color -> depth, color; all of it: reached, too
+    shape Shape,      // depth -> lit
+    phong Phong,      // depth, color, reached, index, normals of points -> color
+    edl Edl,        // depth, color -> color
+    ao Ao,         // depth, lit -> lit
+    antialias Antialias,  // depth, color, lit -> color, lit
+    transparency Transparency, // color, lit -> front
 }
 
 /// A setting of an effect as the command line knows it: name, unit and meaning, and its value.
@@ -302,6 +339,8 @@ pub struct Setting<'s> {
     pub name: &'static str,
     pub about: &'static str,
     pub value: Value<'s>,
+    /// Whether only studies and tests use it: a variant of a paper, or a baseline.
+    pub is_variant: bool,
 }
 
 /// What a setting can be.
@@ -336,7 +375,17 @@ impl<E: clap::ValueEnum> Choice for E {
     }
 }
 
-impl Setting<'_> {
+impl<'s> Setting<'s> {
+    /// Returns a setting of users.
+    pub fn new(name: &'static str, about: &'static str, value: Value<'s>) -> Setting<'s> {
+        Setting { name, about, value, is_variant: false }
+    }
+
+    /// Returns a setting that only studies and tests use.
+    pub fn variant(name: &'static str, value: Value<'s>) -> Setting<'s> {
+        Setting { name, about: "", value, is_variant: true }
+    }
+
     fn set(&mut self, text: &str) -> Result<(), String> {
         let name = self.name;
         match &mut self.value {
@@ -412,7 +461,7 @@ fn numbers(of: &[f64]) -> String {
 
 /// An effect: its name, what it does, and what people may choose of it.
 pub struct Listed<'s> {
-    pub name: &'static str,
+    pub effect: Effect,
     pub about: &'static str,
     pub switch: &'s mut Switch,
     pub settings: Vec<Setting<'s>>,
@@ -432,7 +481,7 @@ impl std::fmt::Display for Value<'_> {
 impl std::fmt::Display for Listed<'_> {
     /// As [`Effects::set`] takes it.
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        write!(f, "{}={}", self.name, Choice::name(self.switch))?;
+        write!(f, "{}={}", self.effect.name(), Choice::name(self.switch))?;
         self.settings
             .iter()
             .try_for_each(|setting| write!(f, ",{}={}", setting.name, setting.value))
@@ -441,7 +490,13 @@ impl std::fmt::Display for Listed<'_> {
 
 /// What an effect's settings can say of themselves.
 pub trait Settings: Default {
-    fn list(&mut self) -> Vec<Setting<'_>>;
+    /// Lists what users may set.
+    fn list(&mut self) -> Vec<Setting<'_>> {
+        self.list_all().into_iter().filter(|setting| !setting.is_variant).collect()
+    }
+
+    /// Lists all settings, including those that only studies and tests use.
+    fn list_all(&mut self) -> Vec<Setting<'_>>;
 
     /// How far from a pixel that holds a point the effect may change the picture, pixels, where points are at most so far apart; nobody knows where nothing is said. Layers behind others are drawn no
     /// farther from their points than all effects together carry them.
@@ -459,7 +514,7 @@ pub struct Asked<S> {
 }
 
 impl<S: Settings> Asked<S> {
-    fn set(&mut self, text: &str) -> Result<(), String> {
+    fn set(&mut self, text: &str, any: bool) -> Result<(), String> {
         for item in text.split(',') {
             match item {
                 "off" => self.switch = Switch::Off,
@@ -469,7 +524,8 @@ impl<S: Settings> Asked<S> {
                     let (key, value) = item
                         .split_once('=')
                         .ok_or(format!("{item:?} is neither off, on, auto nor key=value"))?;
-                    let mut settings = self.settings.list();
+                    let mut settings =
+                        if any { self.settings.list_all() } else { self.settings.list() };
                     let names =
                         settings.iter().map(|setting| setting.name).collect::<Vec<_>>().join(", ");
                     let setting = settings.iter_mut().find(|setting| setting.name == key);

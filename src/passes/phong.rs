@@ -7,7 +7,9 @@
 //! A pixel whose point has a normal takes it; one that filling has made takes the mean of those around it on the same surface; and where there are none the normal is fitted to the depths on the screen
 //! (glsl/lib/fit_normal.glsl). All are turned towards the camera. Shape depiction, and shadows, multiply what is left of the light; this colours what they multiply.
 
-use super::{Asked, Decided, Effects, FrameContext, GBuffer, Reason, Setting, Switch, Value, fill};
+use super::{
+    Asked, Decided, Effect, Effects, FrameContext, GBuffer, Reason, Setting, Switch, Value, fill,
+};
 use crate::graph::{Dispatch, Graph, Image, Kind};
 use crate::shader::{self, phong::Push, phong::Spec, point_normals};
 use crate::view::light::Light;
@@ -61,44 +63,41 @@ impl Default for Settings {
 }
 
 impl super::Settings for Settings {
-    fn list(&mut self) -> Vec<Setting<'_>> {
+    fn list_all(&mut self) -> Vec<Setting<'_>> {
         let number = Value::Number;
         vec![
-            Setting {
-                name: "ambient",
-                about: "part of the colour that shows without light",
-                value: number(&mut self.ambient, 0.0..=100.0),
-            },
-            Setting {
-                name: "diffuse",
-                about: "part of the colour that shows where the surface faces the light",
-                value: number(&mut self.diffuse, 0.0..=100.0),
-            },
-            Setting {
-                name: "specular",
-                about: "white of highlights",
-                value: number(&mut self.specular, 0.0..=100.0),
-            },
-            Setting {
-                name: "shininess",
-                about: "how narrow highlights are, the exponent",
-                value: Value::Whole(&mut self.shininess, 1.0..=255.0),
-            },
-            Setting {
-                name: "normals",
-                about: "where they come from: file, those of the points; depth, the screen; auto, the points where they have any",
-                value: Value::Choice(&mut self.normals),
-            },
-            Setting {
-                name: "backfaces",
-                about: "points that face away from the camera; drop: where normals are those of files, which say which side is outside",
-                value: Value::Choice(&mut self.backfaces),
-            },
-            Setting {
-                name: "radius",
-                about: "of the neighbourhood that a normal is fitted to, pixels",
-                value: Value::Whole(&mut self.radius, 1.0..=15.0),
-            },
+            Setting::new(
+                "ambient",
+                "fraction of the colour without light",
+                number(&mut self.ambient, 0.0..=100.0),
+            ),
+            Setting::new(
+                "diffuse",
+                "fraction of the colour added where the surface faces the light",
+                number(&mut self.diffuse, 0.0..=100.0),
+            ),
+            Setting::new(
+                "specular",
+                "brightness of highlights",
+                number(&mut self.specular, 0.0..=100.0),
+            ),
+            Setting::new(
+                "shininess",
+                "exponent of highlights: larger is narrower",
+                Value::Whole(&mut self.shininess, 1.0..=255.0),
+            ),
+            Setting::new(
+                "normals",
+                "source of normals: the points (file), the depths on the screen (depth), or the points if they have any (auto)",
+                Value::Choice(&mut self.normals),
+            ),
+            Setting::new(
+                "backfaces",
+                "points that face away from the camera; drop needs oriented normals from files",
+                Value::Choice(&mut self.backfaces),
+            ),
+            // For studies.
+            Setting::variant("radius", Value::Whole(&mut self.radius, 1.0..=15.0)),
         ]
     }
 
@@ -117,7 +116,7 @@ pub fn called_for(context: &FrameContext, _asked: &Effects, before: &Decided) ->
     let (runs, why) = match context.light {
         _ if context.points == 0 => (false, "there is nothing to shade"),
         Light::Direction(_) | Light::Position(_) => (true, "a light was asked for with --light"),
-        Light::Headlight if before.runs("shape") => {
+        Light::Headlight if before.runs(Effect::Shape) => {
             (false, "shape depiction shades already, and no light was asked for with --light")
         }
         Light::Headlight => (false, "no light was asked for with --light"),

@@ -1,9 +1,9 @@
 //! KEYS -> LAYERS: depth, point ids and colours of one band, written into the whole picture's images.
 
+use super::GBuffer;
 use super::project::{Band, Keys};
-use super::{Decided, GBuffer, exposure, luminance};
 use crate::cloud::attribute::{Attribute, DisplayAttribute};
-use crate::cloud::colormap::{self, srgb_to_linear};
+use crate::cloud::colormap::{self, linear_to_srgb, srgb_to_linear};
 use crate::error::Result;
 use crate::graph::{Buffer, Dispatch, Graph, Image, Kind};
 use crate::resident::Resident;
@@ -33,7 +33,7 @@ pub struct ColorLookup {
     /// Where not all points are opaque.
     pub(super) opacities: Option<Buffer>,
     pub(super) table: Buffer,
-    /// Of its rows ([`exposure::gains`]).
+    /// Gains of its rows.
     pub(super) gains: Vec<f64>,
     /// Where colours are to be averaged: values of 8 bits with one exposure, row by row as in the table. Colours are left to [`luminance`] then.
     pub(super) levels: Option<Buffer>,
@@ -84,7 +84,22 @@ fn mode(attribute: Attribute) -> u32 {
     }
 }
 
-pub fn paint(g: &mut Graph, resident: &Resident, decided: &Decided) -> Result<ColorLookup> {
+/// How colours are looked up.
+#[derive(Clone, Debug)]
+pub struct ColorRequest {
+    /// A factor on the light for every row of the table.
+    pub gains: Vec<f64>,
+    /// Whether a later pass averages colours instead of looking them up.
+    pub averaged: bool,
+}
+
+impl Default for ColorRequest {
+    fn default() -> ColorRequest {
+        ColorRequest { gains: vec![1.0], averaged: false }
+    }
+}
+
+pub fn paint(g: &mut Graph, resident: &Resident, request: &ColorRequest) -> Result<ColorLookup> {
     let DisplayAttribute { attribute, stretch: [lo, hi], .. } = resident.shown;
     let mode = mode(attribute);
     let shown = g.upload("shown", &resident.addresses(0))?;
@@ -98,11 +113,9 @@ pub fn paint(g: &mut Graph, resident: &Resident, decided: &Decided) -> Result<Co
         .filter(|_| transparent)
         .map(|word| g.upload("kinds", &resident.addresses(word)))
         .transpose()?;
-    let gains = exposure::gains(resident, decided);
+    let gains = request.gains.clone();
     let table = g.upload("table", &table(attribute, &gains))?;
-    let levels = luminance::averages(resident.shown.attribute, decided)
-        .then(|| g.upload("levels", &exposure::levels(&gains)))
-        .transpose()?;
+    let levels = request.averaged.then(|| g.upload("levels", &levels(&gains))).transpose()?;
     Ok(ColorLookup {
         shown,
         kinds,
@@ -207,11 +220,36 @@ pub fn spacing_px(view: &View, resident: &Resident) -> [f64; 2] {
 /// The 256 linear colours that words are looked up in; of colours, as many for every station.
 fn table(attribute: Attribute, gains: &[f64]) -> Vec<[f32; 4]> {
     if attribute == Attribute::Rgb {
-        return exposure::linear(gains).map(|v| [v as f32, v as f32, v as f32, 1.0]).collect();
+        return linear(gains).map(|v| [v as f32, v as f32, v as f32, 1.0]).collect();
     }
     let color = |i| {
         let [r, g, b] = colormap::entry(attribute, i).map(|channel| srgb_to_linear(channel) as f32);
         [r, g, b, 1.0]
     };
     (0..256).map(color).collect()
+}
+
+/// Of every row, its 256 linear values.
+pub fn linear(gains: &[f64]) -> impl Iterator<Item = f64> + '_ {
+    gains
+        .iter()
+        .flat_map(|gain| (0..256).map(move |v| (gain * srgb_to_linear(v as f64 / 255.0)).min(1.0)))
+}
+
+/// And the same as values of 8 bits.
+pub fn levels(gains: &[f64]) -> Vec<u32> {
+    linear(gains).map(|linear| (255.0 * linear_to_srgb(linear)).round() as u32).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_factor_of_one_changes_nothing_and_values_grow_with_light() {
+        let levels = levels(&[1.0, 0.5, 16.0]);
+        assert!((0..256).all(|v| levels[v] == v as u32));
+        assert!(levels[256..].chunks(256).all(|row| row.is_sorted()));
+        assert_eq!((levels[256 + 255], levels[512 + 255], levels[512 + 100]), (188, 255, 255));
+    }
 }

@@ -22,7 +22,7 @@ mod peel;
 pub use depth_limit::{Layer, Reached, reach};
 
 use super::project::{self, Band, Drawn, Precision, Shallow};
-use super::{Decided, Effects, FrameContext, GBuffer, Reason, Setting, Value};
+use super::{Decided, Effect, Effects, FrameContext, GBuffer, Reason, Setting, Value};
 use crate::config::{POINTS_PER_PAGE, SUN};
 use crate::error::{Error, Result};
 use crate::graph::{Buffer, Dispatch, Graph, Image, Kind};
@@ -96,59 +96,36 @@ impl Default for Settings {
 const MOST_SAMPLES: f64 = 64.0;
 
 impl super::Settings for Settings {
-    fn list(&mut self) -> Vec<Setting<'_>> {
+    fn list_all(&mut self) -> Vec<Setting<'_>> {
         let number = Value::Number;
         vec![
-            Setting {
-                name: "method",
-                about: "how points that light reaches are found",
-                value: Value::Choice(&mut self.method),
-            },
-            Setting {
-                name: "samples",
-                about: "places on the light; 1: hard shadows",
-                value: Value::Whole(&mut self.samples, 1.0..=MOST_SAMPLES),
-            },
-            Setting {
-                name: "pattern",
-                about: "how they are spread",
-                value: Value::Choice(&mut self.pattern),
-            },
-            Setting {
-                name: "radius",
-                about: "of the light: degrees of one far away (45 at most), metres of one at a place",
-                value: number(&mut self.radius, 0.0..=1e6),
-            },
-            Setting {
-                name: "size",
-                about: "of the light's picture, texels; 0: from the spacing of the points",
-                value: Value::Whole(&mut self.size, 0.0..=4096.0),
-            },
-            Setting {
-                name: "ambient",
-                about: "what is left of a colour in full shadow; of phong, where that runs, its own ambient",
-                value: number(&mut self.ambient, 0.0..=1.0),
-            },
-            Setting {
-                name: "layer",
-                about: "layer distance of this effect alone, metres; 0: that of --layer where that is given, and at least what keeps surfaces from shading themselves",
-                value: number(&mut self.layer, 0.0..=1e9),
-            },
-            Setting {
-                name: "fill",
-                about: "width of gaps that light does not fall through, texels",
-                value: Value::Whole(&mut self.fill, 0.0..=16.0),
-            },
-            Setting {
-                name: "peels",
-                about: "passes of method=index at most, as many as points of a texel can be lit; 0: until nothing is left, 512 at most",
-                value: Value::Whole(&mut self.peels, 0.0..=4096.0),
-            },
-            Setting {
-                name: "limit",
-                about: "least cosine of the angle between light and surface",
-                value: number(&mut self.limit, 0.01..=1.0),
-            },
+            Setting::new(
+                "samples",
+                "points on the light; 1: hard shadows",
+                Value::Whole(&mut self.samples, 1.0..=MOST_SAMPLES),
+            ),
+            Setting::new(
+                "radius",
+                "radius of the light: degrees (at most 45) if directional, metres if it has a position",
+                number(&mut self.radius, 0.0..=1e6),
+            ),
+            Setting::new(
+                "size",
+                "longer side of the shadow map [texels]; 0: from the point spacing",
+                Value::Whole(&mut self.size, 0.0..=4096.0),
+            ),
+            Setting::new(
+                "ambient",
+                "fraction of the colour in full shadow; if phong runs, phong=ambient applies instead",
+                number(&mut self.ambient, 0.0..=1.0),
+            ),
+            // For studies.
+            Setting::variant("method", Value::Choice(&mut self.method)),
+            Setting::variant("pattern", Value::Choice(&mut self.pattern)),
+            Setting::variant("layer", number(&mut self.layer, 0.0..=1e9)),
+            Setting::variant("fill", Value::Whole(&mut self.fill, 0.0..=16.0)),
+            Setting::variant("peels", Value::Whole(&mut self.peels, 0.0..=4096.0)),
+            Setting::variant("limit", number(&mut self.limit, 0.01..=1.0)),
         ]
     }
 
@@ -275,7 +252,7 @@ pub fn light_visibility(
     decided: &Decided,
     at_once: Option<u32>,
 ) -> Result<Option<LightVisibility>> {
-    if !decided.runs("shadows") {
+    if !decided.runs(Effect::Shadows) {
         return Ok(None);
     }
     let marks = match saved(g, context, resident) {
@@ -288,7 +265,7 @@ pub fn light_visibility(
             at_once,
         )?,
     };
-    Ok(marks.map(|marks| LightVisibility { apart: decided.runs("phong"), ..marks }))
+    Ok(marks.map(|marks| LightVisibility { apart: decided.runs(Effect::Phong), ..marks }))
 }
 
 fn counted(

@@ -44,34 +44,23 @@ impl Default for Settings {
 }
 
 impl super::Settings for Settings {
-    fn list(&mut self) -> Vec<Setting<'_>> {
+    fn list_all(&mut self) -> Vec<Setting<'_>> {
         let number = Value::Number;
         vec![
-            Setting {
-                name: "levels",
-                about: "levels of smoothing; 1: single pass",
-                value: Value::Whole(&mut self.levels, 1.0..=64.0),
-            },
-            Setting {
-                name: "xi",
-                about: "level k weighs 1 / (k + 1)^xi",
-                value: number(&mut self.xi, 0.0..=16.0),
-            },
-            Setting {
-                name: "first",
-                about: "1: the first level weighs as much as all others",
-                value: number(&mut self.first, 0.0..=1.0),
-            },
-            Setting {
-                name: "softness",
-                about: "rise from pixel to pixel that still faces the viewer, pixels' widths",
-                value: number(&mut self.softness, 0.0..=1e3),
-            },
-            Setting {
-                name: "base",
-                about: "what is shaded; --color elevation makes it a ramp of heights",
-                value: Value::Choice(&mut self.base),
-            },
+            Setting::new(
+                "levels",
+                "levels of smoothing: more shade larger forms; 1: lines only",
+                Value::Whole(&mut self.levels, 1.0..=64.0),
+            ),
+            Setting::new(
+                "base",
+                "what is shaded: the colours of points, or white",
+                Value::Choice(&mut self.base),
+            ),
+            // For studies.
+            Setting::variant("xi", number(&mut self.xi, 0.0..=16.0)),
+            Setting::variant("first", number(&mut self.first, 0.0..=1.0)),
+            Setting::variant("softness", number(&mut self.softness, 0.0..=1e3)),
         ]
     }
 

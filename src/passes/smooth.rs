@@ -11,8 +11,8 @@
 //! Patches are as wide as points lie apart. Once is enough where that is a pixel; where it is more, steps are taken away by as many times as spread a pixel's value over a patch.
 
 use super::{
-    Decided, Effects, FrameContext, GBuffer, LIST_HEADER, Reason, Setting, TILE_PX, Value, fill,
-    tiles,
+    Decided, Effect, Effects, FrameContext, GBuffer, LIST_HEADER, Reason, Setting, TILE_PX, Value,
+    fill, tiles,
 };
 use crate::graph::{Dispatch, Graph, Kind};
 use crate::shader::{self, smooth, smooth_end, smooth_tiles};
@@ -87,23 +87,20 @@ impl Default for Settings {
 }
 
 impl super::Settings for Settings {
-    fn list(&mut self) -> Vec<Setting<'_>> {
+    fn list_all(&mut self) -> Vec<Setting<'_>> {
         vec![
-            Setting {
-                name: "filter",
-                about: "weights: 16 2 1, 4 2 1 or 1 1 1 of the pixel, sides and corners; auto: by the spacing of the points",
-                value: Value::Choice(&mut self.filter),
-            },
-            Setting {
-                name: "iterations",
-                about: "how often; 0: by the spacing of the points",
-                value: Value::Whole(&mut self.iterations, 0.0..=MOST),
-            },
-            Setting {
-                name: "pixels",
-                about: "filled: these and those beside them; all: the others, too",
-                value: Value::Choice(&mut self.pixels),
-            },
+            Setting::new(
+                "iterations",
+                "number of iterations; 0: from the point spacing",
+                Value::Whole(&mut self.iterations, 0.0..=MOST),
+            ),
+            Setting::new(
+                "pixels",
+                "filled pixels and their neighbours, or all",
+                Value::Choice(&mut self.pixels),
+            ),
+            // For studies.
+            Setting::variant("filter", Value::Choice(&mut self.filter)),
         ]
     }
 
@@ -136,7 +133,7 @@ pub fn reach_px(_view: &View, settings: &Settings) -> Option<u32> {
 pub fn called_for(context: &FrameContext, asked: &Effects, before: &Decided) -> Reason {
     let (filter, often) = chosen(&asked.smooth.settings, context.sampling.spacing_px());
     let often = if often == 1 { "once".to_string() } else { format!("{often} times") };
-    let (runs, why) = match (before.runs("fill"), asked.fill.settings.method) {
+    let (runs, why) = match (before.runs(Effect::Fill), asked.fill.settings.method) {
         _ if context.shown.is_label() => {
             (false, "what points show are labels, which are not mixed".to_string())
         }

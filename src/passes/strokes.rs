@@ -39,8 +39,8 @@ pub use settings::{Blend, Order, Settings, Sort, Tangents};
 pub use stats::Facts;
 
 use super::project::{self, Band, Drawn, Keys, Precision, Walk};
-use super::resolve::{ColorLookup, Resolved};
-use super::{Decided, Effects, FrameContext, Reason, TILE_PX, tiles};
+use super::resolve::{ColorLookup, ColorRequest, Resolved};
+use super::{Decided, Effect, Effects, FrameContext, Reason, TILE_PX, tiles};
 use crate::config::POINTS_PER_PAGE;
 use crate::error::{Error, Result};
 use crate::graph::{Buffer, Dispatch, Graph, Image, Kind};
@@ -87,7 +87,7 @@ pub struct Painting<'f> {
     wide: View,
     view: &'f View,
     resident: &'f Resident,
-    decided: &'f Decided,
+    request: ColorRequest,
     settings: Settings,
     /// Fragments of a pixel that this frame brings into order beside those that are.
     at_once: Option<u32>,
@@ -103,10 +103,10 @@ pub fn begin<'f>(
     view: &'f View,
     resident: &'f Resident,
     effects: &Effects,
-    decided: &'f Decided,
+    decided: &Decided,
     at_once: Option<u32>,
 ) -> Result<Option<Painting<'f>>> {
-    if !decided.runs("strokes") {
+    if !decided.runs(Effect::Strokes) {
         return Ok(None);
     }
     if resident.shown.strokes().is_none() {
@@ -123,7 +123,7 @@ pub fn begin<'f>(
         wide,
         view,
         resident,
-        decided,
+        request: super::color_request(resident, decided),
         settings,
         at_once,
         blended,

@@ -13,7 +13,9 @@
 
 use super::project::{self, Band};
 use super::visibility::Looked;
-use super::{Decided, Effects, FrameContext, GBuffer, Reason, Setting, Value, fill, significant};
+use super::{
+    Decided, Effect, Effects, FrameContext, GBuffer, Reason, Setting, Value, fill, significant,
+};
 use crate::graph::{Buffer, Dispatch, Graph, Image, Kind};
 use crate::shader::{self, peel_count, transparency::Push, transparency::Spec};
 use crate::view::View;
@@ -38,23 +40,17 @@ impl Default for Settings {
 }
 
 impl super::Settings for Settings {
-    fn list(&mut self) -> Vec<Setting<'_>> {
+    fn list_all(&mut self) -> Vec<Setting<'_>> {
+        let number = Value::Number;
         vec![
-            Setting {
-                name: "layers",
-                about: "surfaces behind each other at most",
-                value: Value::Whole(&mut self.layers, 1.0..=64.0),
-            },
-            Setting {
-                name: "tiles",
-                about: "where layers behind others are looked for; the picture is the same",
-                value: Value::Choice(&mut self.tiles),
-            },
-            Setting {
-                name: "layer",
-                about: "layer distance of this effect alone, metres; 0: that of --layer, and more where a surface is steep",
-                value: Value::Number(&mut self.layer, 0.0..=1e9),
-            },
+            Setting::new(
+                "layers",
+                "largest number of surfaces behind each other",
+                Value::Whole(&mut self.layers, 1.0..=64.0),
+            ),
+            // For studies.
+            Setting::variant("tiles", Value::Choice(&mut self.tiles)),
+            Setting::variant("layer", number(&mut self.layer, 0.0..=1e9)),
         ]
     }
 
@@ -70,7 +66,7 @@ pub fn reach_px(_view: &View, _settings: &Settings) -> Option<u32> {
 }
 
 pub fn called_for(context: &FrameContext, asked: &Effects, before: &Decided) -> Reason {
-    if before.runs("strokes") {
+    if before.runs(Effect::Strokes) {
         return Reason {
             runs: false,
             why: "strokes lie over each other by themselves, each as opaque as its point".into(),

@@ -83,49 +83,29 @@ impl Default for Settings {
 }
 
 impl super::Settings for Settings {
-    fn list(&mut self) -> Vec<Setting<'_>> {
+    fn list_all(&mut self) -> Vec<Setting<'_>> {
         let number = Value::Number;
         vec![
-            Setting {
-                name: "levels",
-                about: "of the pyramid: each twice as coarse as the one before; 1: the picture alone",
-                value: Value::Whole(&mut self.levels, 1.0..=MOST_LEVELS as f64),
-            },
-            Setting {
-                name: "kernel",
-                about: "width of the neighbourhood, cells of a level",
-                value: Value::OneOf(&mut self.kernel, &[3.0, 5.0, 7.0, 9.0, 11.0, 13.0, 15.0]),
-            },
-            Setting {
-                name: "sectors",
-                about: "parts of the neighbourhood, of a single level",
-                value: Value::OneOf(&mut self.sectors, &[4.0, 8.0, 16.0]),
-            },
-            Setting {
-                name: "holes",
-                about: "empty solid angle from which a pixel without a point is background, steradians",
-                value: number(&mut self.holes, 0.0..=TAU),
-            },
-            Setting {
-                name: "tiles",
-                about: "which tiles are looked at; the picture is the same",
-                value: Value::Choice(&mut self.tiles),
-            },
-            Setting {
-                name: "threshold",
-                about: "empty solid angle from which a pixel is visible, steradians",
-                value: number(&mut self.threshold, 0.0..=TAU),
-            },
-            Setting {
-                name: "expected",
-                about: "points of the surface around that an opening would hold if it were none",
-                value: number(&mut self.expected, 0.0..=1e9),
-            },
-            Setting {
-                name: "lead",
-                about: "of a single level: how far in front of a point a neighbour at the rim of the kernel has to be to hide it, pixels' width; 0: any",
-                value: number(&mut self.lead, 0.0..=1e9),
-            },
+            Setting::new(
+                "threshold",
+                "empty solid angle from which a point is visible [sr]",
+                number(&mut self.threshold, 0.0..=TAU),
+            ),
+            Setting::new(
+                "holes",
+                "empty solid angle from which a pixel without a point is background [sr]",
+                number(&mut self.holes, 0.0..=TAU),
+            ),
+            // For studies.
+            Setting::variant("levels", Value::Whole(&mut self.levels, 1.0..=MOST_LEVELS as f64)),
+            Setting::variant(
+                "kernel",
+                Value::OneOf(&mut self.kernel, &[3.0, 5.0, 7.0, 9.0, 11.0, 13.0, 15.0]),
+            ),
+            Setting::variant("sectors", Value::OneOf(&mut self.sectors, &[4.0, 8.0, 16.0])),
+            Setting::variant("tiles", Value::Choice(&mut self.tiles)),
+            Setting::variant("expected", number(&mut self.expected, 0.0..=1e9)),
+            Setting::variant("lead", number(&mut self.lead, 0.0..=1e9)),
         ]
     }
 

@@ -79,7 +79,7 @@ pub fn record(
         config.overlap.touches(view, node)
     })?;
     let drawn = drawn.one_sided(config.drops_back_faces(resident));
-    let paint = resolve::paint(g, resident, &config.decided)?;
+    let paint = resolve::paint(g, resident, &passes::color_request(resident, &config.decided))?;
     let context = config.frame_context(view, resident);
     let points =
         Points { context: &context, config, resident, bands: &bands, drawn: &drawn, paint: &paint };

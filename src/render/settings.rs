@@ -5,7 +5,9 @@ mod warnings;
 use crate::cloud::colormap::srgb_to_linear;
 use crate::passes::phong::Backfaces;
 use crate::passes::project::Precision;
-use crate::passes::{Decided, Effects, FrameContext, Switch, fill, resolve, strokes, visibility};
+use crate::passes::{
+    Decided, Effect, Effects, FrameContext, Switch, fill, resolve, strokes, visibility,
+};
 use crate::resident::{PointDensity, Resident, StationOverlap};
 use crate::view::View;
 use crate::view::light::Light;
@@ -128,7 +130,8 @@ impl FrameConfig {
         };
         let decided = settings.effects.decide(&context);
         // If switched on explicitly, luminance is averaged everywhere.
-        let partly = decided.runs("luminance") && settings.effects.luminance.switch == Switch::Auto;
+        let partly =
+            decided.runs(Effect::Luminance) && settings.effects.luminance.switch == Switch::Auto;
         let effects = settled(
             &settings.effects,
             resolve::spacing_px(&view.entire(), resident)[1],
@@ -174,14 +177,14 @@ impl FrameConfig {
     /// Tests whether back-facing points are dropped: if Phong lighting is set to, and normals are
     /// oriented.
     pub fn drops_back_faces(&self, resident: &Resident) -> bool {
-        self.decided.runs("phong")
+        self.decided.runs(Effect::Phong)
             && self.effects.phong.settings.backfaces == Backfaces::Drop
             && resident.oriented
     }
 
     /// Returns the most surfaces drawn behind each other.
     pub fn layers(&self) -> u32 {
-        if self.decided.runs("transparency") {
+        if self.decided.runs(Effect::Transparency) {
             self.effects.transparency.settings.layers as u32
         } else {
             1
@@ -206,13 +209,13 @@ impl FrameConfig {
         let mut hurried = self.progressive();
         let Effects { strokes, ao, shape, .. } = &mut hurried.effects;
         // A level looks one pixel farther, and pixels are wider.
-        if self.decided.runs("shape") {
+        if self.decided.runs(Effect::Shape) {
             shape.settings.levels = (shape.settings.levels / smaller as f64).ceil();
         }
-        if self.decided.runs("strokes") && strokes.settings.blend == strokes::Blend::Abuffer {
+        if self.decided.runs(Effect::Strokes) && strokes.settings.blend == strokes::Blend::Abuffer {
             strokes.settings.blend = strokes::Blend::Blur;
         }
-        if self.decided.runs("ao") {
+        if self.decided.runs(Effect::Ao) {
             ao.settings.directions = ao.settings.directions.min(HURRIED_DIRECTIONS);
         }
         hurried
@@ -245,12 +248,12 @@ mod tests {
     fn what_is_hurried_is_cheaper_where_it_runs_and_nothing_else() {
         let mut effects = Effects::of(Style::Strokes);
         effects.set("shadows=on,samples=16,radius=2").unwrap();
-        let config = |running: &[&'static str]| FrameConfig {
+        let config = |running: &[Effect]| FrameConfig {
             effects: effects.clone(),
             decided: Decided(
                 running
                     .iter()
-                    .map(|name| (*name, Reason { runs: true, why: String::new() }))
+                    .map(|effect| (*effect, Reason { runs: true, why: String::new() }))
                     .collect(),
             ),
             light: Light::default(),
@@ -263,8 +266,11 @@ mod tests {
             quantum_m: 0.0,
             overlap: Arc::new(StationOverlap::everywhere([1, 1])),
         };
-        assert_eq!(config(&["phong"]).interactive(1).effects, config(&["phong"]).effects);
-        let all = config(&["strokes", "shadows"]);
+        assert_eq!(
+            config(&[Effect::Phong]).interactive(1).effects,
+            config(&[Effect::Phong]).effects
+        );
+        let all = config(&[Effect::Strokes, Effect::Shadows]);
         let hurried = all.interactive(1);
         assert_eq!(
             (hurried.light_at_once, &hurried.effects.shadows),
@@ -273,7 +279,7 @@ mod tests {
         assert_eq!(hurried.effects.strokes.settings.blend, strokes::Blend::Blur);
         assert_eq!(hurried.interactive(1), hurried);
         let levels =
-            |smaller| config(&["shape"]).interactive(smaller).effects.shape.settings.levels;
+            |smaller| config(&[Effect::Shape]).interactive(smaller).effects.shape.settings.levels;
         assert_eq!([1, 2, 4].map(levels), [8.0, 4.0, 2.0]);
     }
 }

@@ -92,7 +92,7 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
             .filter(|effect| !effect.is_empty());
         effects
             .into_iter()
-            .try_for_each(|effect| settings.effects.set(effect))
+            .try_for_each(|effect| settings.effects.set_any(effect))
             .map_err(Error::Request)?;
         Ok(Configuration { knob, value, settings })
     });

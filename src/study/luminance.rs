@@ -248,7 +248,7 @@ fn render_settings(luminance: &str) -> Result<RenderSettings> {
     let mut settings = RenderSettings::default();
     let off = EFFECTS.iter().map(|effect| format!("{effect}=off"));
     off.chain(format!("luminance={luminance}").split(' ').map(String::from))
-        .try_for_each(|text| settings.effects.set(&text))
+        .try_for_each(|text| settings.effects.set_any(&text))
         .map_err(Error::Request)?;
     Ok(settings)
 }

@@ -66,7 +66,9 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
         KNOBS.iter().flat_map(|(knob, values)| values.iter().map(move |value| (*knob, *value)));
     let configurations = configurations.map(|(knob, (value, settings))| {
         let mut effects = Effects::default();
-        effects.set(&format!("shadows=on,radius={RADIUS},{settings}")).map_err(Error::Request)?;
+        effects
+            .set_any(&format!("shadows=on,radius={RADIUS},{settings}"))
+            .map_err(Error::Request)?;
         Ok(Configuration { knob, value, effects })
     });
     let configurations = configurations.collect::<Result<Vec<_>>>()?;

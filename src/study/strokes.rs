@@ -70,7 +70,7 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
         let mut settings =
             RenderSettings { effects: Effects::of(Style::Strokes), ..RenderSettings::default() };
         for effect in ["edl=off", effect] {
-            settings.effects.set(effect).map_err(Error::Request)?;
+            settings.effects.set_any(effect).map_err(Error::Request)?;
         }
         Ok(Configuration { knob, value, settings })
     });

@@ -170,7 +170,7 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
 
 pub(super) fn render_settings(words: &[&str]) -> Result<RenderSettings> {
     let mut settings = RenderSettings::points();
-    words.iter().try_for_each(|text| settings.effects.set(text)).map_err(Error::Request)?;
+    words.iter().try_for_each(|text| settings.effects.set_any(text)).map_err(Error::Request)?;
     Ok(settings)
 }
 

@@ -105,7 +105,10 @@ fn bytes(colors: &[[f32; 4]]) -> &[u32] {
 pub fn bare() -> RenderSettings {
     let mut settings = RenderSettings::default();
     passes::EFFECTS.iter().for_each(|effect| {
-        settings.effects.set(&format!("{effect}=off")).expect("every effect can be switched off")
+        settings
+            .effects
+            .set_any(&format!("{effect}=off"))
+            .expect("every effect can be switched off")
     });
     settings
 }
@@ -393,7 +396,7 @@ pub fn views(size: [u32; 2]) -> [View; 2] {
 /// Returns settings with only these effects, written as on the command line.
 pub fn effects(asked: &[&str]) -> Effects {
     let mut effects = Effects::default();
-    EFFECTS.iter().for_each(|effect| effects.set(&format!("{effect}=off")).unwrap());
-    asked.iter().for_each(|asked| effects.set(asked).unwrap());
+    EFFECTS.iter().for_each(|effect| effects.set_any(&format!("{effect}=off")).unwrap());
+    asked.iter().for_each(|asked| effects.set_any(asked).unwrap());
     effects
 }

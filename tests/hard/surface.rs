@@ -6,7 +6,7 @@ use crate::gpu::{
 };
 use pointillist::cloud::attribute::Attribute;
 use pointillist::config::NO_POINT;
-use pointillist::passes::{FrameContext, fill, shape, visibility};
+use pointillist::passes::{Effect, FrameContext, fill, shape, visibility};
 use pointillist::progress::Silent;
 use pointillist::render::settings::RenderSettings;
 use pointillist::resident::{PointDensity, StationOverlap};
@@ -547,7 +547,9 @@ fn hard_00_surfaces_are_part_of_every_picture() {
         balance: None,
     });
     assert!(
-        ["visibility", "fill", "shape"].iter().all(|effect| decided.runs(effect)),
+        [Effect::Visibility, Effect::Fill, Effect::Shape]
+            .iter()
+            .all(|effect| decided.runs(*effect)),
         "{decided:?}"
     );
 }
@@ -577,9 +579,9 @@ fn hard_00_tiles_that_are_skipped_had_nothing_to_hide() {
                         let mut settings = RenderSettings::default();
                         settings
                             .effects
-                            .set(&format!("visibility=on,{levels},tiles={tiles}"))
+                            .set_any(&format!("visibility=on,{levels},tiles={tiles}"))
                             .unwrap();
-                        settings.effects.set(rest).unwrap();
+                        settings.effects.set_any(rest).unwrap();
                         draw(Way::Compute64, &cloud, &view, &settings)
                     };
                     for rest in ["fill=off", "fill=on"] {

@@ -25,8 +25,8 @@ fn silhouettes_are_blended_as_f64_does() {
                         {
                             let mut effects = nothing();
                             let comma = if text.is_empty() { "" } else { "," };
-                            effects.set(&format!("antialias=on{comma}{text}")).unwrap();
-                            effects.set(&format!("shape={shape}")).unwrap();
+                            effects.set_any(&format!("antialias=on{comma}{text}")).unwrap();
+                            effects.set_any(&format!("shape={shape}")).unwrap();
                             let settings = effects.antialias.settings;
                             let surface = canvas.draw(&view, &keys, &effects);
                             let (raw, got) = (&surface.raw, &surface.blended);
@@ -98,8 +98,8 @@ fn tiles_without_silhouettes_are_skipped_and_the_picture_is_the_same() {
             ] {
                 let of = |canvas: &mut Canvas, tiles: &str| {
                     let mut effects = nothing();
-                    effects.set(&format!("antialias=on,{text}tiles={tiles}")).unwrap();
-                    effects.set(&format!("shape={shape}")).unwrap();
+                    effects.set_any(&format!("antialias=on,{text}tiles={tiles}")).unwrap();
+                    effects.set_any(&format!("shape={shape}")).unwrap();
                     canvas.draw(&view, &keys, &effects)
                 };
                 let (needed, all) = (of(canvas, "needed"), of(canvas, "all"));

@@ -30,7 +30,7 @@ fn fill_as_the_twin_does(visibility: &str) -> (usize, usize) {
             for (layer, steps) in [(0.5, 1), (0.5, 3), (0.02, 12), (1e-30, 2), (0.5, 0)] {
                 for keys in [random_keys(size, CANVAS_POINTS, random), layered_keys(size, random)] {
                     let mut effects = nothing();
-                    effects.set(visibility).unwrap();
+                    effects.set_any(visibility).unwrap();
                     effects.fill.switch = Switch::On;
                     effects.fill.settings = fill::Settings {
                         method: fill::Method::Mask,
@@ -108,7 +108,7 @@ fn every_mask_keeps_what_it_should() {
                 }
             }
             let mut effects = nothing();
-            effects.set("fill=on,method=mask,layer=1,iterations=1").unwrap();
+            effects.set_any("fill=on,method=mask,layer=1,iterations=1").unwrap();
             // Both kinds of steps run: of what is occluded here, no pixel is background.
             let got = canvas.draw(&views(size)[0], &keys, &effects).filled;
             for mask in 0..256usize {

@@ -5,7 +5,7 @@ use glam::DVec3;
 use pointillist::cloud::colormap::linear_to_srgb;
 use pointillist::cloud::{Cloud, Lattice, Station};
 use pointillist::index::attributes::exposure::balance;
-use pointillist::passes::exposure;
+use pointillist::passes::resolve;
 use pointillist::render::settings::RenderSettings;
 use pointillist::study::oracle::exposure as oracle;
 use pointillist::view::View;
@@ -46,7 +46,7 @@ fn scene() -> Cloud {
 /// The same with colours of 8 bits that have one exposure.
 fn evened(cloud: &Cloud, gains: &[f64]) -> Cloud {
     assert!(gains[0] < 0.8 && gains[2] > 1.5, "{gains:?}");
-    let levels = exposure::levels(gains);
+    let levels = resolve::levels(gains);
     let mut evened = cloud.clone();
     for (number, part) in evened.parts.iter_mut().enumerate() {
         let source = part.columns.source.as_ref().unwrap();
@@ -64,7 +64,7 @@ fn evened(cloud: &Cloud, gains: &[f64]) -> Cloud {
 
 fn settings(effects: &[&str]) -> RenderSettings {
     let mut settings = bare();
-    effects.iter().for_each(|effect| settings.effects.set(effect).unwrap());
+    effects.iter().for_each(|effect| settings.effects.set_any(effect).unwrap());
     settings
 }
 

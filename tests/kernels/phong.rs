@@ -242,7 +242,7 @@ fn back_faces_are_left_out_where_that_is_asked_for() {
                     shown.further.normal = true;
                     let resident = Resident::fill(gpu, cloud.clone(), shown, &Silent).unwrap();
                     let mut settings = gpu::bare();
-                    settings.effects.set(effect).unwrap();
+                    settings.effects.set_any(effect).unwrap();
                     let config = FrameConfig::new(&settings, &view, &resident);
                     let mut g = Graph::new(gpu);
                     let outcome = frame::record(&mut g, &view, &resident, &config).unwrap();

@@ -41,7 +41,7 @@ pub fn layered_keys(size: [u32; 2], random: &mut Random) -> Vec<[u32; 2]> {
 pub fn nothing() -> Effects {
     let mut effects = Effects::default();
     for effect in pointillist::passes::EFFECTS {
-        effects.set(&format!("{effect}=off")).unwrap();
+        effects.set_any(&format!("{effect}=off")).unwrap();
     }
     effects
 }
@@ -421,8 +421,8 @@ fn what_reaches_a_surface_is_filled_and_smoothed_like_its_colour() {
                         kernel: 5.0,
                         ..visibility::Settings::default()
                     });
-                    effects.set(&format!("fill=on,method={method}")).unwrap();
-                    effects.set("smooth=on,iterations=2,pixels=all").unwrap();
+                    effects.set_any(&format!("fill=on,method={method}")).unwrap();
+                    effects.set_any("smooth=on,iterations=2,pixels=all").unwrap();
                     let keys = layered_keys(size, random);
                     canvas.reached = false;
                     let plain = canvas.draw(&view, &keys, &effects);

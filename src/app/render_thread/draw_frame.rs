@@ -8,7 +8,7 @@ use crate::error::{Error, Result};
 use crate::graph::{Gpu, Graph, Handle};
 use crate::passes::encode::{self, Screen};
 use crate::passes::tile_stats::Warned;
-use crate::passes::{Switch, shadows};
+use crate::passes::{Effect, Switch, shadows};
 use crate::present::Present;
 use crate::progress::Progress;
 use crate::render::frame;
@@ -165,7 +165,7 @@ impl RenderLoop {
             resident,
         );
         if strokes_missing(scene, resident) {
-            config.decided.explain("strokes", "strokes are still being computed");
+            config.decided.explain(Effect::Strokes, "strokes are still being computed");
         }
         let mut drawn =
             if interruptible { config.progressive() } else { config.interactive(divisor) };

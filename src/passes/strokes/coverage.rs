@@ -35,7 +35,7 @@ impl Painting<'_> {
     /// The same, before the frame.
     pub(super) fn surface(&mut self, g: &mut Graph, band: Band) -> Result<Vec<u32>> {
         let mut before = g.preceding();
-        let paint = resolve::paint(&mut before, self.resident, self.decided)?;
+        let paint = resolve::paint(&mut before, self.resident, &self.request)?;
         let desk = self.bind(&mut before, band, &paint)?;
         let Quads { ground, .. } = self.draw(&mut before, &desk, false)?;
         let surface = surface(&mut before, &ground, band);

@@ -24,7 +24,7 @@ impl Painting<'_> {
         hiders: Option<&[u32]>,
     ) -> Result<(Vec<u32>, Vec<u32>)> {
         let mut counting = g.preceding();
-        let paint = resolve::paint(&mut counting, self.resident, self.decided)?;
+        let paint = resolve::paint(&mut counting, self.resident, &self.request)?;
         let desk = self.bind(&mut counting, band, &paint)?;
         let starts = counting.upload("starts", &[0u32])?;
         let bytes = 4 * tiles.len() as u64 * TILE_PIXELS as u64;

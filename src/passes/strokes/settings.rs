@@ -108,100 +108,56 @@ impl Default for Settings {
 }
 
 impl super::super::Settings for Settings {
-    fn list(&mut self) -> Vec<Setting<'_>> {
+    fn list_all(&mut self) -> Vec<Setting<'_>> {
         let number = Value::Number;
         vec![
-            Setting { name: "brush", about: "which brush", value: Value::Choice(&mut self.brush) },
-            Setting {
-                name: "blend",
-                about: "what strokes over each other look like",
-                value: Value::Choice(&mut self.blend),
-            },
-            Setting {
-                name: "sort",
-                about: "how the strokes of a pixel are ordered",
-                value: Value::Choice(&mut self.sort),
-            },
-            Setting {
-                name: "order",
-                about: "what it goes by: the depth in each pixel, or that of the whole stroke",
-                value: Value::Choice(&mut self.order),
-            },
-            Setting {
-                name: "tangents",
-                about: "what strokes are painted along",
-                value: Value::Choice(&mut self.tangents),
-            },
-            Setting {
-                name: "size",
-                about: "half a stroke's side, radii of its point; 0: the brush's own, here and below",
-                value: number(&mut self.size, 0.0..=64.0),
-            },
-            Setting {
-                name: "amplitude",
-                about: "of a Gaussian: how opaque",
-                value: number(&mut self.amplitude, 0.0..=64.0),
-            },
-            Setting {
-                name: "gamma",
-                about: "its exponent: how square",
-                value: number(&mut self.gamma, 0.0..=16.0),
-            },
-            Setting {
-                name: "sigma_x",
-                about: "its width along the tangent, parts of a side",
-                value: number(&mut self.sigma_x, 0.0..=4.0),
-            },
-            Setting {
-                name: "sigma_y",
-                about: "and across it",
-                value: number(&mut self.sigma_y, 0.0..=4.0),
-            },
-            Setting {
-                name: "dev",
-                about: "from one to the next on the 3 x 3 grid, parts of a side",
-                value: number(&mut self.dev, 0.0..=1.0),
-            },
-            Setting {
-                name: "gaussians",
-                about: "of the grid",
-                value: Value::OneOf(&mut self.gaussians, &[0.0, 6.0, 7.0, 8.0, 9.0]),
-            },
-            Setting {
-                name: "noise",
-                about: "how far strokes are turned at most, degrees",
-                value: number(&mut self.noise, 0.0..=180.0),
-            },
-            Setting {
-                name: "long",
-                about: "how much longer strokes are on long clusters",
-                value: number(&mut self.long, 0.0..=1.0),
-            },
-            Setting {
-                name: "detail",
-                about: "how opaque the second layer is that small clusters have",
-                value: number(&mut self.detail, 0.0..=1.0),
-            },
-            Setting {
-                name: "largest",
-                about: "half a side on the screen at most, parts of the picture's longer side",
-                value: number(&mut self.largest, 0.001..=4.0),
-            },
-            Setting {
-                name: "passes",
-                about: "of sort=bubble; 0: until all are in order",
-                value: Value::Whole(&mut self.passes, 0.0..=1e6),
-            },
-            Setting {
-                name: "memory",
-                about: "of lists and fragments, MiB; what needs more is painted in parts",
-                value: number(&mut self.memory, 1.0..=65536.0),
-            },
-            Setting {
-                name: "radius",
-                about: "of blend=blur, pixels",
-                value: Value::Whole(&mut self.radius, 1.0..=8.0),
-            },
+            Setting::new("brush", "shape of a stroke", Value::Choice(&mut self.brush)),
+            Setting::new(
+                "blend",
+                "abuffer: all strokes, by opacity; blur: the nearest, softened; opaque: the nearest",
+                Value::Choice(&mut self.blend),
+            ),
+            Setting::new(
+                "size",
+                "half a side of a stroke, in radii of its point; 0: that of the brush",
+                number(&mut self.size, 0.0..=64.0),
+            ),
+            Setting::new(
+                "noise",
+                "largest rotation of a stroke [degrees]",
+                number(&mut self.noise, 0.0..=180.0),
+            ),
+            Setting::new(
+                "long",
+                "lengthening of strokes on elongated clusters",
+                number(&mut self.long, 0.0..=1.0),
+            ),
+            Setting::new(
+                "detail",
+                "opacity of the second stroke on small clusters",
+                number(&mut self.detail, 0.0..=1.0),
+            ),
+            Setting::new(
+                "largest",
+                "largest half side on the screen, as a fraction of the picture's longer side",
+                number(&mut self.largest, 0.001..=4.0),
+            ),
+            // For studies.
+            Setting::variant("sort", Value::Choice(&mut self.sort)),
+            Setting::variant("order", Value::Choice(&mut self.order)),
+            Setting::variant("tangents", Value::Choice(&mut self.tangents)),
+            Setting::variant("amplitude", number(&mut self.amplitude, 0.0..=64.0)),
+            Setting::variant("gamma", number(&mut self.gamma, 0.0..=16.0)),
+            Setting::variant("sigma_x", number(&mut self.sigma_x, 0.0..=4.0)),
+            Setting::variant("sigma_y", number(&mut self.sigma_y, 0.0..=4.0)),
+            Setting::variant("dev", number(&mut self.dev, 0.0..=1.0)),
+            Setting::variant(
+                "gaussians",
+                Value::OneOf(&mut self.gaussians, &[0.0, 6.0, 7.0, 8.0, 9.0]),
+            ),
+            Setting::variant("passes", Value::Whole(&mut self.passes, 0.0..=1e6)),
+            Setting::variant("memory", number(&mut self.memory, 1.0..=65536.0)),
+            Setting::variant("radius", Value::Whole(&mut self.radius, 1.0..=8.0)),
         ]
     }
 }

@@ -40,7 +40,7 @@ impl Painting<'_> {
     /// Of every tile of a band, how many strokes may touch it.
     fn tally(&mut self, g: &mut Graph, band: Band, turn: [u32; 2]) -> Result<Vec<u32>> {
         let mut counting = g.preceding();
-        let paint = resolve::paint(&mut counting, self.resident, self.decided)?;
+        let paint = resolve::paint(&mut counting, self.resident, &self.request)?;
         let desk = self.bind(&mut counting, band, &paint)?;
         let count = desk.tiles[0] * desk.tiles[1];
         let part = counting.upload("part", &[0, count, turn[0], turn[1]])?;

@@ -5,7 +5,7 @@ use crate::passes::fill::Method;
 use crate::passes::phong::{Backfaces, Normals};
 use crate::passes::shadows::{self, cameras::WIDEST_DEGREES};
 use crate::passes::smooth::Pixels;
-use crate::passes::{Effects, Setting, Settings, Switch, layer_m, significant};
+use crate::passes::{Effect, Effects, Setting, Settings, Switch, layer_m, significant};
 use crate::resident::Resident;
 use crate::view::light::Light;
 
@@ -21,7 +21,7 @@ impl FrameConfig {
         notes.extend(self.unused());
         let phong = self.effects.phong.settings;
         if phong.backfaces == Backfaces::Drop
-            && self.decided.runs("phong")
+            && self.decided.runs(Effect::Phong)
             && !self.drops_back_faces(resident)
         {
             let why = match phong.normals {
@@ -34,32 +34,27 @@ impl FrameConfig {
         }
         let smooth = &self.effects.smooth;
         if smooth.settings.pixels == Pixels::Filled
-            && self.decided.runs("smooth")
-            && !self.decided.runs("fill")
+            && self.decided.runs(Effect::Smooth)
+            && !self.decided.runs(Effect::Fill)
         {
             notes.push(
                 "smooth has no effect: nothing is filled; smooth=pixels=all smooths points".into(),
             );
         }
         notes.extend(self.coarse());
-        let (fill, transparency) =
-            (&self.effects.fill.settings, &self.effects.transparency.settings);
-        let own_layers = [
-            ("fill", fill.layer, fill.method == Method::Mask),
-            ("transparency", transparency.layer, true),
-            ("shadows", self.effects.shadows.settings.layer, true),
+        let fills_by_masks = self.effects.fill.settings.method == Method::Mask;
+        let using = [
+            self.decided.runs(Effect::Fill) && fills_by_masks,
+            self.decided.runs(Effect::Transparency),
+            self.decided.runs(Effect::Shadows),
         ];
-        if self.layer_m > 0.0
-            && !own_layers.iter().any(|&(effect, own, by_layers)| {
-                by_layers && own == 0.0 && self.decided.runs(effect)
-            })
-        {
+        if self.layer_m > 0.0 && using == [false; 3] {
             notes.push(format!(
-                "a layer distance of {} m has no effect: fill=method=dobrev, transparency or shadows would use it",
+                "a layer distance of {} m has no effect: fill=method=mask, transparency or shadows would use it",
                 self.layer_m
             ));
         }
-        if self.decided.runs("shadows") {
+        if self.decided.runs(Effect::Shadows) {
             notes.extend(self.of_shadows(resident));
         }
         notes
@@ -71,19 +66,14 @@ impl FrameConfig {
         let (mut asked, mut usual) = (self.effects.clone(), Effects::default());
         let pairs = asked.list().into_iter().zip(usual.list());
         pairs
-            .filter(|(own, _)| *own.switch == Switch::Auto && !self.decided.runs(own.name))
+            .filter(|(own, _)| *own.switch == Switch::Auto && !self.decided.runs(own.effect))
             .filter_map(|(own, usual)| {
                 let chosen = chosen(&own.settings, &usual.settings);
-                let why = self
-                    .decided
-                    .0
-                    .iter()
-                    .find(|(name, _)| *name == own.name)
-                    .map_or("", |(_, reason)| reason.why.as_str());
+                let why = self.decided.reason(own.effect).map_or("", |reason| reason.why.as_str());
                 (!chosen.is_empty()).then(|| {
                     format!(
                         "{}: {} has no effect, since the effect does not run: {why}",
-                        own.name,
+                        own.effect.name(),
                         chosen.join(" and ")
                     )
                 })
@@ -96,9 +86,9 @@ impl FrameConfig {
         let layer = |of_effect: f64| layer_m([of_effect, self.layer_m], &self.sampling);
         let (fill, transparency) =
             (&self.effects.fill.settings, &self.effects.transparency.settings);
-        let masks =
-            (self.decided.runs("fill") && fill.method == Method::Mask).then(|| layer(fill.layer));
-        let peels = self.decided.runs("transparency").then(|| layer(transparency.layer));
+        let masks = (self.decided.runs(Effect::Fill) && fill.method == Method::Mask)
+            .then(|| layer(fill.layer));
+        let peels = self.decided.runs(Effect::Transparency).then(|| layer(transparency.layer));
         let quantum_m = significant(self.quantum_m);
         if let Some(layer_m) = [masks, peels]
             .into_iter()
@@ -113,7 +103,9 @@ impl FrameConfig {
             ));
         }
         // A surface that rises by a pixel's width per pixel is then a staircase.
-        let surface = ["fill", "shape", "phong"].iter().any(|effect| self.decided.runs(effect));
+        let surface = [Effect::Fill, Effect::Shape, Effect::Phong]
+            .iter()
+            .any(|effect| self.decided.runs(*effect));
         let pixel_m = self.sampling.pixel_m;
         (surface && pixel_m > 0.0 && pixel_m < 2.0 * self.quantum_m)
             .then(|| format!("the depth resolution in view is {quantum_m} m, and pixels are {} m wide there: surfaces show steps and gaps; move closer", significant(pixel_m)))
@@ -122,7 +114,9 @@ impl FrameConfig {
     fn of_shadows(&self, resident: &Resident) -> Vec<String> {
         let mut notes = Vec::new();
         let settings = self.effects.shadows.settings;
-        if self.decided.runs("phong") && settings.ambient != shadows::Settings::default().ambient {
+        if self.decided.runs(Effect::Phong)
+            && settings.ambient != shadows::Settings::default().ambient
+        {
             notes.push(
                 "shadows=ambient has no effect, since phong runs: phong=ambient lights shadows"
                     .into(),
