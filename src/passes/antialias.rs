@@ -1,12 +1,14 @@
-//! Anti-aliasing: depth, and colour in its light, in; the same, blended at silhouettes, out (Dobrev, Rosenthal and Linsen 2010, sec. 3.5).
+//! Anti-aliasing: blends depth and shaded colour at silhouettes (Dobrev, Rosenthal and Linsen 2010,
+//! sec. 3.5).
 //!
 //! ```text
-//!     silhouettes       depth -> the list of tiles with silhouettes
-//!     antialias         depth, color, lit -> blended, left     only there
-//!     antialias_close   these -> color, lit
+//!     antialias_tiles   depth -> list of tiles with silhouettes
+//!     antialias         depth, color, lit -> blended, left     in these tiles
+//!     antialias_end     blended, left -> color, lit
 //! ```
-//! Silhouettes are where the Laplacian of the depth is large. Blending is in linear light, of colour times coverage, so that it comes last of all effects and the background shows through in part.
-//! Depth and point ids stay as they are, and so does all of a tile in which depth jumps nowhere.
+//! A silhouette is where the Laplacian of the depth is large. Blending works on premultiplied
+//! linear colour, so the effect is the last before layers are composited, and the background shows
+//! through in part. Depth and point ids do not change, nor do tiles without jumps in depth.
 
 use super::smooth::Pixels;
 use super::visibility::Looked;
@@ -18,37 +20,37 @@ use crate::shader::{self, antialias, antialias_end, antialias_tiles};
 use crate::view::View;
 
 pub const SUMMARY: &str =
-    "smooths the stairs of silhouettes, which are where the Laplacian of the depth is large";
+    "anti-aliasing: blends the stairs of silhouettes, found by the Laplacian of the depth";
 
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct Settings {
     pub threshold: Threshold,
     pub laplacian: Laplacian,
-    /// The low threshold: least Laplacian of a silhouette, parts of the depth.
+    /// Low threshold: smallest Laplacian of a silhouette, as a share of the depth.
     pub jump: f64,
-    /// Which tiles are blended.
+    /// Tiles that are blended.
     pub tiles: Looked,
 }
 
-/// Which silhouettes.
+/// The silhouettes that are blended.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum, serde::Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Threshold {
-    /// Against the background, and between surfaces.
+    /// Against the background and between surfaces.
     #[default]
     Low,
     /// Against the background only.
     High,
 }
 
-/// Of what.
+/// The quantity whose Laplacian finds silhouettes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum, serde::Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Laplacian {
-    /// Of 1 / depth, which bends on no plane.
+    /// 1 / depth, which is affine on every plane.
     #[default]
     Inverse,
-    /// Of the depth: the paper's.
+    /// The depth, as in the paper.
     Depth,
 }
 
@@ -93,11 +95,10 @@ pub fn called_for(_scene: &FrameContext, asked: &Effects, before: &Decided) -> R
     let smooths = before.runs(Effect::Smooth)
         && (before.runs(Effect::Fill) || asked.smooth.settings.pixels == Pixels::All);
     let (runs, why) = match before.runs(Effect::Fill) {
-        _ if smooths => (
-            true,
-            "what was smoothed ends in stairs against what lies behind; tiles without silhouettes are skipped",
-        ),
-        true => (false, "pixels keep what they show, and nothing else was smoothed"),
+        _ if smooths => {
+            (true, "smoothed surfaces end in stairs; tiles without silhouettes are skipped")
+        }
+        true => (false, "nothing was smoothed, so pixels stay as they are"),
         false => (false, "points have no silhouettes"),
     };
     Reason { runs, why: why.to_string() }
@@ -141,7 +142,7 @@ pub fn record(
 
     let GBuffer { depth, mut color, shading: mut lit, .. } = gbuffer;
     let mut blended = g.image("blended", size, Kind::Rgba32f);
-    // Without light there is nothing to read or write; a binding wants an image all the same.
+    // Unread bindings need an image, too.
     let lit_by = lit.is_some();
     let mut left = g.image("left", if lit_by { size } else { [1, 1] }, Kind::R32f);
     let light = lit.as_ref().unwrap_or(&depth);

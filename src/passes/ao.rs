@@ -1,27 +1,30 @@
-//! Ambient occlusion: depth in, what is left of light that comes from everywhere out (Bavoil, Sainz and Dimitrov 2008; Kanzok, Linsen and Rosenthal 2012, Fig. 8).
+//! Ambient occlusion: the share of ambient light that reaches each pixel, from depth (Bavoil, Sainz
+//! and Dimitrov 2008; Kanzok, Linsen and Rosenthal 2012, Fig. 8).
 //!
-//! By the horizons around a pixel above its own tangent plane: normals, fitted to the depths as for `phong`, keep steep planes from darkening, which depths alone would not. Runs on what filling and
-//! smoothing leave, and multiplies the light that shape depiction leaves.
+//! Horizons are measured above a pixel's tangent plane. Normals fitted to the depths, as for
+//! `phong`, keep steep planes from darkening. The effect runs after filling and smoothing, and
+//! multiplies the factor of shape depiction.
 
 use super::{Decided, Effects, FrameContext, GBuffer, Reason, Setting, Value, phong};
 use crate::graph::{Dispatch, Graph, Kind};
 use crate::shader::{self, ao::Push, ao::Spec};
 use crate::view::{Projection, View};
 
-pub const SUMMARY: &str =
-    "ambient occlusion: darkens corners and what stands close to other things";
+pub const SUMMARY: &str = "ambient occlusion: darkens corners and gaps";
 
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct Settings {
-    /// Beyond it nothing hides light, metres; 0: a twelfth of the picture's height, at every depth.
+    /// Distance beyond which nothing occludes [m]; 0: a twelfth of the picture's height at every
+    /// depth.
     pub radius: f64,
-    /// Parts of the light that a full horizon takes; 1 is true of light from everywhere, and hardly seen on surfaces that have colours.
+    /// Share of light that a full horizon removes. 1 is physical for ambient light, but hardly
+    /// visible on coloured surfaces.
     pub strength: f64,
-    /// Around a pixel, evenly.
+    /// Number of directions around a pixel, evenly spaced.
     pub directions: f64,
-    /// Samples of each.
+    /// Samples per direction.
     pub steps: f64,
-    /// Sine of the horizon up to which a surface is only rough.
+    /// Sine of the horizon up to which a surface counts as rough only.
     pub bias: f64,
 }
 
@@ -58,13 +61,14 @@ impl super::Settings for Settings {
     }
 }
 
-/// Of the window that a normal is fitted to, pixels; `phong` has the same.
+/// Radius of the window that a normal is fitted to [px], as in `phong`.
 pub const WINDOW_PX: i32 = 3;
 
-/// Of the picture's height.
+/// Default radius, as a share of the picture's height.
 const SHARE: f64 = 1.0 / 12.0;
 
-/// As [`super::Effects::reach_px`]: with perspective metres are any number of pixels.
+/// See [`super::Effects::reach_px`]; None for a radius in metres with perspective, which may be any
+/// number of pixels.
 pub fn reach_px(view: &View, settings: &Settings) -> Option<u32> {
     let in_metres = settings.radius > 0.0 && view.camera.projection == Projection::Perspective;
     (!in_metres)
@@ -73,13 +77,13 @@ pub fn reach_px(view: &View, settings: &Settings) -> Option<u32> {
 
 pub fn called_for(context: &FrameContext, _asked: &Effects, _before: &Decided) -> Reason {
     let why = match context.points {
-        0 => "there is nothing to shade",
-        _ => "nobody asked: it shades beside what shades already; --effect ao=on",
+        0 => "there are no points",
+        _ => "it adds to other shading, and runs only with --effect ao=on",
     };
     Reason { runs: false, why: why.to_string() }
 }
 
-/// Metres, or where `settings` leave it to the picture and there is perspective, parts of the depth.
+/// Returns the radius [m], or as a share of the depth with perspective if it is automatic.
 pub fn radius(view: &View, settings: &Settings) -> f64 {
     if settings.radius > 0.0 {
         settings.radius
@@ -88,7 +92,7 @@ pub fn radius(view: &View, settings: &Settings) -> f64 {
     }
 }
 
-/// Cosine and sine of the angle between directions.
+/// Returns cosine and sine of the angle between directions.
 pub fn turn(settings: &Settings) -> [f32; 2] {
     let angle = std::f64::consts::TAU / settings.directions.floor();
     [angle.cos() as f32, angle.sin() as f32]
@@ -121,7 +125,7 @@ pub fn record(
         lit_by: gbuffer.shading.is_some(),
         metres: perspective && settings.radius > 0.0,
     };
-    // Without light there is nothing to read; a binding wants an image all the same.
+    // Unread bindings need an image, too.
     let lit = gbuffer.shading.as_ref().unwrap_or(&gbuffer.depth);
     g.run(
         shader::Ao { depth: &gbuffer.depth, lit, left: &mut left, push, spec },

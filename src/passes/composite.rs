@@ -1,4 +1,4 @@
-//! LAYERS -> PICTURE: lit colour over the background, linear.
+//! Composites the shaded colour over the background, linear.
 
 use super::GBuffer;
 use crate::graph::{Dispatch, Graph, Image, Kind};
@@ -7,12 +7,12 @@ use crate::view::View;
 
 pub fn record(g: &mut Graph, view: &View, background: [f32; 3], gbuffer: &GBuffer) -> Image {
     let mut picture = g.image("picture", view.size, Kind::Rgba32f);
-    // What several layers show together is lit already.
+    // The accumulated colour of several layers is shaded already.
     let (color, lit) = gbuffer
         .accumulation
         .as_ref()
         .map_or((&gbuffer.color, gbuffer.shading.as_ref()), |layers| (&layers.color, None));
-    // Without light there is nothing to read; a binding wants an image all the same.
+    // Unread bindings need an image, too.
     let (lit, spec) = (lit.unwrap_or(&gbuffer.depth), Spec { lit_by: lit.is_some() });
     let push = Push { size: view.size, background };
     g.run(

@@ -1,11 +1,12 @@
-//! Points in, how many of them are in the picture out: those that opacity, facing and clip boxes leave, within its sides. One more walk over the points (glsl/lib/point_loop.glsl), for whoever wants to know.
+//! Counts the points in the picture: those that opacity, back-face removal and clip boxes leave,
+//! within its sides. It is one more loop over the points (glsl/lib/point_loop.glsl).
 
 use super::project::{self, Band, Drawn, Walk};
 use crate::graph::{Buffer, CompletedSubmission, Graph};
 use crate::shader::{self, count_visible};
 use crate::view::View;
 
-/// A count that comes back with the frame.
+/// A count that is read back with the frame.
 pub struct Tally(Buffer);
 
 pub fn record(g: &mut Graph, view: &View, drawn: &Drawn) -> Tally {

@@ -1,19 +1,19 @@
-//! Eye-dome lighting: depth and colour in, colour darkened where neighbours stand in front out (Boucheny 2009, ch. 5).
+//! Eye-dome lighting: darkens the colour where neighbours lie in front (Boucheny 2009, ch. 5).
 
 use super::{Decided, Effect, Effects, FrameContext, GBuffer, Reason, Setting, Value};
 use crate::graph::{Dispatch, Graph, Kind};
 use crate::shader::{self, edl::Push, edl::Spec};
 use crate::view::{Projection, View};
 
-pub const SUMMARY: &str = "eye-dome lighting: darkens what stands behind its neighbours, so that shape shows without normals";
+pub const SUMMARY: &str = "eye-dome lighting: darkens pixels behind their neighbours, so that shape shows without normals";
 
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct Settings {
-    /// Halvings of the light for each unit of mean slope towards the viewer.
+    /// Halvings of the light per unit of mean slope towards the viewer.
     pub strength: f64,
-    /// Distance of the neighbours, pixels.
+    /// Distance of the neighbours [px].
     pub radius: f64,
-    /// The steepest slope that counts: a jump in depth darkens as much, and no more.
+    /// Steepest slope that counts: a jump in depth darkens no more than this.
     pub cap: f64,
 }
 
@@ -55,7 +55,7 @@ pub fn reach_px(_view: &View, settings: &Settings) -> Option<u32> {
 
 pub fn called_for(context: &FrameContext, _asked: &Effects, before: &Decided) -> Reason {
     match context.points {
-        0 => Reason { runs: false, why: "there is nothing to shade".to_string() },
+        0 => Reason { runs: false, why: "there are no points".to_string() },
         _ if before.runs(Effect::Phong) => {
             Reason { runs: false, why: "Phong lighting shades already".to_string() }
         }
@@ -64,7 +64,7 @@ pub fn called_for(context: &FrameContext, _asked: &Effects, before: &Decided) ->
         }
         _ => Reason {
             runs: true,
-            why: "depths alone show the shape of a surface, with or without normals".to_string(),
+            why: "depths show the shape of surfaces without normals".to_string(),
         },
     }
 }

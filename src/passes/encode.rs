@@ -1,13 +1,14 @@
-//! PICTURE -> SCREEN: linear colours to 8-bit sRGB, for files and for windows, to the same bytes.
+//! Encodes linear colours as 8-bit sRGB, with the same bytes for files and windows.
 //!
-//! Codes are found by comparing with thresholds, since a power function rounds differently everywhere.
+//! Codes are found by comparing with thresholds, since a power function rounds differently on every
+//! device.
 
 use super::project::{self, Band};
 use crate::error::Result;
 use crate::graph::{Buffer, CompletedSubmission, Dispatch, Graph, Image};
 use crate::shader::{self, encode::Push, encode::Spec};
 
-/// Linear values above which a channel rounds to the next 8-bit code: exact, and the same on every machine.
+/// Smallest linear values that round to each next 8-bit code: exact, and the same on every machine.
 pub struct Thresholds([f32; 255]);
 
 impl Thresholds {
@@ -21,7 +22,8 @@ impl Thresholds {
         self.0.partition_point(|&threshold| linear >= threshold) as u8
     }
 
-    /// For every start of a float's bits, as glsl/trunk/encode.comp takes them: the bits of the threshold that lies among them, if one does, and the code of what does not reach it.
+    /// Returns, for every start of a float's bits as in glsl/trunk/encode.comp, the bits of the
+    /// threshold among them, if any, and the code below it.
     fn buckets(&self) -> Vec<[u32; 4]> {
         let float = |start: u32| f32::from_bits(start << 16);
         let bucket = |start: u32| {
@@ -35,7 +37,7 @@ impl Thresholds {
     }
 }
 
-/// As in glsl/trunk/encode.comp: 2^-13 and 1.
+/// Range of starts as in glsl/trunk/encode.comp: 2^-13 and 1.
 const FIRST: u32 = 0x3900;
 const LAST: u32 = 0x3F80;
 
@@ -45,11 +47,11 @@ impl Default for Thresholds {
     }
 }
 
-/// Where a picture is shown.
+/// The target of a window.
 pub struct Screen {
-    /// A word a pixel, row by row from the top left; there may be more.
+    /// One word per pixel, row by row from the top left; there may be more.
     pub words: Buffer,
-    /// The lowest byte of a word is blue, not red.
+    /// Whether the lowest byte of a word is blue instead of red.
     pub blue_first: bool,
 }
 
@@ -63,13 +65,13 @@ pub fn record(g: &mut Graph, picture: &Image, screen: &mut Screen) -> Result<()>
     Ok(())
 }
 
-/// A picture as it goes into a file: a buffer a band, from the top down.
+/// A picture for a file: one buffer per band, from the top down.
 pub struct Encoded(Vec<(Buffer, Band)>);
 
-/// Bytes of a pixel: three, in whole words.
+/// Bytes per pixel: three, in whole words.
 const PIXEL_BYTES: u64 = 4;
 
-/// Asks for it after the submission.
+/// Encodes a picture into buffers that are read back.
 pub fn download(g: &mut Graph, picture: &Image) -> Result<Encoded> {
     let buckets = &g.upload("buckets", &Thresholds::new().buckets())?;
     let bands =
@@ -87,7 +89,7 @@ pub fn download(g: &mut Graph, picture: &Image) -> Result<Encoded> {
 }
 
 impl Encoded {
-    /// Red, green and blue of each pixel, rows of them from the top left.
+    /// Returns red, green and blue of each pixel, row by row from the top left.
     pub fn read<'f>(&self, frame: &'f CompletedSubmission) -> Vec<&'f [u8]> {
         let pixels = |band: &Band| 3 * band.size[0] as usize * band.size[1] as usize;
         self.0.iter().map(|(bytes, band)| &frame.read(bytes)[..pixels(band)]).collect()

@@ -1,7 +1,9 @@
-//! One exposure for all stations: a factor on the light of each, so that where two have seen the same it looks the same (`index::attributes::exposure`).
+//! One exposure for all stations: one factor on the light of each, so that places seen by two
+//! stations look the same (`index::attributes::exposure`).
 //!
-//! Colours number their station, and are looked up in a row of a table that is its own: what this takes is the table. It comes before all else that is done to colours, keeps every detail, and leaves to
-//! `luminance` what no factor mends: shadows, the time of day.
+//! Colours carry the number of their station and are looked up in its row of a table; this effect
+//! sets that table. It comes before all other effects on colours and keeps every detail.
+//! `luminance` handles what no factor corrects, such as moving shadows and the time of day.
 
 use super::{Decided, Effect, Effects, FrameContext, GBuffer, Reason, Setting};
 use crate::cloud::attribute::{Attribute, station_code};
@@ -11,7 +13,7 @@ use crate::resident::Resident;
 use crate::view::View;
 
 pub const SUMMARY: &str =
-    "one exposure for all stations: a factor on the light of each, from where they overlap";
+    "one exposure for all stations: one factor on the light of each, from their overlaps";
 
 #[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize)]
 pub struct Settings {}
@@ -32,15 +34,15 @@ pub fn reach_px(_view: &View, _settings: &Settings) -> Option<u32> {
     Some(0)
 }
 
-/// Stops between the brightest station and the darkest that are seen.
+/// Difference between the brightest and the darkest station from which it is visible [stops].
 const SEEN: f64 = 0.05;
 
 pub fn called_for(context: &FrameContext, _asked: &Effects, _before: &Decided) -> Reason {
     let stations = context.stations;
     let (runs, why) = match context.balance {
-        _ if context.shown != Attribute::Rgb => (false, "points do not show their colours".to_string()),
-        _ if stations < 2 => (false, "there is one station, and with it one exposure".to_string()),
-        None => (false, "nobody knows by how much stations differ: none overlap, or their index is of an earlier version".to_string()),
+        _ if context.shown != Attribute::Rgb => (false, "points do not show colours".to_string()),
+        _ if stations < 2 => (false, "there is only one station".to_string()),
+        None => (false, "the difference of stations is unknown: none overlap, or the index is of an earlier version".to_string()),
         Some(balance) if stops(balance) < SEEN => {
             (false, format!("{stations} stations have the same exposure, to {:.2} stops", stops(balance)))
         }
@@ -49,7 +51,7 @@ pub fn called_for(context: &FrameContext, _asked: &Effects, _before: &Decided) -
             (
                 true,
                 format!(
-                    "{stations} stations, {:.2} stops from the darkest to the brightest where they overlap; {uneven} % of what they share differs all the same",
+                    "{stations} stations, {:.2} stops from the darkest to the brightest where they overlap; {uneven} % of their overlaps still differ",
                     stops(balance)
                 ),
             )
@@ -58,7 +60,7 @@ pub fn called_for(context: &FrameContext, _asked: &Effects, _before: &Decided) -
     Reason { runs, why }
 }
 
-/// Whether stations are shown with one exposure: their own, or that which this has given them.
+/// Returns whether all stations have one exposure: their own, or by this effect.
 pub fn is_one(context: &FrameContext, decided: &Decided) -> bool {
     decided.runs(Effect::Exposure) || context.balance.is_some_and(|balance| stops(balance) < SEEN)
 }
@@ -71,7 +73,8 @@ fn stops(balance: &Balance) -> f64 {
     (most / least).log2()
 }
 
-/// A factor for every row of a table: none for words that number no station, then those of the stations, which are 1 where this does not run.
+/// Returns a factor for every row of the table: 1 for words without a station, then one for each
+/// station, which is 1 if the effect does not run.
 pub fn gains(resident: &Resident, decided: &Decided) -> Vec<f64> {
     let balance = resident.balance.as_ref().filter(|_| decided.runs(Effect::Exposure));
     let numbered = if resident.shown.coded { resident.stations.len() } else { 0 };
@@ -82,7 +85,7 @@ pub fn gains(resident: &Resident, decided: &Decided) -> Vec<f64> {
         .collect()
 }
 
-/// What there was to do was done when colours were looked up.
+/// Returns the G-buffer unchanged: colours were looked up in the table before.
 pub fn record(
     _g: &mut Graph,
     _scene: &FrameContext,

@@ -1,13 +1,20 @@
-//! Luminance correction: what a pixel's points have in common in, colours of one luminance out, whichever station each point is from (Kanzok, Linsen and Rosenthal 2012).
+//! Luminance correction: colours of one luminance, whichever station each point is from (Kanzok,
+//! Linsen and Rosenthal 2012).
 //!
 //! ```text
-//!     project         points -> which chunks          the walk that finds the front also says which chunks have a point at most epsilon behind it
-//!     luminance_sum   points, front depth -> sums     a second walk, over those chunks: points at most epsilon behind the front count, value and number
-//!     luminance       sums, color -> color            hue and saturation of the front point, the mean of all values
+//!     project         points -> chunks with points         the walk that finds the front also
+//!                                                          finds chunks at most epsilon behind it
+//!     luminance_sum   points, front depth -> sums          a second walk over these chunks adds
+//!                                                          value and count of points at the front
+//!     luminance       sums, color -> color                 hue and saturation of the front point,
+//!                                                          mean of all values
 //! ```
-//! Where one station alone has seen what is there (`resident::station_overlap`), there is nothing to correct: points that lie there only are not walked again, and pixels keep their own colours.
-//! Sums are whole numbers, so that neither the order of points nor that of threads shows. The walk finds depths by the very function that the first one found them by, so that the front point is always
-//! in its own sum (HARD_CASES 25). Colours come as the values that front points have, and are made linear here. It runs before hidden points are taken out and holes are filled, so that filling fills with corrected colours.
+//! Nothing is corrected where only one station has points (`resident::station_overlap`): these
+//! points are not walked again, and pixels keep their colours. Sums are integers, so neither the
+//! order of points nor threads change them. Both walks compute depths by the same function, so the
+//! front point is always in its own sum (guide: numerics, case 25). Colours arrive as 8-bit values
+//! of front points and become linear here. The effect runs before hidden points are removed and
+//! holes are filled, so that filling uses corrected colours.
 
 use super::exposure;
 use super::project::{self, Band, Drawn, Group, Shallow, Walk};
@@ -20,18 +27,20 @@ use crate::shader::{self, luminance as kernel, luminance_sum32, luminance_sum64}
 use crate::view::View;
 
 pub const SUMMARY: &str =
-    "one luminance for all stations: the mean of all points of the front surface in a pixel";
+    "one luminance for all stations: the mean over all points of the front surface of a pixel";
 
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct Settings {
     pub space: Space,
-    /// Side of the square of pixels whose points are averaged, with the weights of a Gaussian: 1 or 3; 0: as many as hold enough points.
+    /// Side of the square of pixels whose points are averaged with Gaussian weights: 1 or 3; 0: as
+    /// many as hold enough points [px].
     pub neighbourhood: f64,
-    /// How far behind the front a point is still of its surface, metres; 0: three spacings of the points.
+    /// Distance behind the front up to which a point belongs to its surface [m]; 0: three point
+    /// spacings.
     pub epsilon: f64,
 }
 
-/// What is averaged.
+/// The channels that are averaged.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum, serde::Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Space {
@@ -73,7 +82,8 @@ impl super::Settings for Settings {
     }
 }
 
-/// Points a pixel from which a mean is worth its walk (Kanzok et al. 2012, sec. 5: seven to ten).
+/// Points per pixel from which the average is worth the second walk (Kanzok et al. 2012, sec. 5:
+/// seven to ten).
 const ENOUGH: f64 = 7.0;
 
 /// As [`super::Effects::reach_px`].
@@ -82,25 +92,23 @@ pub fn reach_px(_view: &View, settings: &Settings) -> Option<u32> {
     Some(!of_one as u32)
 }
 
-/// Of the places that stations share, the part that may differ once all have one exposure.
+/// Share of overlapping places that may still differ once all stations have one exposure.
 const FEW: f64 = 0.05;
 
 pub fn called_for(context: &FrameContext, _asked: &Effects, before: &Decided) -> Reason {
     let (stations, density) = (context.stations, super::significant(context.sampling.density));
     let (runs, why) = match () {
-        _ if context.points == 0 => (false, "there is nothing to correct".to_string()),
-        _ if !context.shown.has_luminance() => (
-            false,
-            "what points show has no luminance: neither their colours nor an intensity".to_string(),
-        ),
-        _ if context.shown == Attribute::Corrected => {
-            (false, "the colours that are shown are corrected already".to_string())
+        _ if context.points == 0 => (false, "there are no points".to_string()),
+        _ if !context.shown.has_luminance() => {
+            (false, "points show neither colours nor intensity".to_string())
         }
-        _ if stations < 2 => (false, "there is one station, and with it one light".to_string()),
-        _ if context.overlap.count == 0 => (
-            false,
-            format!("{stations} stations, of which no part of the picture shows more than one"),
-        ),
+        _ if context.shown == Attribute::Corrected => {
+            (false, "the colours are corrected already".to_string())
+        }
+        _ if stations < 2 => (false, "there is only one station".to_string()),
+        _ if context.overlap.count == 0 => {
+            (false, format!("{stations} stations, but no part of the picture shows several"))
+        }
         _ if context.sampling.density < ENOUGH => (
             false,
             format!(
@@ -110,7 +118,7 @@ pub fn called_for(context: &FrameContext, _asked: &Effects, before: &Decided) ->
         _ if exposure::is_one(context, before)
             && context.balance.is_some_and(|balance| balance.uneven <= FEW) =>
         {
-            (false, "with one exposure stations hardly differ; --effect luminance=on".to_string())
+            (false, "stations hardly differ at one exposure; --effect luminance=on".to_string())
         }
         _ => {
             let shared = super::significant(
@@ -127,39 +135,41 @@ pub fn called_for(context: &FrameContext, _asked: &Effects, before: &Decided) ->
     Reason { runs, why }
 }
 
-/// Whether values are averaged: of strokes there are none that lie behind each other.
+/// Returns whether values are averaged. Strokes have no points behind each other.
 pub fn averages(shown: Attribute, decided: &Decided) -> bool {
     decided.runs(Effect::Luminance) && !decided.runs(Effect::Strokes) && shown.has_luminance()
 }
 
-/// What every pixel's points add up to.
+/// The sums of every pixel's points.
 pub struct Sums {
     bands: Vec<Summed>,
-    /// The trunk's.
+    /// Lookup of the trunk.
     paint: ColorLookup,
     channels: u32,
-    /// Metres.
+    /// Distance behind the front [m].
     pub epsilon: f32,
-    /// Of every tile, whether it is corrected; all are where there is none.
+    /// Whether each tile is corrected; None if all are.
     several: Option<Buffer>,
 }
 
-/// Of the rows of one band.
+/// Sums of the rows of one band.
 struct Summed {
-    /// The first, and the one after the last.
+    /// First row, and the one after the last.
     rows: [u32; 2],
-    /// With the rows beside it that neighbours are in.
+    /// The band, with adjacent rows for neighbours.
     band: Band,
     sums: Buffer,
 }
 
-/// Both words of a sum hold so many points (glsl/lib/luminance.glsl).
+/// Largest number of points that both words of a sum can hold (glsl/lib/luminance.glsl).
 pub const MOST_POINTS: u64 = (1 << 28) - 1;
 
-/// In spacings of the points: of one to eight, as many as leave no greater steps than the offline reference and a tenth, and lose no more details (`study luminance`).
+/// Automatic epsilon [point spacings]. Among one to eight, the least that leaves no greater steps
+/// than a tenth above the offline reference, and loses no more details (`study luminance`).
 const SPACINGS: f64 = 3.0;
 
-/// Pixels around one whose points count with its own. The 3 x 3 weigh as much as four pixels: where four times as many points as are enough lie in one, that one will do.
+/// Returns the radius of the averaged neighbourhood [px]. The 3 x 3 weigh as much as four pixels:
+/// with four times enough points per pixel, one pixel suffices.
 fn around(context: &FrameContext, settings: &Settings) -> u32 {
     let asked = settings.neighbourhood;
     (if asked == 0.0 { context.sampling.density < 4.0 * ENOUGH } else { asked >= 2.0 }) as u32
@@ -169,7 +179,7 @@ fn epsilon(context: &FrameContext, settings: &Settings) -> f64 {
     if settings.epsilon == 0.0 { SPACINGS * context.sampling.spacing_m } else { settings.epsilon }
 }
 
-/// What the first walk is to find out for the second one; none where there is none.
+/// Creates the buffer that the first walk fills for the second; None without correction.
 pub fn shallow(
     g: &mut Graph,
     context: &FrameContext,
@@ -180,10 +190,11 @@ pub fn shallow(
     paint.levels.is_some().then(|| drawn.shallow(g, epsilon(context, settings) as f32))
 }
 
-/// Bytes of a sum: of values, and how many.
+/// Bytes of a sum: values and count.
 const SUM_BYTES: u64 = 8;
 
-/// Sums of all pixels, of the points at most epsilon behind the front.
+/// Returns the sums of all pixels: points at most epsilon behind the front. Errors if there are
+/// more points than a sum holds.
 pub fn sums(
     g: &mut Graph,
     context: &FrameContext,
@@ -213,7 +224,7 @@ pub fn sums(
     };
     let again = Again { context, drawn, shallow, paint, front, channels };
     let [width, height] = context.view.size;
-    // Two rows are left for the neighbours of a band.
+    // Two rows are for neighbours of a band.
     let limit = g.binding_limit().saturating_sub(2 * SUM_BYTES * channels as u64 * width as u64);
     for Band { top, size } in project::bands([channels * width, height], SUM_BYTES, limit) {
         let rows = [top, top + size[1]];
@@ -230,7 +241,7 @@ pub fn sums(
     Ok(sums)
 }
 
-/// The second walk over points.
+/// The inputs of the second walk over points.
 struct Again<'w> {
     context: &'w FrameContext<'w>,
     drawn: &'w Drawn,

@@ -1,4 +1,5 @@
-//! One file a pass: from handles to handles. The trunk (project, resolve, composite) and the registry of effects.
+//! Passes, one file each, from graph handles to graph handles: the trunk (project, resolve,
+//! composite) and the registry of effects.
 
 pub mod antialias;
 pub mod ao;
@@ -30,87 +31,94 @@ use crate::view::View;
 use crate::view::light::Light;
 use std::sync::Arc;
 
-/// What the screen-space passes hand on.
+/// The images and buffers that screen-space passes read and write.
 pub struct GBuffer {
-    /// Planar depth, metres; infinite where nothing is, minus infinite where something is that is not known yet.
+    /// Planar depth [m]; infinite for background, minus infinite if unknown.
     pub depth: Image,
-    /// Planar depth as the points were projected.
+    /// Planar depth of the projected points [m].
     pub projected_depth: Image,
-    /// Point ids; of pixels that were filled with one point's values, that one's.
+    /// Point ids. A pixel that was filled from one point has the id of that point.
     pub index: Image,
-    /// Point ids as the points were projected.
+    /// Point ids of the projected points.
     pub projected_index: Image,
-    /// Linear colour multiplied by its alpha, which is how opaque a surface is, and 0 where none is.
+    /// Linear colour, premultiplied by alpha. Alpha is the opacity of the surface, 0 for
+    /// background.
     pub color: Image,
-    /// Layers before this one and with it, where they let light through.
+    /// Transparent layers up to this one, composited.
     pub accumulation: Option<transparency::Accumulation>,
-    /// For every node by its number, the address of the page with its points' normals, where they have brought any.
+    /// Address of the page with the normals of each node's points, by node number, if points have
+    /// any.
     pub normal_pages: Option<Buffer>,
-    /// How much of a light reaches each point, where shadows are cast.
+    /// Visibility of the light from each point, if shadows are cast.
     pub light_visibility: Option<shadows::LightVisibility>,
-    /// How much of the light reaches each pixel's surface, where lighting is to take that into account: red, green and blue alike. What fills colours fills it like them.
+    /// Visibility of the light from each pixel's surface, the same in red, green and blue, if
+    /// lighting takes it into account. It is filled like the colour.
     pub shadow_factor: Option<Image>,
-    /// What each pixel's points add up to, where luminance is corrected.
+    /// Sums of each pixel's points, if luminance is corrected.
     pub luminance_sums: Option<luminance::Sums>,
-    /// What is left of the light, which multiplies the colour; all of it where no effect takes any.
+    /// Factor on the light, which multiplies the colour; None is 1.
     pub shading: Option<Image>,
-    /// Of every node of the frame, how far apart its points are, metres; f32.
+    /// Point spacing of every node of the frame [m], f32.
     pub spacings: Buffer,
-    /// The least and the most that may be on the screen, pixels; infinite where the camera is within a node.
+    /// Smallest and largest point spacing on the screen [px]; infinite if the camera is within a
+    /// node.
     pub spacing_px: [f64; 2],
-    /// How far apart pixels are whose depths are not those of one point, pixels; 1 where each is its own or lies between those around.
+    /// Distance of pixels whose depths come from different points [px]: 1 if each pixel has its own
+    /// depth or one interpolated from its neighbours.
     pub flat_px: u32,
-    /// Where each pixel's depth was taken from, if from others: four rows a texel (glsl/lib/depth_source.glsl).
+    /// Origin of each pixel's depth, if copied from another pixel: four rows per texel
+    /// (glsl/lib/depth_source.glsl).
     pub depth_source: Option<Image>,
-    /// Tiles with pixels of unknown depth, where a pass has looked for them.
+    /// Tiles with pixels of unknown depth, if a pass has looked for them.
     pub holes: Option<Holes>,
 }
 
 impl GBuffer {
-    /// What is filled alike: colours, and how much of the light reaches them.
+    /// Returns the images that are filled alike: colour and light visibility.
     pub fn colors(&self) -> impl Iterator<Item = &Image> {
         [Some(&self.color), self.shadow_factor.as_ref()].into_iter().flatten()
     }
 }
 
-/// A list of tiles of 8 x 8 pixels, made on the device (glsl/lib/tile.glsl).
+/// A list of 8 x 8 pixel tiles, made on the device (glsl/lib/tile.glsl).
 pub struct Holes {
     pub list: Buffer,
-    /// Of every tile, the width of the kernel that has found some, pixels; u32.
+    /// Width of the kernel that found unknown pixels, for each tile [px], u32.
     pub kernels: Buffer,
-    /// Of the widest kernel that has looked for them.
+    /// Width of the widest kernel that looked for them [px].
     pub widest: u32,
-    /// Where that was found.
+    /// Where points lie on no surface, if visibility has looked.
     pub scattered: Option<Scattered>,
 }
 
-/// What visibility knows of points that lie on no surface.
+/// What visibility knows about points that lie on no surface.
 pub struct Scattered {
-    /// What tiles hold (glsl/lib/tile.glsl).
+    /// Contents of tiles (glsl/lib/tile.glsl).
     pub tiles: Buffer,
-    /// Two words a tile, a bit a pixel: points that are hidden.
+    /// Hidden points: two words per tile, one bit per pixel.
     pub invisible: Buffer,
-    /// The same: points that are led from all sides, and may be seen all the same.
+    /// Points that are surrounded by nearer ones but may be visible: two words per tile.
     pub scattered: Buffer,
 }
 
-/// Of what is no effect: normals look at neighbours.
+/// Reach of passes that are no effects [px]: normals look at neighbours.
 const OTHERS_REACH_PX: u32 = 2;
 
-/// Tiles across and down a picture.
+/// Returns the number of tiles across and down a picture.
 pub fn tiles(size: [u32; 2]) -> [u32; 2] {
     size.map(|side| side.div_ceil(TILE_PX))
 }
 
-/// As in glsl/lib/tile.glsl.
+/// Side of a tile [px], as in glsl/lib/tile.glsl.
 pub const TILE_PX: u32 = 8;
-/// Cells of the coarsest level of any pyramid: a part of a picture begins and ends with whole ones, but at the picture's own edges.
+/// Side of the coarsest cells of any pyramid [px]. A piece of a picture begins and ends on
+/// multiples of it, except at the picture's edges.
 pub const BLOCK_PX: u32 = 1 << (MOST_LEVELS - 1);
-/// Of a pyramid over the picture, with the picture itself.
+/// Largest number of levels of a pyramid over the picture, including the picture itself.
 pub const MOST_LEVELS: u32 = 8;
 pub const LIST_HEADER: u32 = 4;
 
-/// Off, on, or where the scene calls for it.
+/// Off, on, or as the frame calls for it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum, serde::Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Switch {
@@ -120,27 +128,27 @@ pub enum Switch {
     Auto,
 }
 
-/// What effects decide by, and work on.
+/// The inputs of effects and of their decisions.
 pub struct FrameContext<'s> {
     pub view: &'s View,
     pub light: Light,
     pub points: u64,
-    /// How densely points sample the picture.
+    /// Density of points on the screen.
     pub sampling: PointDensity,
     pub stations: usize,
-    /// What points show.
+    /// Attribute that points show.
     pub shown: Attribute,
-    /// Some points let through what is behind them.
+    /// Whether some points are transparent.
     pub transparent: bool,
-    /// The layer distance that somebody has asked for, metres; 0: nobody has.
+    /// Layer distance of the user [m]; 0: automatic.
     pub asked_layer_m: f64,
-    /// Points have brought normals.
+    /// Whether points have normals.
     pub normals: bool,
-    /// Points have brought how much of this light reaches them.
+    /// Whether points have saved shadows of this light.
     pub lit: bool,
-    /// What gives all stations one exposure, where that is known.
+    /// Exposure of the stations, if known.
     pub balance: Option<&'s Balance>,
-    /// Where in the picture several stations have seen something.
+    /// Screen tiles that may show several stations.
     pub overlap: Arc<StationOverlap>,
 }
 
@@ -162,46 +170,48 @@ impl<'s> FrameContext<'s> {
         }
     }
 
-    /// As [`layer_m`], of an effect that has its own.
+    /// Returns the [`layer_m`] of an effect that may have its own.
     pub fn layer_m(&self, of_effect: f64) -> f64 {
         layer_m([of_effect, self.asked_layer_m], &self.sampling)
     }
 }
 
-/// The layer distance: surfaces nearer to each other than this are taken for one, metres: as asked for, of an effect or else of the picture. Where nobody asks, four spacings of the points, or of the pixels
-/// where those are wider, which holds what neighbours on one surface differ by unless it is steep (papers/README.md, Dobrev).
+/// Returns the layer distance [m]: surfaces nearer to each other count as one. It is the first
+/// number asked for that is not 0, else four spacings of the points, or of the pixels if those are
+/// wider. That is the depth difference of neighbours on one surface unless it is steep (guide:
+/// papers).
 pub fn layer_m(asked: [f64; 2], &PointDensity { spacing_m, pixel_m, .. }: &PointDensity) -> f64 {
     asked.into_iter().find(|asked| *asked > 0.0).unwrap_or(4.0 * spacing_m.max(pixel_m))
 }
 
-/// A number to three digits, for people to read.
+/// Rounds a number to three significant digits.
 pub fn significant(number: f64) -> f64 {
     format!("{number:.2e}").parse().expect("a number as it was written")
 }
 
-/// Why an effect runs, or does not.
+/// Whether an effect runs, and why.
 #[derive(Clone, Debug, PartialEq, Eq, serde::Serialize)]
 pub struct Reason {
     pub runs: bool,
     pub why: String,
 }
 
-/// For every effect in order: whether it runs, and why.
+/// The decision for every effect, in order.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Decided(pub Vec<(Effect, Reason)>);
 
 impl Decided {
-    /// Whether an effect runs; an effect may ask for those before it.
+    /// Returns whether an effect runs. An effect may ask about those before it.
     pub fn runs(&self, effect: Effect) -> bool {
         self.reason(effect).is_some_and(|reason| reason.runs)
     }
 
-    /// Returns why an effect runs or does not; None before it is decided.
+    /// Returns the decision about an effect; None before it is made.
     pub fn reason(&self, effect: Effect) -> Option<&Reason> {
         self.0.iter().find(|(other, _)| *other == effect).map(|(_, reason)| reason)
     }
 
-    /// Why an effect runs or does not, for who knows better.
+    /// Replaces the reason of a decision.
     pub fn explain(&mut self, effect: Effect, why: &str) {
         self.0
             .iter_mut()
@@ -210,7 +220,7 @@ impl Decided {
     }
 }
 
-/// Returns how colours are looked up where these effects run.
+/// Returns how colours are looked up if these effects run.
 pub fn color_request(resident: &Resident, decided: &Decided) -> resolve::ColorRequest {
     resolve::ColorRequest {
         gains: exposure::gains(resident, decided),
@@ -218,7 +228,8 @@ pub fn color_request(resident: &Resident, decided: &Decided) -> resolve::ColorRe
     }
 }
 
-/// The registry: one line an effect, in the order in which they run. It yields the settings, the name on the command line, the switch and the call.
+/// The registry: one line per effect, in the order in which they run. It yields the settings, the
+/// command line name, the switch and the call.
 macro_rules! effects {
     ($($name:ident $effect:ident),* $(,)?) => {
         /// The effects, in the order in which they run.
@@ -239,19 +250,19 @@ macro_rules! effects {
         /// Names of all effects, in the order in which they run.
         pub const EFFECTS: &[&str] = &[$(stringify!($name)),*];
 
-        /// Of every effect: whether the user wants it, and its settings.
+        /// Switch and settings of every effect.
         #[derive(Clone, Debug, Default, PartialEq, serde::Serialize)]
         pub struct Effects {
             $(pub $name: Asked<$name::Settings>,)*
         }
 
         impl Effects {
-            /// `NAME=off|on|auto[,key=value...]`.
+            /// Parses `NAME=off|on|auto[,key=value...]`.
             pub fn set(&mut self, text: &str) -> Result<(), String> {
                 self.set_from(text, false)
             }
 
-            /// Sets the same, and also the settings that only studies and tests use.
+            /// Parses the same, including the settings that only studies and tests use.
             pub fn set_any(&mut self, text: &str) -> Result<(), String> {
                 self.set_from(text, true)
             }
@@ -264,7 +275,7 @@ macro_rules! effects {
                 }
             }
 
-            /// Whether each effect runs in this scene, and why.
+            /// Decides whether each effect runs in this frame.
             pub fn decide(&self, context: &FrameContext) -> Decided {
                 let mut decided = Decided::default();
                 $(let reason = self.$name.decide(stringify!($name), $name::called_for(context, self, &decided));
@@ -272,7 +283,8 @@ macro_rules! effects {
                 decided
             }
 
-            /// How many pixels around one what is drawn there depends on; none where on the whole picture.
+            /// Returns the distance within which a pixel depends on others [px]; None if on the
+            /// whole picture.
             pub fn reach_px(&self, view: &View, decided: &Decided) -> Option<u32> {
                 let mut reach = OTHERS_REACH_PX;
                 $(if decided.runs(Effect::$effect) {
@@ -281,7 +293,7 @@ macro_rules! effects {
                 Some(reach)
             }
 
-            /// Every effect in order, for who shows them and lets people choose.
+            /// Lists every effect in order, for user interfaces.
             pub fn list(&mut self) -> Vec<Listed<'_>> {
                 vec![$(Listed {
                     effect: Effect::$effect,
@@ -291,14 +303,15 @@ macro_rules! effects {
                 }),*]
             }
 
-            /// A line of help for every effect and its settings.
+            /// Returns the help text of all effects and their settings.
             pub fn help() -> String {
                 [$(format!("{}: {}\n{}", stringify!($name), $name::SUMMARY, Asked::<$name::Settings>::help())),*].join("\n")
             }
         }
 
         impl Effects {
-            /// How far from a pixel that holds a point those that run may change a picture, pixels; points are at most so far apart on the screen.
+            /// Returns the distance from the nearest point within which the running effects may
+            /// change a pixel [px], if points are at most `spacing_px` apart.
             pub fn grows_px(&self, decided: &Decided, spacing_px: f64) -> f64 {
                 let mut grows_px = 0.0;
                 $(if decided.runs(Effect::$effect) {
@@ -308,7 +321,7 @@ macro_rules! effects {
             }
         }
 
-        /// Every effect that runs, in order.
+        /// Runs the effects in order.
         pub fn apply(g: &mut Graph, context: &FrameContext, effects: &Effects, decided: &Decided, mut gbuffer: GBuffer) -> GBuffer {
             $(if decided.runs(Effect::$effect) {
                 gbuffer = $name::record(g, context, &effects.$name.settings, gbuffer);
@@ -334,19 +347,19 @@ effects! {
     transparency Transparency, // color, lit -> front
 }
 
-/// A setting of an effect as the command line knows it: name, unit and meaning, and its value.
+/// A setting of an effect: name, help text with unit, and value.
 pub struct Setting<'s> {
     pub name: &'static str,
     pub about: &'static str,
     pub value: Value<'s>,
-    /// Whether only studies and tests use it: a variant of a paper, or a baseline.
+    /// Whether only studies and tests use it: a variant of a paper or a baseline.
     pub is_variant: bool,
 }
 
-/// What a setting can be.
+/// The value of a setting, with its limits.
 pub enum Value<'s> {
     Number(&'s mut f64, std::ops::RangeInclusive<f64>),
-    /// Without a fraction.
+    /// A number without a fraction.
     Whole(&'s mut f64, std::ops::RangeInclusive<f64>),
     /// One of a few numbers.
     OneOf(&'s mut f64, &'static [f64]),
@@ -357,7 +370,7 @@ pub enum Value<'s> {
 pub trait Choice {
     fn name(&self) -> String;
     fn names(&self) -> Vec<String>;
-    /// Whether there is one of this name.
+    /// Chooses by name; returns false if there is none of this name.
     fn choose(&mut self, name: &str) -> bool;
 }
 
@@ -376,12 +389,12 @@ impl<E: clap::ValueEnum> Choice for E {
 }
 
 impl<'s> Setting<'s> {
-    /// Returns a setting of users.
+    /// Creates a setting for users.
     pub fn new(name: &'static str, about: &'static str, value: Value<'s>) -> Setting<'s> {
         Setting { name, about, value, is_variant: false }
     }
 
-    /// Returns a setting that only studies and tests use.
+    /// Creates a setting that only studies and tests use.
     pub fn variant(name: &'static str, value: Value<'s>) -> Setting<'s> {
         Setting { name, about: "", value, is_variant: true }
     }
@@ -459,7 +472,7 @@ fn numbers(of: &[f64]) -> String {
     of.iter().map(f64::to_string).collect::<Vec<_>>().join(", ")
 }
 
-/// An effect: its name, what it does, and what people may choose of it.
+/// An effect with its help text, switch and settings.
 pub struct Listed<'s> {
     pub effect: Effect,
     pub about: &'static str,
@@ -479,7 +492,7 @@ impl std::fmt::Display for Value<'_> {
 }
 
 impl std::fmt::Display for Listed<'_> {
-    /// As [`Effects::set`] takes it.
+    /// Formats as [`Effects::set`] parses it.
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         write!(f, "{}={}", self.effect.name(), Choice::name(self.switch))?;
         self.settings
@@ -488,9 +501,9 @@ impl std::fmt::Display for Listed<'_> {
     }
 }
 
-/// What an effect's settings can say of themselves.
+/// The settings of an effect, described at run time.
 pub trait Settings: Default {
-    /// Lists what users may set.
+    /// Lists the settings for users.
     fn list(&mut self) -> Vec<Setting<'_>> {
         self.list_all().into_iter().filter(|setting| !setting.is_variant).collect()
     }
@@ -498,14 +511,15 @@ pub trait Settings: Default {
     /// Lists all settings, including those that only studies and tests use.
     fn list_all(&mut self) -> Vec<Setting<'_>>;
 
-    /// How far from a pixel that holds a point the effect may change the picture, pixels, where points are at most so far apart; nobody knows where nothing is said. Layers behind others are drawn no
-    /// farther from their points than all effects together carry them.
+    /// Returns the distance from the nearest point within which the effect may change a pixel [px],
+    /// if points are at most `spacing_px` apart; infinite if unknown. Layers behind others are
+    /// drawn no farther from their points than this sum over all effects.
     fn grows_px(&self, _spacing_px: f64) -> f64 {
         f64::INFINITY
     }
 }
 
-/// A switch and settings.
+/// A switch with the settings of an effect.
 #[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize)]
 pub struct Asked<S> {
     pub switch: Switch,

@@ -1,11 +1,14 @@
-//! Phong lighting: depth and colour in, colour in the light of `--light` out (Phong 1975; Dobrev, Rosenthal and Linsen 2010, sec. 3.1).
+//! Phong lighting: shades the colour by `--light` (Phong 1975; Dobrev, Rosenthal and Linsen 2010,
+//! sec. 3.1).
 //!
 //! ```text
-//!     facing   index, normals of points -> those of pixels        where points have brought any
-//!     phong    depth, color, normals of pixels -> color
+//!     point_normals   index, normals of points -> normals of pixels    if points have any
+//!     phong           depth, color, normals of pixels -> color
 //! ```
-//! A pixel whose point has a normal takes it; one that filling has made takes the mean of those around it on the same surface; and where there are none the normal is fitted to the depths on the screen
-//! (glsl/lib/fit_normal.glsl). All are turned towards the camera. Shape depiction, and shadows, multiply what is left of the light; this colours what they multiply.
+//! A pixel uses the normal of its point. A filled pixel uses the mean of its neighbours on the same
+//! surface. Without point normals, they are fitted to the depths on the screen
+//! (glsl/lib/fit_normal.glsl). All are turned towards the camera. Shape depiction and shadows
+//! multiply the light; this pass computes the colour that they multiply.
 
 use super::{
     Asked, Decided, Effect, Effects, FrameContext, GBuffer, Reason, Setting, Switch, Value, fill,
@@ -16,35 +19,34 @@ use crate::view::light::Light;
 use crate::view::{Projection, View};
 use glam::DVec3;
 
-pub const SUMMARY: &str =
-    "Phong lighting of the surface on the screen by --light: ambient, diffuse, specular";
+pub const SUMMARY: &str = "Phong lighting by --light: ambient, diffuse and specular";
 
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct Settings {
-    /// Part of the colour that shows without light; with `diffuse` it should be 1.
+    /// Share of the colour without light; with `diffuse` it should add up to 1.
     pub ambient: f64,
-    /// Part of the colour that shows where a surface faces the light.
+    /// Share of the colour added where a surface faces the light.
     pub diffuse: f64,
-    /// White that a mirror would add.
+    /// White added by a perfect reflection.
     pub specular: f64,
-    /// How narrow highlights are: the exponent, whole.
+    /// Exponent of highlights, a whole number: larger is narrower.
     pub shininess: f64,
     pub normals: Normals,
     pub backfaces: Backfaces,
-    /// Of the neighbourhood that a normal is fitted to, pixels.
+    /// Radius of the neighbourhood that a normal is fitted to [px].
     pub radius: f64,
 }
 
-/// Where normals come from.
+/// Source of normals.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum, serde::Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Normals {
-    /// From the points, where they have any.
+    /// The points, if they have any.
     #[default]
     Auto,
-    /// From the points, which must have some: of a file, or of an index.
+    /// The points, which must have normals from a file or an index.
     File,
-    /// From the depths on the screen.
+    /// The depths on the screen.
     Depth,
 }
 
@@ -114,7 +116,7 @@ pub fn reach_px(_view: &View, settings: &Settings) -> Option<u32> {
 
 pub fn called_for(context: &FrameContext, _asked: &Effects, before: &Decided) -> Reason {
     let (runs, why) = match context.light {
-        _ if context.points == 0 => (false, "there is nothing to shade"),
+        _ if context.points == 0 => (false, "there are no points"),
         Light::Direction(_) | Light::Position(_) => (true, "a light was asked for with --light"),
         Light::Headlight if before.runs(Effect::Shape) => {
             (false, "shape depiction shades already, and no light was asked for with --light")
@@ -125,7 +127,7 @@ pub fn called_for(context: &FrameContext, _asked: &Effects, before: &Decided) ->
 }
 
 impl Asked<Settings> {
-    /// Whether points should bring their normals, if they have any.
+    /// Returns whether points should bring their normals.
     pub fn wants_normals(&self, light: Light) -> bool {
         let may_run =
             self.switch == Switch::On || self.switch == Switch::Auto && light != Light::Headlight;
@@ -133,34 +135,31 @@ impl Asked<Settings> {
     }
 }
 
-/// Where normals come from, in words.
+/// Describes the source of normals.
 pub fn source(context: &FrameContext, settings: &Settings) -> &'static str {
     match (settings.normals, context.normals) {
-        (Normals::Depth, _) => {
-            "fitted to the depths on the screen, as asked for with normals=depth"
-        }
-        (_, true) => {
-            "those of the points; of pixels that filling has made, the mean of those around"
-        }
-        (_, false) => "fitted to the depths on the screen, since points have brought none",
+        (Normals::Depth, _) => "fitted to the depths on the screen, because of normals=depth",
+        (_, true) => "those of the points; filled pixels use the mean of their neighbours",
+        (_, false) => "fitted to the depths on the screen, since points have none",
     }
 }
 
-/// What becomes of points that face away from the camera.
+/// Treatment of points that face away from the camera.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum, serde::Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Backfaces {
-    /// They are the surface's other side.
+    /// Draws them as the other side of the surface.
     #[default]
     Keep,
-    /// They are not drawn, where normals say which side is outside (Dobrev et al. 2010, sec. 3.1).
+    /// Removes them, if normals tell the outside (Dobrev et al. 2010, sec. 3.1).
     Drop,
 }
 
-/// What differs by more parts of its depth is another surface, whatever the camera.
+/// Depth difference of different surfaces, as a share of the depth, whatever the camera.
 const MOST_REACH: f64 = 0.5;
 
-/// As seen by the camera, right, down and away: a place and 1, or the way towards something infinitely far and 0.
+/// Returns the light in camera axes (right, down, away): a position and 1, or the direction to an
+/// infinitely distant light and 0.
 pub fn seen(view: &View, light: Light) -> [f32; 4] {
     let axes = |world: DVec3| {
         [view.basis.right, -view.basis.up, view.basis.forward].map(|axis| axis.dot(world) as f32)
@@ -176,13 +175,15 @@ pub fn seen(view: &View, light: Light) -> [f32; 4] {
     [place[0], place[1], place[2], w]
 }
 
-/// Difference in depth from which pixels are of other surfaces, as for filling: metres, or with perspective parts of the depth.
+/// Returns the depth difference from which pixels belong to different surfaces, as for filling:
+/// metres, or a share of the depth with perspective.
 pub fn reach(view: &View) -> f64 {
     let reach = fill::WIDEST / view.focal_px();
     if view.camera.projection == Projection::Perspective { reach.min(MOST_REACH) } else { reach }
 }
 
-/// Of every pixel whose point has a normal, that: right, down and away from the camera, which it is turned towards, and 1; 0 of others. None where points have brought none.
+/// Returns the normal of each pixel's point: right, down and away from the camera, turned towards
+/// it, and 1; 0 for other pixels. None if points have no normals.
 pub fn facing(g: &mut Graph, view: &View, gbuffer: &GBuffer) -> Option<Image> {
     let facings = gbuffer.normal_pages.as_ref()?;
     let mut facing = g.image("facing", view.size, Kind::Rgba32f);
@@ -233,7 +234,7 @@ pub fn record(
         of_points: facing.is_some(),
         shadowed: reached.is_some(),
     };
-    // What is not looked at wants a binding all the same.
+    // Unread bindings need an image, too.
     let [facing, reached] = [facing.as_ref(), reached.as_ref()].map(|image| image.unwrap_or(color));
     g.run(
         shader::Phong { depth, color, facing, reached, lit: &mut lit, push, spec },

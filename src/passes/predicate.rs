@@ -1,10 +1,11 @@
-//! A COUNT -> whether passes run, and where: what the device finds empty costs it one look, and the CPU need not wait to hear of it.
+//! Predication by a count on the device: whether passes run, and on which tiles. The CPU does not
+//! wait for the count; empty work costs one check.
 
 use super::{LIST_HEADER, TILE_PX, tiles};
 use crate::graph::{Buffer, Dispatch, Graph, Image, TileList};
 use crate::shader::{self, predicate::Push, tile_dilate, tile_occupancy};
 
-/// Passes that run only where the count, the buffer's first word, is not 0.
+/// Records passes that run only if the count, the buffer's first word, is not 0.
 pub fn only_where<T>(g: &mut Graph, count: &Buffer, record: impl FnOnce(&mut Graph) -> T) -> T {
     let decide = |g: &mut Graph, wanted: &Buffer, groups: &mut Buffer, words: u32| {
         g.run(
@@ -15,7 +16,7 @@ pub fn only_where<T>(g: &mut Graph, count: &Buffer, record: impl FnOnce(&mut Gra
     g.predicated(decide, record)
 }
 
-/// The same tiles where the count is not 0, else none.
+/// Returns the same tiles if the count is not 0, else none.
 pub fn area_where(g: &mut Graph, count: &Buffer, area: &TileList) -> TileList {
     let mut groups = g.buffer("area groups", 4 * LIST_HEADER as u64);
     g.run(
@@ -30,7 +31,8 @@ pub fn area_where(g: &mut Graph, count: &Buffer, area: &TileList) -> TileList {
     TileList { groups, list: area.list.alias() }
 }
 
-/// Tiles within so many pixels of those that hold points, by their depths as they were projected. Its first word is 0 where there are none.
+/// Returns the tiles within `grows_px` of tiles that hold points, by projected depth. The first
+/// word is 0 if there are none.
 pub fn occupied_tiles(g: &mut Graph, raw: &Image, grows_px: f64) -> TileList {
     let across = tiles(raw.desc.size);
     let count = across[0] * across[1];
@@ -47,7 +49,7 @@ pub fn occupied_tiles(g: &mut Graph, raw: &Image, grows_px: f64) -> TileList {
     listed(g, &covered, across, grows_px)
 }
 
-/// The same of tiles that are known to hold points, by a word each.
+/// Returns the tiles within `grows_px` of those marked in `covered`, one word per tile.
 pub fn listed(g: &mut Graph, covered: &Buffer, across: [u32; 2], grows_px: f64) -> TileList {
     let count = across[0] * across[1];
     let mut list = g.buffer("area", 4 * (LIST_HEADER + count) as u64);

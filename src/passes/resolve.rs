@@ -1,4 +1,5 @@
-//! KEYS -> LAYERS: depth, point ids and colours of one band, written into the whole picture's images.
+//! Resolves the keys of one band to depth, point ids and colours, written into the images of the
+//! whole picture.
 
 use super::GBuffer;
 use super::project::{Band, Keys};
@@ -10,7 +11,7 @@ use crate::resident::Resident;
 use crate::shader::{self, resolve::Push, resolve::Spec};
 use crate::view::{Projection, View};
 
-/// Images that `record` fills band by band.
+/// The images that `record` fills band by band.
 pub struct Resolved {
     pub depth: Image,
     pub index: Image,
@@ -25,25 +26,26 @@ pub fn begin(g: &mut Graph, view: &View) -> Resolved {
     }
 }
 
-/// What turns a point's word into a colour, on the GPU.
+/// Buffers that map a point's word to a colour on the GPU.
 pub struct ColorLookup {
     pub(super) shown: Buffer,
-    /// Where points say of what kind they are.
+    /// Kinds of points, if they are known.
     pub(super) kinds: Option<Buffer>,
-    /// Where not all points are opaque.
+    /// Opacities, unless all points are opaque.
     pub(super) opacities: Option<Buffer>,
     pub(super) table: Buffer,
     /// Gains of its rows.
     pub(super) gains: Vec<f64>,
-    /// Where colours are to be averaged: values of 8 bits with one exposure, row by row as in the table. Colours are left to [`luminance`] then.
+    /// 8-bit values at one exposure, row by row as in the table, if colours are averaged: a later
+    /// pass then makes the colours.
     pub(super) levels: Option<Buffer>,
     pub(super) mode: u32,
-    /// The word at the low end of the ramp, and how much of a table of 256 a word more is.
+    /// The word at the low end of the ramp, and table entries (of 256) per unit of the word.
     pub(super) ramp: [f32; 2],
 }
 
 impl ColorLookup {
-    /// What is not looked at wants a binding all the same.
+    /// Returns what to bind as kinds; unread bindings need a buffer, too.
     pub(super) fn kinds(&self) -> &Buffer {
         self.kinds.as_ref().unwrap_or(&self.shown)
     }
@@ -52,7 +54,7 @@ impl ColorLookup {
         self.opacities.as_ref().unwrap_or(&self.shown)
     }
 
-    /// For a later pass.
+    /// Returns handles to the same buffers for a later pass.
     pub(super) fn again(&self) -> ColorLookup {
         let again = |buffer: &Option<Buffer>| buffer.as_ref().map(Buffer::alias);
         ColorLookup {
@@ -67,7 +69,7 @@ impl ColorLookup {
     }
 }
 
-/// How words become colours, as glsl/lib/color_lookup.glsl numbers it.
+/// Modes of the lookup, as numbered in glsl/lib/color_lookup.glsl.
 const RGB: u32 = 0;
 const RAMP: u32 = 1;
 const PALETTE: u32 = 2;
@@ -87,7 +89,7 @@ fn mode(attribute: Attribute) -> u32 {
 /// How colours are looked up.
 #[derive(Clone, Debug)]
 pub struct ColorRequest {
-    /// A factor on the light for every row of the table.
+    /// Factor on the light for every row of the table.
     pub gains: Vec<f64>,
     /// Whether a later pass averages colours instead of looking them up.
     pub averaged: bool,
@@ -168,7 +170,7 @@ pub fn record(
 }
 
 impl Resolved {
-    /// The layers that effects start from.
+    /// Returns the G-buffer that effects start from.
     pub fn gbuffer(self, g: &mut Graph, view: &View, resident: &Resident) -> Result<GBuffer> {
         let Resolved { depth, index, color } = self;
         let (projected_depth, projected_index) =
@@ -202,7 +204,7 @@ impl Resolved {
     }
 }
 
-/// Of all nodes that the view can see, the least and the most that their points' spacing may be, pixels.
+/// Returns the smallest and largest point spacing of all nodes in view [px].
 pub fn spacing_px(view: &View, resident: &Resident) -> [f64; 2] {
     let f = view.focal_px();
     let seen = resident.nodes.iter().filter_map(|node| {
@@ -213,11 +215,11 @@ pub fn spacing_px(view: &View, resident: &Resident) -> [f64; 2] {
         })
     });
     let all = seen.reduce(|all, own| [all[0].min(own[0]), all[1].max(own[1])]);
-    // A spacing of 0 at a depth of 0 is no spacing.
+    // A spacing of 0 at a depth of 0 has no size.
     all.map_or([0.0; 2], |range| range.map(|px| if px.is_nan() { 0.0 } else { px }))
 }
 
-/// The 256 linear colours that words are looked up in; of colours, as many for every station.
+/// Returns the 256 linear colours of the table; for colour channels 256 for each station.
 fn table(attribute: Attribute, gains: &[f64]) -> Vec<[f32; 4]> {
     if attribute == Attribute::Rgb {
         return linear(gains).map(|v| [v as f32, v as f32, v as f32, 1.0]).collect();
@@ -229,14 +231,14 @@ fn table(attribute: Attribute, gains: &[f64]) -> Vec<[f32; 4]> {
     (0..256).map(color).collect()
 }
 
-/// Of every row, its 256 linear values.
+/// Returns 256 linear values for each gain.
 pub fn linear(gains: &[f64]) -> impl Iterator<Item = f64> + '_ {
     gains
         .iter()
         .flat_map(|gain| (0..256).map(move |v| (gain * srgb_to_linear(v as f64 / 255.0)).min(1.0)))
 }
 
-/// And the same as values of 8 bits.
+/// Returns the same as 8-bit sRGB values.
 pub fn levels(gains: &[f64]) -> Vec<u32> {
     linear(gains).map(|linear| (255.0 * linear_to_srgb(linear)).round() as u32).collect()
 }

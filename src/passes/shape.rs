@@ -1,7 +1,10 @@
-//! Shape depiction: depth in, a shade out that shows shape without normals (Pintus et al. 2011, sec. 6).
+//! Shape depiction: a factor on the light that shows shape without normals, from depth (Pintus et
+//! al. 2011, sec. 6).
 //!
-//! Every level compares a pixel's depth with mean and deviation of its 3 x 3, and hands a smoother depth to the next: fine levels draw lines, coarse ones light whole surfaces.
-//! Levels after the first run where the surface is no plane: on a plane every level gives the same shade (to 1/256).
+//! Every level compares a pixel's depth with mean and deviation of its 3 x 3 neighbourhood, and
+//! passes a smoother depth to the next: fine levels draw lines, coarse ones shade whole surfaces.
+//! Levels after the first run where the surface is not planar: on a plane every level gives the
+//! same factor (to 1/256).
 
 use super::{
     Decided, Effects, FrameContext, GBuffer, LIST_HEADER, Reason, Setting, TILE_PX, Value, tiles,
@@ -11,17 +14,17 @@ use crate::shader::{self, base_white, pack_depth, shape, shape_level, shape_unpa
 use crate::view::{Projection, View};
 
 pub const SUMMARY: &str =
-    "shades by shape: lines at creases, light on what faces the viewer, without normals";
+    "shape depiction: lines at creases, light on surfaces that face the viewer, without normals";
 
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct Settings {
-    /// Levels; 1 is the paper's single pass: sharp, lines only.
+    /// Number of levels; 1 is the paper's single pass: sharp, lines only.
     pub levels: f64,
-    /// Level k weighs 1 / (k + 1)^xi.
+    /// Exponent of the weights: level k weighs 1 / (k + 1)^xi.
     pub xi: f64,
-    /// The first level's weight is that of all others together (Fig. 8 d): 1 yes, 0 no.
+    /// Whether the first level weighs as much as all others (Fig. 8 d): 1 yes, 0 no.
     pub first: f64,
-    /// How much a surface may rise from pixel to pixel and still face the viewer, pixels' widths.
+    /// Rise from pixel to pixel up to which a surface still faces the viewer, in pixel widths.
     pub softness: f64,
     pub base: Base,
 }
@@ -30,10 +33,10 @@ pub struct Settings {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum, serde::Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Base {
-    /// The points' colours.
+    /// The colours of points.
     #[default]
     Color,
-    /// White: the shade alone.
+    /// White: the factor alone.
     White,
 }
 
@@ -70,22 +73,23 @@ impl super::Settings for Settings {
     }
 }
 
-/// As [`super::Effects::reach_px`]. A pixel a level; and which tiles have levels, those around them decide.
+/// See [`super::Effects::reach_px`]: one pixel per level, and the tiles around a tile decide which
+/// levels it has.
 pub fn reach_px(_view: &View, settings: &Settings) -> Option<u32> {
     Some(settings.levels as u32 + TILE_PX * (rings(settings.levels as u32)[1] as u32 + 2))
 }
 
 pub fn called_for(context: &FrameContext, _asked: &Effects, _before: &Decided) -> Reason {
     match context.points {
-        0 => Reason { runs: false, why: "there is nothing to shade".to_string() },
+        0 => Reason { runs: false, why: "there are no points".to_string() },
         _ => Reason {
             runs: true,
-            why: "depths alone show the shape of a surface, with or without normals".to_string(),
+            why: "depths show the shape of surfaces without normals".to_string(),
         },
     }
 }
 
-/// Of every level, so that they add up to 1.
+/// Returns the weight of every level; they add up to 1.
 pub fn weights(settings: &Settings) -> Vec<f64> {
     let mut weights: Vec<f64> =
         (0..settings.levels as u32).map(|k| ((k + 1) as f64).powf(-settings.xi)).collect();
@@ -96,8 +100,9 @@ pub fn weights(settings: &Settings) -> Vec<f64> {
     weights.iter().map(|weight| weight / sum).collect()
 }
 
-/// Rings of tiles around one that is no plane: those whose shade deeper levels change, because a level looks a pixel farther, and those whose depths that takes, because what is out of date comes a
-/// pixel nearer with every level.
+/// Returns the rings of tiles around a tile that is not planar: those shaded by deeper levels,
+/// since each level looks a pixel farther; and those whose depths they need, since outdated depths
+/// come a pixel nearer with each level.
 fn rings(levels: u32) -> [i32; 2] {
     let shaded = levels.saturating_sub(1).div_ceil(TILE_PX);
     [shaded, shaded + levels.saturating_sub(2).div_ceil(TILE_PX)].map(|rings| rings as i32)
@@ -116,7 +121,7 @@ pub fn record(
     let width = (settings.softness / view.focal_px()) as f32;
     let weights = weights(settings);
 
-    // Whole tiles, so that lanes beyond the edge need not be told apart.
+    // Whole tiles, so that the kernel has no special case at the edge.
     let packed = [TILE_PX * across[0], TILE_PX * across[1] / 4];
     let [mut from, mut to, mut shade] =
         ["smooth", "smoother", "shade"].map(|name| g.image(name, packed, Kind::Rgba32f));

@@ -1,14 +1,18 @@
-//! Smoothing: depth and colour in, the weighted means of their 3 x 3 out (Dobrev, Rosenthal and Linsen 2010, sec. 3.4).
+//! Smoothing: weighted means of depth and colour over 3 x 3 pixels (Dobrev, Rosenthal and Linsen
+//! 2010, sec. 3.4).
 //!
 //! ```text
-//!     smooth_tiles   raw, depth -> which pixels were filled, and the list of tiles with some in reach
-//!     smooth         depth, color -> smooth depth, smooth color   only there, and so often as is asked for
-//!     smooth_close   these -> depth, color
+//!     smooth_tiles   raw, depth -> filled pixels, and the list of tiles with some in reach
+//!     smooth         depth, color -> smooth depth, smooth color    in these tiles, repeatedly
+//!     smooth_end     smooth depth, smooth color -> depth, color
 //! ```
-//! Filling by the nearest neighbour leaves patches of one depth and colour; this takes the steps between them away. They lie where the depth of what was projected jumps: in gaps, and at what shows through. What was
-//! measured stays as it is where all around it was. Background neither gives nor takes, so that outlines stay.
+//! Filling from the nearest neighbour leaves patches of one depth and colour; smoothing removes the
+//! steps between them. They lie where the projected depth jumps: in gaps, and at points that shine
+//! through. A measured pixel stays as it is if all around it were measured. Background neither
+//! gives nor takes, so outlines stay.
 //!
-//! Patches are as wide as points lie apart. Once is enough where that is a pixel; where it is more, steps are taken away by as many times as spread a pixel's value over a patch.
+//! Patches are as wide as points lie apart. One iteration is enough if that is a pixel. If it is
+//! more, the number of iterations is the one that spreads a pixel's value over a patch.
 
 use super::{
     Decided, Effect, Effects, FrameContext, GBuffer, LIST_HEADER, Reason, Setting, TILE_PX, Value,
@@ -20,36 +24,37 @@ use crate::view::View;
 use clap::ValueEnum;
 
 pub const SUMMARY: &str =
-    "takes away steps between pixels of one surface: means of depth and colour over 3 x 3";
+    "smooths steps between pixels of one surface: means of depth and colour over 3 x 3";
 
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct Settings {
     pub filter: Filter,
-    /// How often; 0: by the spacing of the points on the screen.
+    /// Number of iterations; 0: by the point spacing on the screen.
     pub iterations: f64,
-    /// Which pixels.
+    /// Pixels that are smoothed.
     pub pixels: Pixels,
 }
 
-/// What is smoothed.
+/// Pixels that are smoothed.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum, serde::Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Pixels {
-    /// Those that were filled, and those beside them.
+    /// Filled pixels and their neighbours.
     #[default]
     Filled,
-    /// Measured ones, too, as in the paper.
+    /// Measured pixels, too, as in the paper.
     All,
 }
 
-/// Weights of the pixel itself, of its four sides and of its corners.
+/// Weights of the pixel, its four sides and its corners.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum, serde::Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Filter {
-    /// Alleviated where points are about a pixel apart; else box, which comes as far in less than half as many times.
+    /// Alleviated if points are about a pixel apart; else box, which reaches as far in less than
+    /// half as many iterations.
     #[default]
     Auto,
-    /// 16, 2, 1: the paper's own, which hardly blurs.
+    /// 16, 2, 1: that of the paper, which hardly blurs.
     Alleviated,
     /// 4, 2, 1.
     Gaussian,
@@ -64,7 +69,7 @@ impl std::fmt::Display for Filter {
 }
 
 impl Filter {
-    /// Of the pixel itself, of each of its sides, of each of its corners.
+    /// Returns the weights of the pixel, each side and each corner.
     pub fn weights(self) -> [f32; 3] {
         match self {
             Filter::Auto | Filter::Alleviated => [16.0, 2.0, 1.0],
@@ -73,7 +78,7 @@ impl Filter {
         }
     }
 
-    /// How far it spreads a value across, or down: variance, square pixels.
+    /// Returns how far it spreads a value across, or down: variance [px^2].
     fn variance(self) -> f64 {
         let [own, side, corner] = self.weights().map(f64::from);
         (2.0 * side + 4.0 * corner) / (own + 4.0 * side + 4.0 * corner)
@@ -110,10 +115,11 @@ impl super::Settings for Settings {
     }
 }
 
-/// Iterations.
+/// Largest number of iterations.
 const MOST: f64 = 64.0;
 
-/// Which filter, and how often. Where nobody asks: until values have spread as far as half the points' spacing, as a standard deviation.
+/// Returns the filter and the number of iterations. Automatic: until values have spread by half the
+/// point spacing, as a standard deviation.
 fn chosen(settings: &Settings, spacing_px: f64) -> (Filter, u32) {
     let wanted = 0.25 * spacing_px * spacing_px;
     let often = |filter: Filter| (wanted / filter.variance()).round().clamp(1.0, MOST / 2.0) as u32;
@@ -135,20 +141,16 @@ pub fn called_for(context: &FrameContext, asked: &Effects, before: &Decided) -> 
     let often = if often == 1 { "once".to_string() } else { format!("{often} times") };
     let (runs, why) = match (before.runs(Effect::Fill), asked.fill.settings.method) {
         _ if context.shown.is_label() => {
-            (false, "what points show are labels, which are not mixed".to_string())
+            (false, "points show labels, which are not mixed".to_string())
         }
-        (false, _) => (false, "points are not smoothed, and no surface was filled".to_string()),
+        (false, _) => (false, "no surface was filled".to_string()),
         (true, fill::Method::Mask) => (
             true,
             format!(
                 "filling from the nearest neighbour leaves patches of one depth and colour: {filter}, {often}; tiles in which nothing was filled are skipped"
             ),
         ),
-        (true, _) => (
-            false,
-            "filling leaves no patches of one depth and colour, and details stay as they are"
-                .to_string(),
-        ),
+        (true, _) => (false, "filling leaves no patches, so details stay as they are".to_string()),
     };
     Reason { runs, why }
 }
@@ -185,8 +187,8 @@ pub fn record(
 
     let mut smooth_depth = g.image("smooth depth", size, Kind::R32f);
     let mut smooth_color = g.image("smooth color", size, Kind::Rgba32f);
-    // Steps of depth and colour are everywhere that something was filled, those of the light only where its edges are; noise in it is taken away with all else. Where it stays there is nothing to read or
-    // write; a binding wants an image all the same.
+    // Depth and colour have steps wherever pixels were filled, light only at its edges; noise in it
+    // is removed with all else. Unread bindings need an image, too.
     let lit_by = all && shadow_factor.is_some();
     let mut nowhere = g.image("nowhere", [1, 1], Kind::Rgba32f);
     let mut smooth_reached =

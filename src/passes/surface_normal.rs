@@ -1,4 +1,5 @@
-//! DEPTH -> NORMALS of the surface that is drawn, world. Recorded for whoever reads it: without a reader the pass is dropped.
+//! Computes world normals of the visible surface from depth. The pass is dropped if nothing reads
+//! them.
 
 use super::GBuffer;
 use crate::graph::{Dispatch, Graph, Image, Kind};

@@ -1,11 +1,11 @@
-//! What a frame looked at, tile by tile: the lists that passes made on the device, counted afterwards.
+//! Statistics of a frame by tile: the lists that passes made on the device, counted afterwards.
 
 use super::shadows::Method;
 use super::visibility;
 use super::{Effects, GBuffer, LIST_HEADER, TILE_PX, fill, significant, tiles};
 use crate::graph::{Buffer, CompletedSubmission, Graph};
 
-/// Lists that come back with the frame; none of a pass that does not run.
+/// Lists that are read back with the frame; None for passes that do not run.
 pub struct Asked {
     lists: Option<Buffer>,
     holes: Option<Buffer>,
@@ -18,34 +18,37 @@ pub struct Asked {
     left: Option<Buffer>,
 }
 
-/// Tiles of 8 x 8 pixels.
+/// Counts of 8 x 8 pixel tiles.
 #[derive(Clone, Debug, Default, PartialEq, Eq, serde::Serialize)]
 pub struct Counts {
-    /// Of the whole picture.
+    /// Tiles of the whole picture.
     pub tiles: u64,
-    /// Where points could be hidden, by the width in pixels of the cells of the level that looked; 1 is the picture.
+    /// Tiles where points could be hidden, by the cell width of the level that looked [px]; 1 is
+    /// the picture.
     pub looked_at: Vec<(u32, u64)>,
-    /// Which those are: a row of tiles a string, and of every tile the number of the coarsest level that looked, 0 for the picture, or a dot.
+    /// The same as a map: one string per row of tiles, with the number of the coarsest level that
+    /// looked, 0 for the picture, or a dot.
     pub looked_at_map: Vec<String>,
-    /// Which have pixels to fill: `#`, or a dot.
+    /// Tiles with pixels to fill: `#`, or a dot.
     pub holes_map: Vec<String>,
-    /// Neighbours of pixels there, as many as are looked at where finer levels have decided nothing.
+    /// Neighbours of pixels in these tiles: the reads if finer levels decide nothing.
     pub taps: u64,
-    /// With pixels to fill.
+    /// Tiles with pixels to fill.
     pub holes: u64,
-    /// Steps of filling until nothing changed any more.
+    /// Steps of filling until nothing changed.
     pub filling_steps: u32,
-    /// Those of masks: of the background, and of what is occluded; none where masks do not fill.
+    /// Steps of filling by masks: of background and of hidden pixels; None if another method fills.
     pub mask_steps: Option<[u32; 2]>,
-    /// That are no planes: deeper levels of shape depiction shade them and those around them.
+    /// Tiles that are not planar: deeper levels of shape depiction shade them and their neighbours.
     pub rough: u64,
-    /// With pixels that were filled, or one beside them: smoothing works there; none where it does not run.
+    /// Tiles with filled pixels or a neighbour of one, which are smoothed; None if smoothing does
+    /// not run.
     pub smoothed: Option<u64>,
-    /// In which depth jumps: anti-aliasing blends there; none where it does not run.
+    /// Tiles with jumps in depth, which are blended; None if anti-aliasing does not run.
     pub silhouettes: Option<u64>,
-    /// Texels of the light's pictures where shadows by index peeling were cut off.
+    /// Texels of the light's pictures where index peeling ended early.
     pub unpeeled: u64,
-    /// Some pixels have more transparent layers than were drawn.
+    /// Whether some pixels have more transparent layers than were drawn.
     pub left_over: bool,
 }
 
@@ -113,16 +116,16 @@ impl Asked {
     }
 }
 
-/// That index peeling has not come to its end in so many texels, in words.
+/// Returns a note if index peeling ended early in some texels.
 fn cut_off(texels: u64) -> Option<String> {
     (texels > 0).then(|| {
         format!(
-            "shadows by index peeling were cut off in {texels} texels: more peels, or method=depth"
+            "index peeling of shadows ended early in {texels} texels: more peels, or method=depth"
         )
     })
 }
 
-/// What a frame that has run knows alone, and whoever sees its picture should.
+/// Warnings that are only known after a frame has run.
 pub struct Warned {
     unpeeled: Option<Buffer>,
 }
@@ -144,7 +147,7 @@ impl Warned {
 }
 
 impl Counts {
-    /// Tiles where points could be hidden.
+    /// Returns the number of tiles where points could be hidden.
     pub fn looked(&self) -> u64 {
         self.looked_at_map.iter().flat_map(|row| row.bytes()).filter(|mark| *mark != b'.').count()
             as u64
@@ -163,7 +166,7 @@ impl std::fmt::Display for Counts {
         let filled = match self.mask_steps {
             Some([background, occluded]) => {
                 format!(
-                    "filled by masks, in {background} steps of the background and {occluded} of what is occluded"
+                    "filled by masks, in {background} steps of background and {occluded} of hidden pixels"
                 )
             }
             None if self.filling_steps > 0 => {
@@ -173,7 +176,7 @@ impl std::fmt::Display for Counts {
         };
         write!(
             f,
-            "{} of {TILE_PX} x {TILE_PX} pixels; {} looked at for what is hidden{levels}; {filled}; {} shaded by more than the first level of shape",
+            "{} of {TILE_PX} x {TILE_PX} pixels; {} checked for hidden points{levels}; {filled}; {} shaded by more than one level of shape",
             self.tiles,
             self.looked(),
             self.rough

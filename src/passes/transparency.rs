@@ -1,15 +1,20 @@
-//! LAYERS -> what they show together: surfaces behind each other, peeled off from front to back (Dobrev et al. 2010, sec. 4 and 5).
+//! Transparency: composites surfaces behind each other, peeled from front to back (Dobrev et al.
+//! 2010, sec. 4 and 5).
 //!
 //! ```text
 //!     each layer
-//!         project, resolve   of the points that lie behind the last layer, the nearest    only where a pixel is left
-//!         all effects        as of a picture of its own                                   only where that found points
-//!         transparency       color, lit -> front, in linear light; depth -> how deep the next layer begins, and whether a pixel is left
+//!         project, resolve   the nearest of the points behind the last layer    if a pixel is left
+//!         all effects        as for a picture of its own                        where points were found
+//!         transparency       color, lit -> front, in linear light
+//!                            depth -> depth where the next layer begins, and whether a pixel is left
 //! ```
-//! A layer is everything within the layer distance of its surface. The next one begins behind that; the distance is what noise and filling may have moved a surface by, and how deep a slanted one is
-//! within a pixel. Layers are recorded as often as is allowed, and the device skips those that are empty ([`super::gate`]).
+//! A layer is everything within the layer distance of its surface. The next one begins behind that.
+//! The distance is how far noise and filling may move a surface, and how deep a slanted one is
+//! within a pixel. As many layers as allowed are recorded, and the device skips empty ones
+//! ([`super::predicate`]).
 //!
-//! Behind a pixel without a point there are none, so of every layer only the tiles are worked on where the one before it had points, or effects may have carried what these show (`grows_px`).
+//! Behind a pixel without a point there are no layers. So each layer works only on tiles where the
+//! one before had points, or where effects may have carried them (`grows_px`).
 
 use super::project::{self, Band};
 use super::visibility::Looked;
@@ -20,16 +25,16 @@ use crate::graph::{Buffer, Dispatch, Graph, Image, Kind};
 use crate::shader::{self, peel_count, transparency::Push, transparency::Spec};
 use crate::view::View;
 
-pub const SUMMARY: &str =
-    "surfaces that let through what is behind them: layers, from front to back (--opacity)";
+pub const SUMMARY: &str = "transparent surfaces (--opacity): layers from front to back";
 
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct Settings {
-    /// Layers at most.
+    /// Largest number of layers.
     pub layers: f64,
-    /// Where layers behind others are looked for.
+    /// Tiles where further layers are looked for.
     pub tiles: Looked,
-    /// Points this near behind a surface are of it, metres; 0: the layer distance of the picture, and at least as deep as the surface is within a pixel.
+    /// Distance behind a surface within which points belong to it [m]; 0: the layer distance of the
+    /// picture, and at least the depth of the surface within a pixel.
     pub layer: f64,
 }
 
@@ -60,23 +65,17 @@ impl super::Settings for Settings {
     }
 }
 
-/// As [`super::Effects::reach_px`]: how far depths may have been carried.
+/// See [`super::Effects::reach_px`]: the distance over which depths may have been carried.
 pub fn reach_px(_view: &View, _settings: &Settings) -> Option<u32> {
     Some(fill::WIDEST as u32)
 }
 
 pub fn called_for(context: &FrameContext, asked: &Effects, before: &Decided) -> Reason {
     if before.runs(Effect::Strokes) {
-        return Reason {
-            runs: false,
-            why: "strokes lie over each other by themselves, each as opaque as its point".into(),
-        };
+        return Reason { runs: false, why: "strokes are blended by their own opacity".into() };
     }
     if !context.transparent {
-        return Reason {
-            runs: false,
-            why: "all points that are drawn are opaque; --opacity says otherwise".into(),
-        };
+        return Reason { runs: false, why: "all points are opaque; --opacity changes that".into() };
     }
     let Settings { layers, layer, .. } = asked.transparency.settings;
     let (layer, s) = (significant(context.layer_m(layer)), if layers == 1.0 { "" } else { "s" });
@@ -88,27 +87,31 @@ pub fn called_for(context: &FrameContext, asked: &Effects, before: &Decided) -> 
     }
 }
 
-/// A surface is this much deeper within a pixel than its slope says, which curves, has noise, and is steeper on the other side.
+/// Factor on the depth of a surface within a pixel, beyond its slope: it may curve, have noise, and
+/// be steeper on the other side.
 const SLANT: f32 = 4.0;
 
-/// And this much for each pixel that its depth was carried, as the nearest of those around (Dobrev et al. 2010, sec. 3.2 and 3.3): without it, what is left of a steep surface is a layer of its own.
+/// Additional factor for each pixel that its depth was carried as the nearest of its neighbours
+/// (Dobrev et al. 2010, sec. 3.2 and 3.3). Without it, the rest of a steep surface is a layer of
+/// its own.
 const UPHILL: f32 = 3.0;
 
-/// All layers so far.
+/// All layers so far, composited.
 pub struct Accumulation {
-    /// What they show: linear, multiplied by its opacity; alpha is what they hide of what is behind them.
+    /// Linear colour, premultiplied; alpha is how much they hide of the surfaces behind.
     pub color: Image,
-    /// How many surfaces that is, for whoever asks.
+    /// Number of surfaces of each pixel, for tests and studies.
     pub peeled: Image,
-    /// Of every band, the keys of the next layer, still empty, and the depths that it is looked for behind, which only grow.
+    /// Keys of the next layer for each band, still empty, with the depths behind which it is looked
+    /// for, which only grow.
     pub next: Vec<Buffer>,
-    /// Not 0 where a pixel is not finished.
+    /// Not 0 if a pixel is unfinished.
     pub left: Buffer,
-    /// How many layers there have been.
+    /// Number of layers so far.
     pub layers: u32,
 }
 
-/// The layer under those in front of it, and where the next one begins.
+/// Composites the layer under those in front of it, and finds where the next one begins.
 pub fn record(
     g: &mut Graph,
     context: &FrameContext,
@@ -130,9 +133,9 @@ pub fn record(
     });
     let mut left = g.buffer("left", 4);
     g.fill(&mut left, 0);
-    // Without light there is nothing to read; a binding wants an image all the same.
+    // Unread bindings need an image, too.
     let lit = gbuffer.shading.as_ref().unwrap_or(&gbuffer.depth);
-    // The first layer is of the whole picture, and reads neither.
+    // The first layer covers the whole picture and reads neither.
     let (front_before, peeled_before) = if number == 0 {
         (gbuffer.color.alias(), gbuffer.depth.alias())
     } else {
