@@ -5,13 +5,13 @@
 mod support;
 
 use glam::DVec3;
-use pointillist::cloud::find::{self, Extras, Sought};
+use pointillist::cloud::point_lookup::{self, Extras, LookupQuery};
 use pointillist::cloud::{self, Cloud, ColumnSet, ReadOptions, spacing};
 use pointillist::error::{Error, Result};
 use pointillist::progress::{Progress, Silent};
 use proptest::prelude::*;
 use std::fs;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::time::{Duration, Instant};
 use support::made::{Las as Made, sheet};
 use support::{failed, render, run, shared, text};
@@ -793,11 +793,15 @@ fn negative_scales_are_read_as_they_are() {
                 );
             }
             // A picked point is that of the file.
-            let sought = Sought { position: world(&cloud)[17], ..Sought::default() };
-            let found =
-                find::find(std::slice::from_ref(&path), ReadOptions::default(), &sought, &Silent)
-                    .unwrap()
-                    .unwrap();
+            let sought = LookupQuery { position: world(&cloud)[17], ..LookupQuery::default() };
+            let found = point_lookup::find(
+                std::slice::from_ref(&path),
+                ReadOptions::default(),
+                &sought,
+                &Silent,
+            )
+            .unwrap()
+            .unwrap();
             assert_eq!((found.point, found.extras.user_data), (17, Some(0)));
         }
     }
@@ -892,8 +896,9 @@ fn times_and_intensities_are_printed_as_what_they_are() {
     let json = support::info(&[&path], "");
     let times = &json["parts"][0]["attributes"]["gps_time"];
     assert_eq!((times["nan"].as_u64(), times["min"].as_f64()), (Some(1), Some(-1e301)));
-    let found =
-        |time: f64| find::Record { gps_time: Some(time), ..find::Record::default() }.to_string();
+    let found = |time: f64| {
+        point_lookup::Record { gps_time: Some(time), ..point_lookup::Record::default() }.to_string()
+    };
     assert!(found(1e301).contains("time 1e301") && found(0.25).contains("time 0.25"));
     // PTS: integers below zero, and fractions.
     for (values, range) in [
@@ -1255,11 +1260,15 @@ fn a_point_that_is_looked_up_comes_with_every_attribute_of_its_file() {
                 .world([part.columns.x[i], part.columns.y[i], part.columns.z[i]].map(i64::from))
         };
         for i in [0, part.columns.len() / 2, part.columns.len() - 1] {
-            let sought = Sought { position: position(i), ..Sought::default() };
-            let found =
-                find::find(std::slice::from_ref(&path), ReadOptions::default(), &sought, &Silent)
-                    .unwrap()
-                    .unwrap();
+            let sought = LookupQuery { position: position(i), ..LookupQuery::default() };
+            let found = point_lookup::find(
+                std::slice::from_ref(&path),
+                ReadOptions::default(),
+                &sought,
+                &Silent,
+            )
+            .unwrap()
+            .unwrap();
             let record = &records[found.point as usize];
             assert_eq!(
                 [record.x, record.y, record.z].map(|c| (c * 1e3).round()),

@@ -15,7 +15,6 @@ use pointillist::progress::Silent;
 use proptest::prelude::*;
 use proptest::test_runner::{Config, RngAlgorithm, TestError, TestRng, TestRunner};
 use std::cell::Cell;
-use std::path::{Path, PathBuf};
 use std::process::Command;
 use support::shared;
 

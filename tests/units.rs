@@ -7,7 +7,7 @@ mod support;
 
 use glam::DVec3;
 use pointillist::app::measure::{Measure, Picked};
-use pointillist::cloud::find::{self, Sought};
+use pointillist::cloud::point_lookup::{self, LookupQuery};
 use pointillist::cloud::system::{self, Kind, System};
 use pointillist::cloud::{self, Cloud, ColumnSet, Header, ReadOptions};
 use pointillist::index::format::Index;
@@ -327,8 +327,8 @@ fn degrees_are_drawn_on_a_plane_in_metres_in_memory_and_through_an_index() {
             "{lo} {hi}"
         );
         // A picked point is found in the file at its position.
-        let sought = Sought { position: place(17), ..Sought::default() };
-        let found = find::find(std::slice::from_ref(&path), ALL, &sought, &Silent)
+        let sought = LookupQuery { position: place(17), ..LookupQuery::default() };
+        let found = point_lookup::find(std::slice::from_ref(&path), ALL, &sought, &Silent)
             .unwrap()
             .expect("the point");
         assert_eq!((found.point, found.extras.user_data), (17, Some(0)));

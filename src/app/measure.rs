@@ -2,7 +2,7 @@
 
 use crate::cloud::attribute::STATION_SHIFT;
 use crate::cloud::digits::{number, round};
-use crate::cloud::find::{Extras, Record, hex};
+use crate::cloud::point_lookup::{Extras, Record, hex};
 use crate::cloud::system::Reference;
 use crate::resident::Point;
 use glam::DVec3;

@@ -32,7 +32,7 @@ mod render_events;
 pub mod render_thread;
 pub mod scripted_flight;
 
-use crate::cloud::find::Record;
+use crate::cloud::point_lookup::Record;
 use crate::error::{Error, Result};
 use crate::progress::Progress;
 use crate::render::scene::Scene;

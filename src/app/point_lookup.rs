@@ -2,7 +2,7 @@
 
 use super::{App, Event, print_line};
 use crate::cloud::attribute::STATION_SHIFT;
-use crate::cloud::find::{self, Record, Sought};
+use crate::cloud::point_lookup::{self, LookupQuery, Record};
 use crate::error::{Error, Result};
 use crate::resident::Point;
 use glam::DVec3;
@@ -21,7 +21,7 @@ impl App {
         let station = point
             .kind
             .and_then(|kind| self.ui.categories.stations.get((kind >> STATION_SHIFT) as usize));
-        let sought = Sought {
+        let sought = LookupQuery {
             position: point.position,
             kind: point.kind.map(|kind| [kind as u8, (kind >> 8) as u8 & 15]),
             station: station.map(|station| (station.part, station.source)),
@@ -31,7 +31,7 @@ impl App {
         let token = self.load.lookup_token.clone();
         let watch = self.progress_reporter(token.clone());
         let work = move || {
-            let looked = find::find(&files, read, &sought, &watch);
+            let looked = point_lookup::find(&files, read, &sought, &watch);
             drop(done.send_event(Event::LookedUp(sought.position, looked, token)));
         };
         match std::thread::Builder::new().name("point lookup".into()).spawn(work) {

@@ -85,8 +85,7 @@ pub fn table(rows: &[Row], baseline: &[Row]) -> String {
 
 pub fn read_baseline(path: &Path) -> Result<Vec<Row>> {
     let text = std::fs::read_to_string(path).map_err(|error| Error::io("read", path, error))?;
-    let wrong =
-        |error| Error::format(path, format!("is not output of `bench --json`: {error}"));
+    let wrong = |error| Error::format(path, format!("is not output of `bench --json`: {error}"));
     let rows: Vec<serde_json::Value> = serde_json::from_str(&text).map_err(wrong)?;
     // Flights are not compared.
     let rows = rows.into_iter().filter(|row| row.get("bench").is_none());

@@ -134,8 +134,7 @@ fn on_foot(viewpoint: synth::Viewpoint) -> Vec<Camera> {
 }
 
 fn view(words: &[OsString]) -> Result<Summary> {
-    let failed =
-        |what: String| Error::Request(format!("the measured window failed: {what}"));
+    let failed = |what: String| Error::Request(format!("the measured window failed: {what}"));
     let program = std::env::current_exe().map_err(|error| failed(error.to_string()))?;
     let done =
         Command::new(program).args(words).output().map_err(|error| failed(error.to_string()))?;

@@ -12,7 +12,7 @@ use super::color::{By, Scale};
 use super::colors;
 use super::digits::number;
 use super::input::Input;
-use super::strays::Core;
+use super::strays::RobustBounds;
 use super::system::System;
 use super::{ColumnSet, Columns, Header, Lattice, Part};
 use glam::DVec3;
@@ -301,7 +301,7 @@ impl Floats {
             )
         };
         let place = |i: usize| DVec3::from_array(self.axes.each_ref().map(|axis| axis.at(i)));
-        let parts = match Core::of(self.axes[0].len(), place) {
+        let parts = match RobustBounds::of(self.axes[0].len(), place) {
             None => vec![part(self.axes, columns, false)],
             Some(core) => {
                 let (inside, strays): (Vec<u32>, Vec<u32>) =

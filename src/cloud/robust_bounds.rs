@@ -1,7 +1,7 @@
 //! Robust framing: the points that a camera should show, without strays. A single return from a
 //! bird would push the rest into a corner.
 
-use super::strays::{Core, mix};
+use super::strays::{RobustBounds, mix};
 use super::{Cloud, Lattice, Part};
 use glam::DVec3;
 use rayon::prelude::*;
@@ -67,7 +67,7 @@ pub fn without_strays(samples: Vec<(DVec3, u32)>) -> Vec<DVec3> {
 
 /// Removes far samples: one of few is more than the share that percentiles cut off.
 fn near(mut samples: Vec<(DVec3, u32)>) -> Vec<(DVec3, u32)> {
-    let Some(core) = Core::of(samples.len(), |i| samples[i].0) else { return samples };
+    let Some(core) = RobustBounds::of(samples.len(), |i| samples[i].0) else { return samples };
     let points = |keeps: &dyn Fn(DVec3) -> bool| {
         samples.iter().filter(|(p, _)| keeps(*p)).map(|&(_, weight)| weight as f64).sum::<f64>()
     };

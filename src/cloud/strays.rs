@@ -35,14 +35,14 @@ pub enum Treatment {
 
 /// A box around all points but strays.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Core {
+pub struct RobustBounds {
     pub low: DVec3,
     pub high: DVec3,
 }
 
-impl Core {
+impl RobustBounds {
     /// Returns the box if some of `count` positions are strays; `None` if not.
-    pub fn of(count: usize, place: impl Fn(usize) -> DVec3 + Sync) -> Option<Core> {
+    pub fn of(count: usize, place: impl Fn(usize) -> DVec3 + Sync) -> Option<RobustBounds> {
         if count < FEWEST {
             return None;
         }
@@ -50,7 +50,7 @@ impl Core {
         let look = |range: Range<usize>| {
             let mut seen = Seen::default();
             for p in range.map(&place) {
-                seen.all = Core { low: seen.all.low.min(p), high: seen.all.high.max(p) };
+                seen.all = RobustBounds { low: seen.all.low.min(p), high: seen.all.high.max(p) };
                 if scatter(p) <= chosen {
                     seen.samples.push(p);
                 }
@@ -58,7 +58,7 @@ impl Core {
             seen
         };
         let seen = tasks(count).map(look).reduce(Seen::default, Seen::and);
-        Core::among(count, seen, place)
+        RobustBounds::among(count, seen, place)
     }
 
     /// Returns the box, given extent and samples of all positions.
@@ -66,7 +66,7 @@ impl Core {
         count: usize,
         Seen { all, samples }: Seen,
         place: impl Fn(usize) -> DVec3 + Sync,
-    ) -> Option<Core> {
+    ) -> Option<RobustBounds> {
         let middle = middle_half(samples.clone())?;
         let size = (middle.high - middle.low).max_element();
         if !(size > 0.0 && size.is_finite()) {
@@ -96,7 +96,7 @@ impl Core {
         let reach = size * (2f64.powi(gap as i32) - 1.0);
         (1..=few)
             .contains(&strays)
-            .then(|| Core { low: middle.low - reach, high: middle.high + reach })
+            .then(|| RobustBounds { low: middle.low - reach, high: middle.high + reach })
     }
 
     pub fn has(&self, p: DVec3) -> bool {
@@ -117,7 +117,7 @@ pub struct Extent {
     /// Positions chosen by [`scatter_steps`]: several thousand, or all.
     pub samples: Vec<[i32; 3]>,
     /// The box around all points but strays, if there are strays.
-    pub core: Option<Core>,
+    pub core: Option<RobustBounds>,
 }
 
 impl Extent {
@@ -142,9 +142,9 @@ impl Extent {
         };
         let mut extent = tasks(count).map(look).reduce_with(Extent::and)?;
         if count >= FEWEST {
-            let all = Core { low: steps(extent.low), high: steps(extent.high) };
+            let all = RobustBounds { low: steps(extent.low), high: steps(extent.high) };
             let samples = extent.samples.iter().map(|&place| steps(place)).collect();
-            extent.core = Core::among(count, Seen { all, samples }, |i| columns.place(i));
+            extent.core = RobustBounds::among(count, Seen { all, samples }, |i| columns.place(i));
         }
         Some(extent)
     }
@@ -178,7 +178,7 @@ impl Columns {
     }
 
     /// Returns the box around all points but strays, if there are some: lattice steps.
-    pub fn core(&self) -> Option<Core> {
+    pub fn core(&self) -> Option<RobustBounds> {
         self.extent()?.core
     }
 
@@ -190,13 +190,16 @@ impl Columns {
 
 /// Extent and samples after one pass over all points.
 struct Seen {
-    all: Core,
+    all: RobustBounds,
     samples: Vec<DVec3>,
 }
 
 impl Default for Seen {
     fn default() -> Seen {
-        Seen { all: Core { low: DVec3::INFINITY, high: DVec3::NEG_INFINITY }, samples: Vec::new() }
+        Seen {
+            all: RobustBounds { low: DVec3::INFINITY, high: DVec3::NEG_INFINITY },
+            samples: Vec::new(),
+        }
     }
 }
 
@@ -204,7 +207,7 @@ impl Seen {
     fn and(mut self, other: Seen) -> Seen {
         self.samples.extend(other.samples);
         Seen {
-            all: Core {
+            all: RobustBounds {
                 low: self.all.low.min(other.all.low),
                 high: self.all.high.max(other.all.high),
             },
@@ -214,7 +217,7 @@ impl Seen {
 }
 
 /// Returns the box between the first and the third quartile of every axis.
-fn middle_half(mut samples: Vec<DVec3>) -> Option<Core> {
+fn middle_half(mut samples: Vec<DVec3>) -> Option<RobustBounds> {
     let (first, third) = (samples.len() / 4, samples.len() * 3 / 4);
     let [mut low, mut high] = [DVec3::ZERO; 2];
     for axis in 0..3 {
@@ -226,7 +229,7 @@ fn middle_half(mut samples: Vec<DVec3>) -> Option<Core> {
         };
         (low[axis], high[axis]) = (along(first), along(third));
     }
-    Some(Core { low, high })
+    Some(RobustBounds { low, high })
 }
 
 fn steps(place: [i32; 3]) -> DVec3 {
@@ -375,7 +378,7 @@ mod tests {
     }
 
     fn strays(points: &[DVec3]) -> usize {
-        Core::of(points.len(), |i| points[i])
+        RobustBounds::of(points.len(), |i| points[i])
             .map_or(0, |core| points.iter().filter(|&&p| !core.has(p)).count())
     }
 

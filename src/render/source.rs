@@ -4,7 +4,7 @@ use crate::cloud::attribute::{Attribute, DisplayAttribute, ExtraAttributes};
 use crate::cloud::color::RgbRange;
 use crate::cloud::histograms::Histograms;
 use crate::cloud::robust_bounds::without_strays;
-use crate::cloud::strays::{Core, Strays, Treatment};
+use crate::cloud::strays::{RobustBounds, Strays, Treatment};
 use crate::cloud::stream::FileSummary;
 use crate::cloud::system::Reference;
 use crate::cloud::{self, Cloud, ReadOptions, Station};
@@ -494,7 +494,7 @@ fn elevation(index: &Index) -> DisplayAttribute {
 
 /// Returns samples of the roots with the number of points each stands for, and the box without
 /// strays, if there are strays.
-fn root_samples(index: &Index) -> (Vec<(DVec3, u32)>, Option<Core>) {
+fn root_samples(index: &Index) -> (Vec<(DVec3, u32)>, Option<RobustBounds>) {
     let mut samples = Vec::new();
     for root in 0..index.directory.roots as usize {
         // An unreadable root is reported when drawn; until then its box is used.
@@ -503,7 +503,7 @@ fn root_samples(index: &Index) -> (Vec<(DVec3, u32)>, Option<Core>) {
             vec![(lo, 1), (hi, 1)]
         }));
     }
-    let core = Core::of(samples.len(), |i| samples[i].0);
+    let core = RobustBounds::of(samples.len(), |i| samples[i].0);
     (samples, core)
 }
 

@@ -6,7 +6,7 @@
 //! integers. The result equals an f64 comparison of world coordinates anywhere in the world.
 
 use crate::cloud::Lattice;
-use crate::cloud::strays::Core;
+use crate::cloud::strays::RobustBounds;
 use crate::config::BITS_PER_PLANE;
 use crate::index::build::pack::Frame;
 use clap::ValueEnum;
@@ -88,7 +88,7 @@ impl std::fmt::Display for Clip {
 
 impl Clip {
     /// Returns six boxes that together remove everything outside a box in the world.
-    pub fn around(core: &Core) -> [Clip; 6] {
+    pub fn around(core: &RobustBounds) -> [Clip; 6] {
         let all = Clip { keeps: Keeps::Outside, min: DVec3::NEG_INFINITY, max: DVec3::INFINITY };
         std::array::from_fn(|side| {
             let (mut clip, axis) = (all, side % 3);

@@ -1,6 +1,6 @@
 //! A single LAS record with all its fields, in the file's own numbers, read with the `las` crate.
 
-use super::super::find::Extras;
+use super::super::point_lookup::Extras;
 use glam::DVec3;
 use std::path::Path;
 

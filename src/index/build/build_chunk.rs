@@ -17,7 +17,7 @@
 use super::morton_sort::RadixSorter;
 use super::point_record::{Colors, Layout};
 use super::spill_bucket::{Bucket, Spill};
-use crate::cloud::strays::Core;
+use crate::cloud::strays::RobustBounds;
 use crate::cloud::{ColumnSet, Lattice};
 use crate::config::{BITS_PER_PLANE, POINTS_PER_PAGE, POSITION_PLANES};
 use crate::error::Result;
@@ -177,7 +177,9 @@ impl<S: Fn(u16, u16) -> u16> Growth<'_, S> {
     fn leaves(&mut self, order: &[u32]) -> Vec<OpenNode> {
         let samples = self.read(order);
         let place = |i: usize| DVec3::from_array(samples.q[i].map(f64::from));
-        let Some(core) = Core::of(samples.len(), place) else { return vec![self.leaf(samples)] };
+        let Some(core) = RobustBounds::of(samples.len(), place) else {
+            return vec![self.leaf(samples)];
+        };
         let (inside, strays): (Vec<usize>, Vec<usize>) =
             (0..order.len()).partition(|&i| core.has(place(i)));
         [inside, strays]

@@ -21,7 +21,7 @@ use super::schema::{
 use super::shadow_file::SavedShadows;
 use super::writer::{FileHeader, HEADER_BYTES, MAGIC, VERSION};
 use crate::cloud::Lattice;
-use crate::cloud::strays::Core;
+use crate::cloud::strays::RobustBounds;
 use crate::cloud::system::Reference;
 use crate::config::{BITS_PER_PLANE, POINTS_PER_PAGE, POSITION_PLANES};
 use crate::error::{Error, Result};
@@ -53,7 +53,7 @@ pub struct Index {
     /// Saved shadows, if they were opened.
     pub shadows: Option<SavedShadows>,
     /// Box outside of which nothing is drawn.
-    pub hidden: Option<Core>,
+    pub hidden: Option<RobustBounds>,
     /// Fault to inject, for tests.
     pub fault: Option<Fault>,
 }

@@ -14,7 +14,7 @@ use std::sync::Mutex;
 
 /// A point to look up.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Sought {
+pub struct LookupQuery {
     /// Position as returned by [`Lattice::world`], exact to the last bit.
     pub position: DVec3,
     /// Class and return number, to distinguish coincident points.
@@ -74,7 +74,7 @@ struct Candidate {
 pub fn find(
     paths: &[PathBuf],
     read: ReadOptions,
-    sought: &Sought,
+    sought: &LookupQuery,
     progress: &dyn Progress,
 ) -> Result<Option<Record>> {
     let options = ReadOptions { wanted: ColumnSet::ALL, strict: false, ..read };
@@ -129,7 +129,13 @@ fn steps_at(lattice: &Lattice, place: DVec3) -> Option<[i32; 3]> {
     (fits && lattice.world(steps) == place).then(|| steps.map(|step| step as i32))
 }
 
-fn candidate(sought: &Sought, part: usize, source: &Source, batch: &Batch, i: usize) -> Candidate {
+fn candidate(
+    sought: &LookupQuery,
+    part: usize,
+    source: &Source,
+    batch: &Batch,
+    i: usize,
+) -> Candidate {
     let columns = batch.columns;
     let returns = columns.returns.as_ref().map(|column| column[i]);
     let record = Record {
