@@ -94,7 +94,7 @@ fn eight_bits_in_sixteen_are_seen_past_outliers_in_every_kind_of_las() {
             let of = |color: [u8; 3]| colors(&cloud).iter().filter(|own| **own == color).count();
             assert_eq!((of([200, 100, 50]), of([255; 3])), (5000 - outliers, outliers), "{name}");
             let note = if outliers > 0 {
-                format!("but for {outliers} of 5000 points")
+                format!("except those of {outliers} of 5000 points")
             } else {
                 "8-bit values in 16-bit fields".into()
             };

@@ -260,7 +260,7 @@ fn an_index_is_drawn_alone_and_is_known_by_what_it_begins_with() {
             line
         },
     ));
-    assert!(failed(&both, 1).contains("alone"));
+    assert!(failed(&both, 1).contains("must be the only input"));
     std::fs::rename(place.at("street.pnti"), place.at("street.las")).unwrap();
     let output = place.render("street.las", "-o @a.png --size 64x64 --explain");
     assert!(text(&output.stderr).contains("cut: "), "{}", text(&output.stderr));

@@ -294,7 +294,7 @@ mod tests {
         };
         let still = Camera { target: written.keys[0].camera.eye, ..written.keys[0].camera };
         for (camera, time, said) in [
-            (flat, 2.0, "perspective"),
+            (flat, 2.0, "projection"),
             (still, 2.0, "direction"),
             (written.keys[1].camera, 0.0, "after the one"),
         ] {
