@@ -58,7 +58,7 @@ const CIRCLES: &[&str] = &[
     "cli: frames render",
     "cli: indexed_info info",
     "cloud/table: heading sniff values",
-    "cloud: find las stream",
+    "cloud: las point_lookup stream",
     "passes/strokes: brush settings",
     "passes/strokes: ground quads",
     "passes: fill visibility",
