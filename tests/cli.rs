@@ -173,7 +173,7 @@ fn layer_distance_applies_to_masks_layers_and_shadows() {
     let all = explained("--layer 0.125");
     for said in [
         "0.125 m between layers, as asked for",
-        "fill: on, because masks find the holes, and what is hidden: surfaces are 0.125 m apart at least",
+        "fill: on, because masks find holes and hidden pixels; surfaces are at least 0.125 m apart",
         "16 layers, 0.125 m apart at least",
         "shadow begins 0.125000 m behind a surface",
     ] {

@@ -1,7 +1,8 @@
-// Anti-aliasing of silhouettes (Dobrev et al. 2010, sec. 3.5; HARD_CASES 12): of tiles with silhouettes, colour in the light -> the same, blended with what lies around it where depth jumps.
+// Anti-aliasing of silhouettes (Dobrev et al. 2010, sec. 3.5; guide: numerics, case 12): blends
+// shaded colour with its neighbours where depth jumps, in listed tiles.
 //
-//   blend       mean over the 3 x 3 with weights 1 2 1, 2 4 2, 1 2 1, of linear light times coverage
-// Beyond the picture's edge pixels are as those at it.
+//   blend       mean over the 3 x 3 with weights 1 2 1, 2 4 2, 1 2 1, of premultiplied linear light
+// Pixels beyond the picture's edge repeat those at it.
 #version 460
 #extension GL_EXT_scalar_block_layout : require
 #extension GL_EXT_control_flow_attributes : require
@@ -17,7 +18,7 @@ layout(r32f) readonly uniform image2D depth;
 layout(rgba32f) readonly uniform image2D color;
 layout(r32f) readonly uniform image2D lit;
 layout(rgba32f) writeonly uniform image2D blended;
-// Light that is left to be multiplied: none where colours are blended, since these were in their light already.
+// Factor that remains: 1 for blended pixels, whose colour includes it.
 layout(r32f) writeonly uniform image2D left;
 
 layout(constant_id = 2) const bool LIT_BY = false;
@@ -30,9 +31,9 @@ layout(push_constant, scalar) uniform Push {
 
 #include "silhouette.glsl"
 
-// Three pixels side by side.
+// Three adjacent pixels.
 struct Row {
-    vec4 sum;     // in their light, with weights 1 2 1
+    vec4 sum;     // shaded, with weights 1 2 1
     vec4 color;   // of the one in the middle
     float light;
     vec3 depths;
@@ -52,7 +53,7 @@ Row row_at(ivec2 pixel, ivec2 last) {
     return row;
 }
 
-// A column from top to bottom: its pixels share rows.
+// Works on a column from top to bottom: its pixels share rows.
 void work(uint n) {
     ivec2 last = ivec2(push.size) - 1;
     ivec2 pixel = column_of(lists.word[LIST_HEADER + n], push.tiles_across);
@@ -62,7 +63,7 @@ void work(uint n) {
         Row below = row_at(pixel + ivec2(0, 1), last);
         bool blends = silhouette(float[5](own.depths.y, own.depths.x, own.depths.z, above.depths.y, below.depths.y));
         vec4 mean = (above.sum + vec4(2.0) * own.sum + below.sum) * vec4(0.0625);
-        // What lies beyond the picture is written nowhere.
+        // Pixels beyond the picture are not written.
         imageStore(blended, pixel, mix(own.color, mean, bvec4(blends)));
         if (LIT_BY) imageStore(left, pixel, vec4(mix(own.light, 1.0, blends)));
         if (row == TILE_PX - 1) break;

@@ -1,4 +1,4 @@
-// What anti-aliasing made of tiles with silhouettes -> layers.
+// Results of anti-aliasing in listed tiles -> G-buffer.
 #version 460
 #extension GL_EXT_scalar_block_layout : require
 #extension GL_EXT_control_flow_attributes : require
@@ -22,7 +22,7 @@ layout(push_constant, scalar) uniform Push {
 
 void work(uint n) {
     ivec2 pixel = column_of(lists.word[LIST_HEADER + n], push.tiles_across);
-    // What lies beyond the picture is written nowhere.
+    // Pixels beyond the picture are not written.
     [[unroll]] for (int row = 0; row < TILE_PX; ++row) {
         imageStore(color, pixel, imageLoad(blended, pixel));
         if (LIT_BY) imageStore(lit, pixel, imageLoad(left, pixel));

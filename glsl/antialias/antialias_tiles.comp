@@ -1,4 +1,4 @@
-// Depth -> the tiles in which it jumps: a list of those with silhouettes (lib/silhouette.glsl).
+// Depth -> list of tiles with silhouettes (lib/silhouette.glsl).
 #version 460
 #extension GL_EXT_scalar_block_layout : require
 #extension GL_EXT_control_flow_attributes : require
@@ -11,14 +11,14 @@
 layout(local_size_x = 64) in;
 
 layout(r32f) readonly uniform image2D depth;
-// Of every tile, not 0 where it is listed. Starts as zeros.
+// Not 0 for listed tiles. Starts as zeros.
 layout(scalar) buffer Found { uint tile[]; } found;
 layout(scalar) buffer Lists { uint word[]; } lists;
 
 layout(push_constant, scalar) uniform Push {
     uvec2 size; // pixels
     uvec2 tiles;
-    float jump; // least Laplacian of a silhouette, parts of the depth
+    float jump; // smallest Laplacian of a silhouette, as a share of the depth
     uint all;   // 1: every tile is listed
 } push;
 
@@ -27,7 +27,7 @@ layout(push_constant, scalar) uniform Push {
 void look(uint place) {
     uint tile = LISTED ? listed_number(place, push.tiles.x) : place;
     ivec2 last = ivec2(push.size) - 1;
-    // What lies beyond the picture is looked at as its last pixel, of the same tile.
+    // Pixels beyond the picture read its last pixel, which is of the same tile.
     ivec2 at = min(column_of(tile, push.tiles.x), last);
     float above = imageLoad(depth, max(at - ivec2(0, 1), ivec2(0))).r;
     float own = imageLoad(depth, at).r;

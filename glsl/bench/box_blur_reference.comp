@@ -1,4 +1,4 @@
-// A plain mean over 3 x 3: what benchmarks measure other passes in.
+// A plain mean over 3 x 3: the unit of benchmarks.
 #version 460
 #extension GL_EXT_scalar_block_layout : require
 #extension GL_EXT_control_flow_attributes : require

@@ -1,4 +1,5 @@
-// The papers' way of drawing points: one vertex a point, positions in f32 relative to the cloud's centre.
+// The papers' way of drawing points: one vertex per point, with f32 positions relative to the
+// cloud's centre.
 #version 460
 #extension GL_EXT_scalar_block_layout : require
 

@@ -1,15 +1,23 @@
-// One step of filling by masks (Dobrev et al. 2010, sec. 3.2 and 3.3; papers/README.md): from one image into the other.
+// One step of filling by masks (Dobrev et al. 2010, sec. 3.2 and 3.3; guide: papers), from one
+// image into the other.
 //
 //   masks       five consecutive pixels of the ring of eight, in all eight rotations
-//   behind      of the background step: without a depth; of the occluded step: not nearer than the pixel by at least the layer distance
-//   pixel       of the background step: without a depth; of the occluded step: with one
-//   it stays    where all five pixels of any mask are behind: there it lies beyond a silhouette
-//   else        it takes the values of its nearest neighbour
-// Values are copied, never mixed: what goes along with a depth is from where it was taken, and how many steps it may still go (lib/depth_source.glsl). Of neighbours that have none left, none is taken.
-// Where a pass before has found holes and what is hidden, the background step fills those, whatever masks say. Of what it has not found, pixels are filled of whose eight neighbours at most three are behind, as above,
-// which no straight silhouette has beside it: masks would go on up to the diagonal for as many steps as holes take. The background step takes the nearest neighbour's values as soon as there
-// are some, however far these have come.
-// A tile that nothing changed in the step before is left alone (lib/tile_steps.glsl). Where depths change they fall, so that steps come to an end.
+//   behind      background step: without depth
+//               hidden step: not nearer than the pixel by at least the layer distance
+//   pixel       background step: without depth; hidden step: with depth
+//   stays       if all five pixels of any mask are behind: it lies beyond a silhouette
+//   else        takes the values of its nearest neighbour
+// Values are copied, never mixed: a depth carries its source and the steps that it may still go
+// (lib/depth_source.glsl). Neighbours with none left are not used.
+//
+// If a pass before has found holes and hidden pixels, the background step fills those whatever
+// masks say. Other pixels are filled if at most three of their eight neighbours are behind, which
+// no straight silhouette has beside it: masks would grow it up to the diagonal for as many steps as
+// holes take. The background step takes the nearest neighbour's values as soon as there are some,
+// however far they have come.
+//
+// Tiles where nothing changed in the step before are skipped (lib/tile_steps.glsl). Depths only
+// fall, so steps end.
 #version 460
 #extension GL_EXT_scalar_block_layout : require
 #extension GL_EXT_control_flow_attributes : require
@@ -26,7 +34,7 @@ layout(local_size_x = 64) in;
 
 layout(scalar) buffer Steps { uint word[]; } steps;
 layout(r32ui) readonly uniform uimageBuffer step_words;
-// All with four rows a texel.
+// Four rows per texel.
 layout(rgba32f) readonly uniform image2D from_depth;
 layout(rgba32f) readonly uniform image2D from_source;
 layout(rgba32f) writeonly uniform image2D to_depth;
@@ -34,23 +42,24 @@ layout(rgba32f) writeonly uniform image2D to_source;
 
 layout(constant_id = 0) const bool TEXELS = true;
 layout(constant_id = 1) const bool OCCLUDED = false;
-// Holes are known.
+// Whether holes are known.
 layout(constant_id = 2) const bool FOUND = false;
 
 layout(push_constant, scalar) uniform Push {
     uvec2 size;       // pixels
     uvec2 tiles;
-    uint step;        // from 1
+    uint step;        // number, from 1
     uint woken_at;  // the first tile's word in `steps`
-    float layer;      // least distance of two surfaces, metres
-    uint most_groups; // of a step's dispatch
+    float layer;      // layer distance [m]
+    uint most_groups; // limit of a dispatch
 } push;
 
 #include "tile_steps.glsl"
 
-// From a pixel's place in a column of rows of three to those of the ring around it, clockwise from the upper left.
+// From a pixel's place in a column of rows of three to the ring around it, clockwise from the upper
+// left.
 #define RING(k) ((k) < 3 ? (k) - 4 : (k) == 3 ? 1 : (k) < 7 ? 8 - (k) : -1)
-// The 3 x 3 without the pixel itself, row by row.
+// The 3 x 3 without its middle, row by row.
 #define AROUND(k) ((k) - 4 + (k) / 4)
 #define ASIDE(k) ivec2(((k) + (k) / 4) % 3 - 1, ((k) + (k) / 4) / 3 - 1)
 
@@ -78,7 +87,8 @@ Changes work(uint tile) {
             uint behind = 0u;
             [[unroll]] for (int k = 0; k < 8; ++k) {
                 float neighbour = z[c + RING(k)];
-                // The second comparison is for layers thinner than an ulp: equal depths hide nothing.
+                // The second comparison is for layers thinner than an ulp: equal depths hide
+                // nothing.
                 behind |= uint(!(neighbour <= limit && neighbour < z[c])) << k;
             }
             bool inside = all(lessThan(ivec2(texel.x, 4 * texel.y + p), ivec2(push.size)));

@@ -1,7 +1,9 @@
-// Layers -> what filling by masks starts from, four rows a texel: depths, and of every pixel that it has its own values and how many steps these may go.
+// G-buffer -> start of filling by masks, four rows per texel: depths, and every pixel as its own
+// source with the number of steps it may go.
 //
-// Where no number of steps is asked for that is a few spacings of the point on the screen: gaps between points close, and no surface grows farther over its silhouette. Pixels of which a pass before
-// has found that they show nothing that is to be seen are marked, and filled whatever masks say.
+// Unless set, that is a few point spacings on the screen: gaps close, and no surface grows farther
+// over its silhouette. Pixels that a pass before has found invisible are marked and filled whatever
+// masks say.
 #version 460
 #extension GL_EXT_scalar_block_layout : require
 #extension GL_EXT_control_flow_attributes : require
@@ -17,7 +19,7 @@ layout(local_size_x = 64) in;
 
 layout(r32f) readonly uniform image2D depth;
 layout(r32ui) readonly uniform uimage2D index;
-// Of every node of the frame, how far apart its points are: bits of a float, metres.
+// Point spacing of every node of the frame [m], as float bits.
 layout(r32ui) readonly uniform uimageBuffer spacings;
 layout(rgba32f) writeonly uniform image2D opened;
 layout(rgba32f) writeonly uniform image2D source;
@@ -27,9 +29,9 @@ layout(constant_id = 0) const bool PERSPECTIVE = true;
 layout(push_constant, scalar) uniform Push {
     uvec2 texels;
     float px_per_unit; // perspective: focal length in pixels; orthographic: pixels per metre
-    float reach;       // steps for each pixel that points are apart
+    float reach;       // steps per pixel of point spacing
     float most;        // steps
-    uint asked;        // 1: that many for all
+    uint asked;        // 1: that number for all
 } push;
 
 void open(ivec2 texel) {
@@ -38,7 +40,7 @@ void open(ivec2 texel) {
     vec4 sources;
     [[unroll]] for (int row = 0; row < 4; ++row) {
         ivec2 pixel = ivec2(texel.x, 4 * texel.y + row);
-        // What lies beyond the picture reads as 0: no depth.
+        // Pixels beyond the picture read 0: no depth.
         float z = imageLoad(depth, pixel).r;
         uint point = imageLoad(index, pixel).r;
         bool known = has_depth(floatBitsToUint(z)) && z > 0.0 && point != NO_POINT;

@@ -1,4 +1,5 @@
-// What filling by masks left -> layers: every pixel has the depth that it was given, and index and colour of the pixel that this was taken from. One that nothing reached is background.
+// Result of filling by masks -> G-buffer: the depth of every pixel, and index and colour of its
+// source. Pixels that nothing reached are background.
 #version 460
 #extension GL_EXT_scalar_block_layout : require
 #extension GL_EXT_control_flow_attributes : require
@@ -11,7 +12,7 @@
 
 layout(local_size_x = 64) in;
 
-// Four rows a texel; what a source is, lib/depth_source.glsl says.
+// Four rows per texel; sources as in lib/depth_source.glsl.
 layout(rgba32f) readonly uniform image2D filled;
 layout(rgba32f) readonly uniform image2D source;
 layout(r32ui) readonly uniform uimage2D index;

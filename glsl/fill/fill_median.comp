@@ -1,11 +1,13 @@
-// One step of anisotropic filling (Pintus et al. 2011, sec. 5; papers/README.md): from one image into the other, only pixels to fill.
+// One step of anisotropic filling (Pintus et al. 2011, sec. 5; guide: papers), from one image into
+// the other.
 //
-//   without a value: the lower median, by depth, of the neighbours' values in the 3 x 3, with that neighbour's colour
-//   with one:        the mean of the neighbourhood, weighted by (1 - r / 2) (1 - min(1, |z - z0| / tolerance))
-// Background never gives a value. Depths are averaged as differences to the pixel's own. What is chosen is chosen by mix, not by ?, which becomes a branch: a compiler that is no compiler of branches
-// takes minutes over hundreds of them.
+//   without a value: lower median, by depth, of the values in the 3 x 3, with that neighbour's colour
+//   with one:        mean of the neighbourhood, weighted by
+//                    (1 - r / 2) (1 - min(1, |z - z0| / tolerance))
+// Background never gives a value. Depths are averaged as differences to the pixel's own. Selections
+// use mix and not ?, which becomes a branch: some compilers take minutes over hundreds of branches.
 //
-// A tile that nothing changed in the step before is left alone (lib/tile_steps.glsl).
+// Tiles where nothing changed in the step before are skipped (lib/tile_steps.glsl).
 #version 460
 #extension GL_EXT_scalar_block_layout : require
 #extension GL_EXT_control_flow_attributes : require
@@ -18,37 +20,38 @@ layout(local_size_x = 64) in;
 
 layout(scalar) readonly buffer Lists { uint word[]; } lists;
 layout(r32ui) readonly uniform uimageBuffer listed_words;
-// Of every tile, the width of the kernel that found its holes, pixels.
+// Width of the kernel that found each tile's holes [px].
 layout(scalar) readonly buffer Kernels { uint word[]; } kernels;
 layout(r32ui) readonly uniform uimageBuffer kernel_words;
 layout(scalar) buffer Steps { uint word[]; } steps;
 layout(r32ui) readonly uniform uimageBuffer step_words;
-// Depth and colour (lib/pixel.glsl), four rows a texel.
+// Depth and colour (lib/pixel.glsl), four rows per texel.
 layout(rgba32f) readonly uniform image2D from_depth;
 layout(rgba32f) readonly uniform image2D from_color;
 layout(rgba32f) writeonly uniform image2D to_depth;
 layout(rgba32f) writeonly uniform image2D to_color;
 
 layout(constant_id = 0) const bool TEXELS = true;
-// True where colours are labels, which are never mixed.
+// Whether colours are labels, which are never mixed.
 layout(constant_id = 1) const bool LABELS = false;
 
 layout(push_constant, scalar) uniform Push {
     uvec2 tiles;
-    uint step;       // from 1
+    uint step;       // number, from 1
     uint woken_at; // the first tile's word in `steps`
-    float tolerance; // of depth: metres, or, where it is relative, parts of the depth
+    float tolerance; // depth difference: metres, or a share of the depth if relative
     uint relative;
-    uint surrounded; // background is filled, too, where so many of its neighbours have a value
-    uint most_groups; // of a step's dispatch
+    uint surrounded; // filled neighbours from which background is filled, too
+    uint most_groups; // limit of a dispatch
 } push;
 
-// A step of less than the tolerance divided by this and by the kernel's width is none: about two pixels' width divided by that of the kernel.
+// Smaller steps than the tolerance divided by this and by the kernel's width count as none: about
+// two pixel widths divided by that of the kernel.
 const float AT_REST = 16.0;
-// More than any depth's bits.
+// Larger than the bits of any depth.
 const int NOTHING = 0x7FFFFFFF;
 
-// Without the sign; NOTHING where there is no depth.
+// Returns bits without the sign; NOTHING without depth.
 int depth_bits(uint word) {
     uint magnitude = word & ~FILLING;
     return mix(NOTHING, int(magnitude), magnitude - 1u < BACKGROUND_BITS - 1u);
@@ -56,7 +59,7 @@ int depth_bits(uint word) {
 
 #include "tile_steps.glsl"
 
-// Of the 3 x 3, row by row, by places in a column of six rows of three: the pixel is at `c`.
+// The 3 x 3 around place `c`, row by row, in a column of six rows of three.
 #define AROUND(k, c) ((c) - 4 + (k) + (k) / 4)
 
 uint tile_at(uint place) {
@@ -65,13 +68,14 @@ uint tile_at(uint place) {
 
 Changes work(uint tile) {
     ivec2 top = column_of(tile, push.tiles.x);
-    // What the steps to come add up to grows with the square of a hole's width: with steps so much smaller the wider it is, what is missing in the end is a slope, the same for all. Smaller steps show
-    // nowhere, and would keep the tile awake for long.
+    // The sum of the steps to come grows with the square of a hole's width. With smaller steps for
+    // wider holes, the remaining error is the same slope everywhere. Still smaller steps are
+    // invisible, and would keep the tile awake for long.
     float at_rest = AT_REST * float(WORD(kernel_words, kernels, tile));
     Changes changes = NO_CHANGES;
     [[dont_unroll]] for (int half_tile = 0;; ++half_tile) {
         ivec2 texel = ivec2(top.x, top.y / 4 + half_tile);
-        // Bits of depths without the sign, NOTHING where there is none.
+        // Bits of depths without the sign, NOTHING without depth.
         int bits[18];
         uvec4 own = floatBitsToUint(imageLoad(from_depth, texel));
         [[unroll]] for (int k = 0; k < 3; ++k) {
@@ -103,11 +107,11 @@ Changes work(uint tile) {
             uvec4 next = own;
             vec4 next_colors = own_colors;
             [[unroll]] for (int p = 0; p < 4; ++p) {
-                // The mean, where there is a value; elsewhere of numbers that are not used.
+                // The mean, if there is a value; otherwise unused.
                 int c = 3 * p + 4;
                 float z0 = intBitsToFloat(mix(bits[c], 0x3F800000, bits[c] == NOTHING));
                 float tolerance = push.relative == 1u ? push.tolerance * z0 : push.tolerance;
-                // Where there is no tolerance, only equal depths are of one surface.
+                // Without a tolerance, only equal depths are of one surface.
                 float strictness = tolerance > 0.0 ? min(1.0 / tolerance, 3.402823466e38) : 3.402823466e38;
                 float weights = 1.0;
                 float rise = 0.0;

@@ -1,4 +1,5 @@
-// Layers -> the images that filling goes back and forth between: of all tiles with pixels to fill, and a rim around them, at least as far as a pixel looks.
+// G-buffer -> images that filling alternates between: the tiles with pixels to fill, and a rim
+// around them at least as wide as a pixel looks.
 #version 460
 #extension GL_EXT_scalar_block_layout : require
 #extension GL_EXT_control_flow_attributes : require
@@ -12,7 +13,7 @@ layout(local_size_x = 64) in;
 layout(scalar) readonly buffer Lists { uint word[]; } lists;
 layout(r32f) readonly uniform image2D depth;
 layout(rgba32f) readonly uniform image2D color;
-// Depth and colour (lib/pixel.glsl), four rows a texel.
+// Depth and colour (lib/pixel.glsl), four rows per texel.
 layout(rgba32f) writeonly uniform image2D even_depth;
 layout(rgba32f) writeonly uniform image2D even_color;
 layout(rgba32f) writeonly uniform image2D odd_depth;
@@ -25,7 +26,7 @@ layout(push_constant, scalar) uniform Push {
 void open(ivec2 texel) {
     vec4 depths;
     vec4 colors;
-    // What lies beyond the picture reads as 0: no depth.
+    // Pixels beyond the picture read 0: no depth.
     [[unroll]] for (int row = 0; row < 4; ++row) {
         ivec2 pixel = ivec2(texel.x, 4 * texel.y + row);
         depths[row] = imageLoad(depth, pixel).r;

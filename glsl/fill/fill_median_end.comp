@@ -1,4 +1,4 @@
-// What was filled -> layers. A pixel that nothing reached is background.
+// Filled images -> G-buffer. Pixels that nothing reached are background.
 #version 460
 #extension GL_EXT_scalar_block_layout : require
 #extension GL_EXT_control_flow_attributes : require
@@ -10,7 +10,7 @@
 layout(local_size_x = 64) in;
 
 layout(scalar) readonly buffer Lists { uint word[]; } lists;
-// Depth and colour (lib/pixel.glsl), four rows a texel.
+// Depth and colour (lib/pixel.glsl), four rows per texel.
 layout(rgba32f) readonly uniform image2D filled_depth;
 layout(rgba32f) readonly uniform image2D filled_color;
 layout(r32f) uniform image2D depth;

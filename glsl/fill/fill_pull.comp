@@ -1,8 +1,10 @@
-// A level of a pyramid in, the next coarser one out: each cell the mean of those of its 2 x 2 that have a value and belong to the surface that most of their pixels show
-// (Grossman and Dally 1998, sec. 7; Marroquim, Kraus and Cavalcanti 2008, sec. 4).
+// A level of a pyramid -> the next coarser one: each cell is the mean of the values in its 2 x 2
+// that belong to the surface of most of their pixels (Grossman and Dally 1998, sec. 7; Marroquim,
+// Kraus and Cavalcanti 2008, sec. 4).
 //
-// A mean is of places as well as of depths. With perspective it is of inverse depths, which are affine on planes, so that the mean lies on the plane that its points lie on. Ratios to one of the depths
-// are averaged: what is constant stays so.
+// Places are averaged as well as depths. With perspective inverse depths are averaged, which are
+// affine on planes, so that the mean lies on the plane of its points. Ratios to one of the depths
+// are averaged, so that constants stay constant.
 #version 460
 #extension GL_EXT_scalar_block_layout : require
 #extension GL_EXT_control_flow_attributes : require
@@ -12,24 +14,24 @@
 
 layout(local_size_x = 64) in;
 
-// Depths of the picture; level 1 is made of these.
+// Depths of the picture, for level 1.
 layout(r32f) readonly uniform image2D depth;
-// Values of other levels: depth, place in cells from the middle of the cell, and number of pixels.
+// Values of other levels: depth, place from the middle of the cell [cells], and number of pixels.
 layout(rgba32f) readonly uniform image2D fine_places;
 layout(rgba32f) readonly uniform image2D fine_color;
 layout(rgba32f) writeonly uniform image2D places;
 layout(rgba32f) writeonly uniform image2D color;
 
 layout(constant_id = 0) const bool PERSPECTIVE = true;
-// True for level 1, which is made of the picture.
+// Whether this is level 1, made from the picture.
 layout(constant_id = 1) const bool FIRST = true;
-// True where colours are labels, which are never mixed.
+// Whether colours are labels, which are never mixed.
 layout(constant_id = 2) const bool LABELS = false;
 
 layout(push_constant, scalar) uniform Push {
     uvec2 fine_size;
     uvec2 size;
-    float tolerance; // of depth: metres, or, where it is relative, parts of the depth
+    float tolerance; // depth difference: metres, or a share of the depth if relative
     uint relative;
 } push;
 
@@ -44,7 +46,7 @@ void main() {
         bool has = all(lessThanEqual(at, last)) && found.x >= 0.0 && has_depth(floatBitsToUint(found.x));
         place[k] = has ? found : vec4(uintBitsToFloat(BACKGROUND_BITS), vec3(0.0));
     }
-    // The surface that holds most pixels; of equals the nearest.
+    // The surface that holds most pixels; among equals the nearest.
     float like = uintBitsToFloat(BACKGROUND_BITS);
     float most = 0.0;
     [[unroll]] for (int k = 0; k < 4; ++k) {

@@ -1,12 +1,15 @@
-// A level of the pyramid and the filled next coarser one in, this level filled out (Grossman and Dally 1998, sec. 7; Marroquim, Kraus and Cavalcanti 2008, sec. 4).
+// A level of the pyramid and the filled next coarser one -> this level filled (Grossman and Dally
+// 1998, sec. 7; Marroquim, Kraus and Cavalcanti 2008, sec. 4).
 //
-//   a cell with a value:    that, carried from where it was found to the cell's middle by the slope of the coarser level
-//   one without:            of the surface whose known place is nearest (of the eight cells around; else of the four coarser
-//                           cells around; else that of the coarser cell that it lies in): the mean of those coarser cells that
-//                           are of it, weighted bilinearly; where none is, its value. What is no surface keeps the
-//                           colour of that place
+//   cell with a value:  the value, carried from its place to the cell's middle by the coarser slope
+//   cell without:       belongs to the surface whose known place is nearest: among the eight cells
+//                       around, else the four coarser cells around, else its coarser cell. It takes
+//                       the mean of those coarser cells that are of it, weighted bilinearly; without
+//                       any, the value of that place. Where there is no surface it keeps the colour
+//                       of that place.
 //
-// Pixels of the picture that have a value keep it; background is filled where it is a notch of a contour. Means with perspective are of inverse depths, as ratios to one of them.
+// Pixels of the picture keep their values. Background is filled in notches of contours. With
+// perspective, means are of inverse depths, as ratios to one of them.
 #version 460
 #extension GL_EXT_scalar_block_layout : require
 #extension GL_EXT_control_flow_attributes : require
@@ -24,37 +27,37 @@ layout(rgba32f) readonly uniform image2D coarse_places;
 layout(r32f) readonly uniform image2D depth;
 layout(rgba32f) readonly uniform image2D places;
 layout(rgba32f) readonly uniform image2D color;
-// A word for every tile of the picture: 1 where there is no surface.
+// 1 for each tile of the picture without a surface.
 layout(scalar) readonly buffer Rough { uint tile[]; } rough;
 layout(r32f) writeonly uniform image2D filled_depth;
 layout(rgba32f) writeonly uniform image2D filled_color;
 
 layout(constant_id = 0) const bool PERSPECTIVE = true;
-// The coarsest level has none above it.
+// Whether there is no coarser level.
 layout(constant_id = 1) const bool COARSEST = false;
 layout(constant_id = 2) const bool PICTURE = false;
-// True where colours are labels, which are never mixed.
+// Whether colours are labels, which are never mixed.
 layout(constant_id = 3) const bool LABELS = false;
-// True where it is known which tiles are rough.
+// Whether it is known which tiles are rough.
 layout(constant_id = 4) const bool ROUGH = false;
 
 layout(push_constant, scalar) uniform Push {
     uvec2 coarse_size;
     uvec2 size;
-    float tolerance; // of depth: metres, or, where it is relative, parts of the depth
+    float tolerance; // depth difference: metres, or a share of the depth if relative
     uint relative;
     uint flood; // 1: background is to be filled, too
     uint level;
     uint tiles_across;
-    uint surrounded; // and where so many of its neighbours have a value, or will have one
+    uint surrounded; // or with this many filled neighbours
 } push;
 
 #define NONE uintBitsToFloat(BACKGROUND_BITS)
 
-// More than the square of any distance between cells side by side.
+// Larger than the square of any distance of adjacent cells.
 const float FAR = 1e9;
 
-// Returns a cell of this level before filling: its depth, and its place from the cell's middle, in cells.
+// Returns a cell of this level before filling: depth, and place from the cell's middle [cells].
 vec3 known(ivec2 cell) {
     return PICTURE ? vec3(imageLoad(depth, clamp(cell, ivec2(0), ivec2(push.size) - 1)).r, 0.0, 0.0) : imageLoad(places, clamp(cell, ivec2(0), ivec2(push.size) - 1)).xyz;
 }
@@ -65,7 +68,7 @@ bool is_rough(ivec2 cell) {
     return rough.tile[min(tile.y * push.tiles_across + tile.x, rough.tile.length() - 1)] == 1u;
 }
 
-// None outside.
+// Returns none outside.
 float coarse_at(ivec2 at) {
     ivec2 size = ivec2(push.coarse_size);
     bool inside = all(greaterThanEqual(at, ivec2(0))) && all(lessThan(at, size));
@@ -77,7 +80,8 @@ float tolerance_at(float z) {
     return push.relative == 1u ? push.tolerance * z : push.tolerance;
 }
 
-// By how much the depth rises from a coarse cell to one beside it, or falls to the one on the other side, where they are of one surface: metres, or with perspective parts of inverse depth.
+// Returns the rise of the depth to an adjacent coarse cell, or the fall to the one on the other
+// side, on one surface: metres, or shares of inverse depth with perspective.
 float slope(float z, float before, float after) {
     bool has_before = abs(before - z) <= tolerance_at(z);
     bool has_after = abs(after - z) <= tolerance_at(z);
@@ -87,12 +91,12 @@ float slope(float z, float before, float after) {
     return has_before && has_after ? 0.5 * both : both;
 }
 
-// A value at a place, carried to the middle of its cell.
+// Returns a value carried to the middle of its cell.
 float in_middle(vec3 place, ivec2 parent) {
     float z = coarse_at(parent);
     vec2 slopes = vec2(slope(z, coarse_at(parent - ivec2(1, 0)), coarse_at(parent + ivec2(1, 0))), slope(z, coarse_at(parent - ivec2(0, 1)), coarse_at(parent + ivec2(0, 1))));
     float away = 0.5 * (slopes.x * place.y + slopes.y * place.z);
-    // Of the place's own inverse depth.
+    // Relative to the place's own inverse depth.
     float ratio = 1.0 - away * (place.x / z);
     float carried = PERSPECTIVE ? place.x / (ratio > 0.5 && ratio < 2.0 ? ratio : 1.0) : place.x - away;
     return z <= 3.402823466e38 ? carried : place.x;
@@ -112,7 +116,7 @@ void main() {
         return;
     }
     float z = has_own && !PICTURE ? in_middle(place, parent) : place.x;
-    // The nearest of the cells around that have a value, and how many of them have one or will have.
+    // The nearest of the cells around that have a value, and how many have one or will have.
     float like = NONE;
     float nearest = FAR;
     ivec2 nearest_at = cell;

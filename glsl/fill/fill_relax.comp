@@ -1,5 +1,7 @@
-// Filled depths of a level of the pyramid, once more smooth: each that has no value of its own takes the mean of the 3 x 3 around it, weighted by (1 - r / 2) (1 - min(1, |z - z0| / tolerance)) as in
-// anisotropic filling (Pintus et al. 2011, sec. 5). With perspective it is of inverse depths, as ratios to the pixel's own.
+// Smooths the filled depths of a level of the pyramid: each without a value of its own takes the
+// mean of the 3 x 3 around it, weighted by (1 - r / 2) (1 - min(1, |z - z0| / tolerance)) as in
+// anisotropic filling (Pintus et al. 2011, sec. 5). With perspective inverse depths are averaged,
+// as ratios to the pixel's own.
 #version 460
 #extension GL_EXT_scalar_block_layout : require
 #extension GL_EXT_control_flow_attributes : require
@@ -9,7 +11,7 @@
 
 layout(local_size_x = 64) in;
 
-// Values of the picture; and of other levels (fill_pull.comp).
+// Values of the picture, and of other levels (fill_pull.comp).
 layout(r32f) readonly uniform image2D depth;
 layout(rgba32f) readonly uniform image2D places;
 layout(r32f) readonly uniform image2D from_depth;
@@ -20,7 +22,7 @@ layout(constant_id = 1) const bool PICTURE = false;
 
 layout(push_constant, scalar) uniform Push {
     uvec2 size;
-    float tolerance; // of depth: metres, or, where it is relative, parts of the depth
+    float tolerance; // depth difference: metres, or a share of the depth if relative
     uint relative;
 } push;
 
@@ -35,7 +37,7 @@ void main() {
     bool has_own = has_depth(floatBitsToUint(own)) && own > 0.0;
     if (!has_own && has_depth(floatBitsToUint(z0))) {
         float tolerance = push.relative == 1u ? push.tolerance * z0 : push.tolerance;
-        // Where there is no tolerance, only equal depths are of one surface.
+        // Without a tolerance, only equal depths are of one surface.
         float strictness = tolerance > 0.0 ? min(1.0 / tolerance, 3.402823466e38) : 3.402823466e38;
         float weights = OWN_WEIGHT;
         float sum = PERSPECTIVE ? OWN_WEIGHT : 0.0;

@@ -1,5 +1,6 @@
-// Points that are scattered in depth -> tiles whose surroundings are no surface: branches, leaves, strays. There enough leads a point from all sides, and yet no level can tell whether it is hidden
-// (visibility_levels.comp). On surfaces that happens nowhere but at some contours.
+// Points scattered in depth -> tiles whose surroundings are no surface: branches, leaves, strays.
+// There points have others in front on all sides, and yet no level can call them hidden
+// (visibility_levels.comp). On surfaces that happens only at some contours.
 #version 460
 #extension GL_EXT_scalar_block_layout : require
 #extension GL_EXT_control_flow_attributes : require
@@ -10,7 +11,7 @@
 layout(local_size_x = 64) in;
 
 layout(scalar) readonly buffer Tiles { Tile tile[]; } tiles;
-// Two words a tile, a bit a pixel.
+// Two words per tile, one bit per pixel.
 layout(scalar) readonly buffer Invisible { uint word[]; } invisible;
 layout(scalar) readonly buffer Scattered { uint word[]; } scattered;
 // 1 for a tile whose surroundings are no surface.
@@ -18,7 +19,7 @@ layout(scalar) writeonly buffer Rough { uint tile[]; } rough;
 
 layout(push_constant, scalar) uniform Push {
     uvec2 tiles;
-    uint part; // of the points around, one in so many
+    uint part; // one in `part` of the points around
 } push;
 
 // Tiles to either side.

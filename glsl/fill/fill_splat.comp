@@ -1,7 +1,9 @@
-// Fixed-size splats: depth, index and colour of points in; out, of every pixel, those of the nearest point within a disc of `radius` pixels.
+// Fixed-size splats: depth, index and colour of points -> those of the nearest point within a disc
+// of `radius` pixels around each pixel.
 //
-// Points are drawn at the pixel that they fall into, so this least depth of a disc is what drawing every point as a disc of that size leaves in a depth buffer. A pixel that no disc covers is background.
-// Of equal depths the upper left is taken: the picture does not depend on the order of execution.
+// This is what drawing every point as a disc of that size leaves in a depth buffer. Pixels that no
+// disc covers are background. Among equal depths the upper left one is taken, so the picture does
+// not depend on the order of execution.
 #version 460
 #extension GL_EXT_scalar_block_layout : require
 #extension GL_GOOGLE_include_directive : require
@@ -35,7 +37,7 @@ void main() {
             ivec2 at = pixel + ivec2(dx, dy);
             bool near = float(dx * dx + dy * dy) <= square && all(greaterThanEqual(at, ivec2(0))) && all(lessThan(at, size));
             float z = imageLoad(depth, clamp(at, ivec2(0), size - 1)).r;
-            // What visibility took out is minus infinity.
+            // Pixels that visibility removed are minus infinity.
             bool nearer = near && z >= 0.0 && z < nearest;
             nearest_at = nearer ? at : nearest_at;
             nearest = nearer ? z : nearest;

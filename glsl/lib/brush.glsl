@@ -1,6 +1,7 @@
-// What a stroke is in a pixel. The includer has `brushes` and `brush_words`.
+// A stroke in a pixel. The includer has `brushes` and `brush_words`.
 
-// Where a pixel's ray meets a stroke's square: (u, v), parts of its sides; whether that is on it; and what its depth takes.
+// Where a pixel's ray meets a stroke's square: (u, v) in shares of its sides, whether that is on
+// it, and the inputs of its depth.
 struct Met {
     vec2 uv;
     float turned;
@@ -18,12 +19,13 @@ Met meet(vec2 at, vec4 centre_turning, vec4 axes, vec2 reach) {
     return Met(uv, turned, over, met && abs(uv.x) <= reach.x && abs(uv.y) <= reach.y);
 }
 
-// How deep, where its point is as deep as that.
+// Returns the depth, for the depth of the stroke's point.
 float depth_of(Met met, float depth) {
     return PERSPECTIVE ? depth * met.over : depth - met.turned;
 }
 
-// Of a brush at (u, v), -1/2 to 1/2, beyond which it has nothing: between the corners of one of its 32 x 32 squares.
+// Returns the coverage of a brush at (u, v), -1/2 to 1/2, beyond which it is 0: interpolated
+// between the corners of one of its 32 x 32 squares.
 float coverage(vec2 at, uint brush) {
     vec2 place = clamp((at + vec2(0.5)) * vec2(32.0), vec2(0.0), vec2(32.0));
     uvec2 square = min(uvec2(place), uvec2(31u));
@@ -35,7 +37,7 @@ float coverage(vec2 at, uint brush) {
     return inside ? (upper * (1.0 - f.y) + lower * f.y) / 255.0 : 0.0;
 }
 
-// Of the second layer of strokes of small clusters, a smaller stroke across the first.
+// Returns the coverage of the second layer of small clusters, a smaller stroke across the first.
 float second_coverage(vec2 uv, uint brush) {
     return coverage(vec2(-uv.y, uv.x) * vec2(1.5), brush ^ 0xA5u);
 }

@@ -10,10 +10,10 @@ vec4 color_of(uint entry) {
     return uintBitsToFloat(imageLoad(table, int(entry)));
 }
 
-// Linear. Words at the ends of the ramp are `lo` and `lo + 255 / scale`.
+// Returns a linear colour. Words at the ends of the ramp are `lo` and `lo + 255 / scale`.
 vec4 painted(uint word, float lo, float scale) {
     vec4 c = vec4(0.0);
-    // Every station has a row of the table of its own.
+    // Every station has a row of the table.
     uint row = (word >> 24) << 8;
     if (MODE == RGB) c = vec4(color_of(row | (word & 255u)).r, color_of(row | ((word >> 8) & 255u)).g, color_of(row | ((word >> 16) & 255u)).b, 1.0);
     if (MODE == RAMP) c = color_of(uint(clamp((float(word) - lo) * scale, 0.0, 255.0)));

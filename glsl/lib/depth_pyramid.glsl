@@ -1,12 +1,15 @@
-// A pyramid of nearest points. Level 0 is the picture; a cell of level k covers 2^k x 2^k pixels and holds its nearest point: its depth in one image, and where it lies in another. Declares no bindings.
+// A pyramid of nearest points. Level 0 is the picture; a cell of level k covers 2^k x 2^k pixels
+// and holds its nearest point: the depth in one image, and its place in another. Declares no
+// bindings.
 //
-// Levels from 1 on lie in one image: level 1 at its corner, the others to the right of it, one below the other.
+// Levels from 1 on lie in one image: level 1 at its corner, the others to the right of it, one
+// below the other.
 
-// Of a place in a cell: pixels from its corner, across and down, in one number.
+// Code of a place in a cell: pixels from its corner, across and down, in one number.
 const float ROW_OF_PLACES = 256.0;
 const float NO_PLACE = -1.0;
 
-// The middle of a pixel of a cell.
+// Returns the centre of a pixel of a cell.
 vec2 place_in(ivec2 cell, int level, float code) {
     float down = floor(code * (1.0 / ROW_OF_PLACES));
     return vec2(cell << level) + vec2(code - ROW_OF_PLACES * down, down) + 0.5;
@@ -22,7 +25,8 @@ ivec2 level_corner(ivec2 size, int level) {
     return corner;
 }
 
-// Points beyond the picture's edge are not known: the cells at the edge stand for them, moved outwards, so that a surface goes on there, and so does the background.
+// Points beyond the picture's edge are unknown. Edge cells are repeated there, moved outwards, so
+// that surfaces and background continue.
 int at_edge(int at, int side) {
     return clamp(at, 0, side - 1);
 }
@@ -34,18 +38,20 @@ const uint OPEN = 2u;
 const uint CLOSED = 3u;
 
 const float EIGHTH_OF_DISC = 0.39269908;
-// Where every neighbour leads the density is unknown, but not infinite.
+// If every neighbour leads, the density is unknown, but not infinite.
 const float MOST_SHARE = 0.93;
 
-// Judges a pixel by what leads in a kernel (passes/visibility.rs has the rule): how many points, how many neighbours they have there and how many of those pairs lead, the squares of the distances
-// to the nearest in each sector, in cells, and the solid angle that is left, in sectors' hemispheres.
+// Judges a pixel by the leading points in a kernel (rule: visibility_levels.comp): their number,
+// the number of their neighbours and of leading pairs, squared distances to the nearest in each
+// sector [cells], and the remaining solid angle in sectors' hemispheres.
 uint verdict(int leaders, int fewest, int pairs, int neighbours, float squares, float cones, float closed, float expected) {
     float share = min(2.0 * float(pairs) / float(max(neighbours, 1)), MOST_SHARE);
     bool is_open = share * squares * EIGHTH_OF_DISC >= expected * sqrt(1.0 - share);
     return leaders < fewest ? TOO_FEW : is_open ? OPEN : cones < closed ? CLOSED : UNDECIDED;
 }
 
-// Leaves points to the next level, whose words in `counts` are an indirect dispatch and their number: `place` is that of the first.
+// Leaves points to the next level, whose words in `counts` are an indirect dispatch and their
+// number; `place` is that of the first.
 #define LEAVE(counts, next, many, place) { \
     uint words = 4u * uint(next); \
     place = atomicAdd(counts.word[words + 3u], many); \

@@ -1,24 +1,26 @@
-// Where a pixel that filling by masks gave its values has them from, and how much farther they may go: one float, a whole number. Declares no bindings.
+// Source of the values of a pixel filled by masks, and the steps that they may still go: a whole
+// number in a float. Declares no bindings.
 //
-//   steps left * 2^16 + rows down * 2^8 + columns right, as seen from the pixel        steps 0 to 127, rows and columns -127 to 127
-// Floats, because lavapipe loads images of integers several times slower.
+//   steps left * 2^16 + rows down * 2^8 + columns right, relative to the pixel
+//   steps 0 to 127, rows and columns -127 to 127
+// Floats, because lavapipe loads integer images several times slower.
 const float STEP_LEFT = 65536.0;
 const int ROW = 256;
 
-// Of a pixel that has no values, and is to get some from neighbours that have: less than any source.
+// For a pixel without values that is to be filled: less than any source.
 const float TO_BE_FILLED = -STEP_LEFT;
 
-// Whether values may go another step.
+// Returns whether values may go another step.
 bool goes_on(float source) {
     return source > 0.5 * STEP_LEFT;
 }
 
-// As a neighbour has it that lies so far aside -> as the pixel has it.
+// Converts the source of a neighbour at `aside` to one relative to the pixel.
 float taken_from(float source, ivec2 aside) {
     return source - mix(0.0, STEP_LEFT, goes_on(source)) + float(aside.y * ROW + aside.x);
 }
 
-// From a pixel to its source.
+// Returns the offset from a pixel to its source.
 ivec2 way_to(float source) {
     int aside = ((int(source) + 0x8000) & 0xFFFF) - 0x8000;
     // Shifted, not divided: rows above are negative.

@@ -1,4 +1,4 @@
-// Sums of products that give the same bits on every driver, which `dot` need not. Declares no bindings.
+// Dot products with the same bits on every driver, unlike `dot`. Declares no bindings.
 
 #ifndef DOT
 #define DOT

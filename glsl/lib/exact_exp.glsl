@@ -1,6 +1,8 @@
-// Elementary functions from operations that give the same bits on every driver (+ - * and integers; PROBE.md). Declares no bindings.
+// Elementary functions from operations with the same bits on every driver (+ - * and integers).
+// Declares no bindings.
 
-// 2^x for x <= 0, to 2^-22 relative; 0 below -126. The polynomial is the Taylor series of 2^f on [-1/2, 1/2].
+// Returns 2^x for x <= 0, to 2^-22 relative; 0 below -126. The polynomial is the Taylor series of
+// 2^f on [-1/2, 1/2].
 float exact_exp2(float x) {
     float clamped = max(x, -126.0);
     float whole = floor(clamped + 0.5);

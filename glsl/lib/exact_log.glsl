@@ -1,6 +1,8 @@
-// Powers from operations that give the same bits on every driver. Declares no bindings; exact_exp.glsl comes before.
+// Powers from operations with the same bits on every driver. Declares no bindings; exact_exp.glsl
+// comes before.
 
-// log2 of a positive, normal number, to 2^-21 absolute: the mantissa between the roots of 1/2 and 2, then the series of the area tangent.
+// Returns log2 of a positive, normal number, to 2^-21 absolute: the mantissa between the roots of
+// 1/2 and 2, then the series of the area tangent.
 float exact_log2(float x) {
     int bits = floatBitsToInt(x);
     // 0x3F3504F3 is the root of 1/2.
@@ -11,7 +13,7 @@ float exact_log2(float x) {
     return float(exponent) + s * (2.88539008 + q * (0.961796694 + q * (0.577078016 + q * 0.41219858)));
 }
 
-// t^p of t >= 0, p > 0; at most 2^126 (HARD_CASES 20).
+// Returns t^p for t >= 0, p > 0; at most 2^126 (guide: numerics, case 20).
 float exact_power(float t, float p) {
     bool has = t > 1.17549435e-38;
     float power = p * exact_log2(has ? t : 1.0);

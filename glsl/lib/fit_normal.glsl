@@ -1,9 +1,14 @@
-// The normal of the surface that a depth image shows, fitted to a pixel's neighbourhood. Declares no bindings.
+// The normal of the surface in a depth image, fitted to a pixel's neighbourhood. Declares no
+// bindings.
 //
-// On a plane 1/z is affine over a picture with perspective, z over one without. So with differences to the pixel's own depth z0, exact beside it,
-//   q = (z0 - z) / z, or z0 - z,  ~  a dx + b dy + c         least squares over the neighbours of the same surface, dx and dy in pixels
-//   n ~ -(f a, f b, 1 - (x a + y b)), or -(f a, f b, 1)      right, down, away from the camera; (x, y) the pixel as seen from the picture's centre; f pixels per unit
-// which faces the camera by construction. A point lies anywhere in its pixel: the more pixels are fitted, the less of that is left in the slope.
+// On a plane 1/z is affine over a picture with perspective, z over one without. So with differences
+// to the pixel's own depth z0, which are exact near it,
+//   q = (z0 - z) / z, or z0 - z,  ~  a dx + b dy + c       least squares over the neighbours of the
+//                                                          same surface, dx and dy [px]
+//   n ~ -(f a, f b, 1 - (x a + y b)), or -(f a, f b, 1)    right, down, away from the camera; (x, y)
+//                                                          pixel from the picture's centre; f [px]
+// which faces the camera by construction. A point may lie anywhere in its pixel; fitting more
+// pixels reduces that error of the slope.
 
 // Sums over the neighbours that have been added.
 struct Fit {
@@ -16,7 +21,8 @@ struct Fit {
 
 const Fit NO_FIT = Fit(0.0, vec2(0.0), vec3(0.0), 0.0, vec2(0.0));
 
-// Depths that differ by `reach` or more are of other surfaces; those that differ less weigh (1 - (difference / reach)^2)^2 (Tukey's biweight), which hardly bends the slope of a steep surface.
+// Depths that differ by `reach` or more are of other surfaces. Others weigh (1 - (difference /
+// reach)^2)^2 (Tukey's biweight), which hardly bends the slope of a steep surface.
 void add_to_fit(inout Fit fit, bool has, ivec2 aside, float z, float z0, float reach, bool perspective) {
     bool counts = has && abs(z0 - mix(z0, z, has)) < reach;
     float own = mix(z0, z, counts);
@@ -33,7 +39,7 @@ void add_to_fit(inout Fit fit, bool has, ivec2 aside, float z, float z0, float r
     fit.q_first += vec2(w * q) * d;
 }
 
-// Of unit length; 0 where neighbours lie in a line, or are none.
+// Returns the unit normal; 0 if neighbours lie in a line, or there are none.
 vec3 normal_of(Fit fit, vec2 from_centre, float px_per_unit, bool perspective) {
     float n = max(fit.weights, 1.0);
     vec2 mean = fit.first / vec2(n);
@@ -43,7 +49,7 @@ vec3 normal_of(Fit fit, vec2 from_centre, float px_per_unit, bool perspective) {
     float xq = fit.q_first.x - fit.q * mean.x;
     float yq = fit.q_first.y - fit.q * mean.y;
     float determinant = xx * yy - xy * xy;
-    // Of three pixels in a corner it is a third, of a window that sees a surface hundreds.
+    // A third for three pixels in a corner, hundreds for a window that sees a surface.
     bool spread = determinant > 0.1;
     float share = 1.0 / mix(1.0, determinant, spread);
     float a = (xq * yy - yq * xy) * share;

@@ -1,4 +1,6 @@
-// Four neighbours -> sums of their pixels. The includer has `front`, `levels`, `shallow`, a buffer `sums` and `add_to`, which adds a channel's value and count to a pixel's; point_loop.glsl comes after.
+// Four neighbours -> sums of their pixels. The includer has `front`, `levels`, `shallow`, a buffer
+// `sums`, and `add_to`, which adds a channel's value and count to a pixel's; point_loop.glsl comes
+// after.
 
 #include "luminance.glsl"
 #include "pixel_index.glsl"
@@ -13,23 +15,24 @@ void four(uint pixel[4], float depth[4], uvec4 words) {
     for (uint k = 0u; k < 4u; ++k) {
         uint at = pixel[k] == NO_PIXEL ? 0u : pixel[k];
         float nearest = imageLoad(front, in_rows(at, width) + ivec2(0, push.top)).r;
-        // What is in front of the nearest point is of a layer that has been peeled off.
+        // Points in front of the nearest one are of a layer that has been peeled off.
         pixel[k] = depth[k] >= nearest && depth[k] <= nearest + push.epsilon ? pixel[k] : NO_PIXEL;
         uvec3 bytes = shown_bytes(words[k], RAMP, push.lo, push.scale);
         count[k] = 1u;
-        // More light is a greater value, so that the largest channel stays the largest.
+        // More light is a greater value, so the largest channel stays the largest.
         uvec3 values = CHANNELS == 1u ? uvec3(value_of(bytes)) : bytes;
         value[k].r = level_of(values.r, words[k], RAMP);
         if (CHANNELS == 3u) value[k].gb = uvec2(level_of(values.g, words[k], RAMP), level_of(values.b, words[k], RAMP));
     }
-    // Points are in Morton order, so that many a neighbour is in the same pixel: one atomic is enough for them.
+    // Points are in Morton order, so many neighbours are in the same pixel and share one atomic.
     for (uint k = 1u; k < 4u; ++k) {
         bool together = pixel[k] == pixel[k - 1u];
         count[k] += together ? count[k - 1u] : 0u;
         value[k] += together ? value[k - 1u] : uvec3(0u);
         pixel[k - 1u] = together ? NO_PIXEL : pixel[k - 1u];
     }
-    // As many rounds as the lane takes that has most pixels: atomics cost a software device their time whether a lane wants one or not.
+    // As many rounds as the lane with the most pixels needs: atomics cost a software device their
+    // time for every lane.
     for (;;) {
         uint at = NO_PIXEL, points = 0u;
         uvec3 sum = uvec3(0u);

@@ -1,18 +1,24 @@
-// Four neighbours -> the keys of their pixels. The includer has BEHIND, `front_depth`, and `meet`, which brings one point to its pixel; point_loop.glsl comes after.
+// Four neighbours -> the keys of their pixels. The includer has BEHIND, `front_depth`, and `meet`,
+// which brings one point to its pixel; point_loop.glsl comes after.
 //
-//   where a layer behind others is drawn, leave out what is not behind them, and chunks that had nothing left one layer before
-//   of neighbours in the same pixel keep the nearest           points are in Morton order, so many are
-//   bring it to the pixel unless something nearer is known to be there: a stale answer only costs an atomic, since keys only fall
+//   for a layer behind others, skip points that are not behind them, and chunks that had none left
+//   one layer before
+//   of neighbours in the same pixel keep the nearest; points are in Morton order, so many are
+//   bring it to the pixel unless a nearer one is known there: a stale answer only costs an atomic,
+//   since keys only fall
 //
-// Each step was kept because it was faster on lavapipe when it was added, alone, to the ones before: words in fours, the early read, the merging, nodes
-// drawn from front to back; together they doubled the rate. What is left is mostly atomics. `bench project` measures the whole.
+// Each step was kept because it was faster on lavapipe when it was added to the ones before: words
+// in fours, the early read, the merging, nodes drawn from front to back; together they doubled the
+// rate. Most of the rest is atomics. `bench project` measures the whole.
 
-// The depths that points have to be behind only grow from layer to layer, so a chunk that has none behind them never has one again. Layers count from 1; every chunk is walked for the first.
+// The depths that points must be behind only grow from layer to layer, so a chunk without points
+// behind them never has one again. Layers count from 1; every chunk is walked for the first.
 #define IS_TO_BE_WALKED(at) (!BEHIND || alive.layer[at] + 1u >= push.layer)
 
 bool any_behind = false;
 
-// Another walk wants to know which chunks have points at most epsilon behind the front (luminance.rs). While the front still comes nearer, those that are behind it already stay so.
+// A second walk needs the chunks with points at most epsilon behind the front (luminance.rs). While
+// the front still comes nearer, points that are behind it stay so.
 layout(constant_id = 8) const bool SHALLOW = false;
 
 bool any_shallow = false;
@@ -27,7 +33,7 @@ void four(uint pixel[4], float depth[4], uint first) {
     uint seen[4];
     for (uint k = 0u; k < 4u; ++k) {
         uint least = 0u;
-        // Pixel 0 is as good as any to look at for a point that has none.
+        // A point without a pixel may read any, such as pixel 0.
         seen[k] = front_depth(pixel[k] == NO_PIXEL ? 0u : pixel[k], least);
         if (!BEHIND) continue;
         pixel[k] = floatBitsToUint(depth[k]) > least ? pixel[k] : NO_PIXEL;

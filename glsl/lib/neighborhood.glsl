@@ -1,13 +1,13 @@
-// Depths of a pixel and of those around it, from images with four rows a texel. Declares no bindings.
+// Depths of a pixel and its neighbours, from images with four rows per texel. Declares no bindings.
 
 #define NO_DEPTH uintBitsToFloat(BACKGROUND_BITS)
 
-// Depth, or NO_DEPTH: of what is unknown, and of what lies outside of an image.
+// Returns the depth, or NO_DEPTH if it is unknown or outside of the image.
 float depth_or_none(float z) {
     return mix(NO_DEPTH, z, floatBitsToUint(z) - 1u < BACKGROUND_BITS - 1u);
 }
 
-// Of a texel, which is four pixels of a column: they and their neighbours, row by row, three to a row.
+// Loads the four pixels of a texel, a column, and their neighbours, row by row, three to a row.
 #define LOAD_AROUND(z, image, texel) \
     [[unroll]] for (int k = 0; k < 3; ++k) { \
         ivec2 at = (texel) + ivec2(k - 1, 0); \

@@ -1,6 +1,7 @@
-// A vector's direction, whatever its length. Declares no bindings.
+// Direction of a vector of any length. Declares no bindings.
 
-// 0 where there is none. Divided by its largest part first, so that no square is too large or too small.
+// Returns 0 for the zero vector. Divides by the largest component first, so that squares neither
+// overflow nor vanish.
 vec3 unit(vec3 v) {
     float largest = max(max(abs(v.x), abs(v.y)), abs(v.z));
     bool has = largest > 0.0;

@@ -1,4 +1,4 @@
-// A point's normal (src/cloud/octahedral.rs): 24 bits of a word. Declares no bindings.
+// Normal of a point (src/cloud/octahedral.rs): 24 bits of a word. Declares no bindings.
 
 #ifndef OCTAHEDRAL
 #define OCTAHEDRAL
@@ -7,7 +7,7 @@
 
 const uint UNKNOWN_NORMAL = 0xFFFFFFu;
 
-// Of unit length.
+// Returns a unit vector.
 vec3 normal_of(uint facing) {
     vec2 e = vec2(facing & 0xFFFu, (facing >> 12) & 0xFFFu) / vec2(2047.0) - vec2(1.0);
     float z = 1.0 - abs(e.x) - abs(e.y);

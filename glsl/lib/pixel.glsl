@@ -1,20 +1,24 @@
-// What a pixel's values mean. Declares no bindings.
+// Values of pixels. Declares no bindings.
 
 const uint NO_POINT = 0xFFFFFFFFu;
-// Depth of the background, and of a pixel whose surface is not known (yet): behind a hole, or in place of a hidden layer.
+// Depth of the background, and of a pixel whose surface is unknown: behind a hole, or in place of a
+// hidden layer.
 const uint BACKGROUND_BITS = 0x7F800000u;
 const uint UNKNOWN_BITS = 0xFF800000u;
 
-// While filling, a pixel is two floats: its depth, negative where the pixel is being filled, and its colour. Floats, because lavapipe loads images of integers several times slower.
+// While filling, a pixel is two floats: its depth, negative if the pixel is being filled, and its
+// colour. Floats, because lavapipe loads integer images several times slower.
 const uint FILLING = 0x80000000u;
 
-// What lies outside of an image reads as 0 (robustImageAccess), and is no depth.
+// Pixels outside of an image read 0 (robustImageAccess), which is no depth.
 bool has_depth(uint bits) {
     return (bits & 0x7FFFFFFFu) - 1u < BACKGROUND_BITS - 1u;
 }
 
-// Linear colour as square roots of 8 bits each, which is near sRGB and decoded by a multiplication: the 23 bits behind a float's point and its sign. The float's exponent, from 1 to 254, is how opaque
-// it is, so that it is an ordinary number, whatever it holds. `light_of` is linear, in units of its own that save divisions.
+// Linear colour as square roots of 8 bits each, which is near sRGB and decoded by a multiplication:
+// the 23 mantissa bits of a float and its sign. The float's exponent, from 1 to 254, is the
+// opacity, so that it is always a normal number. `light_of` is linear, in units of its own that
+// save divisions.
 const float ROOTS = 255.0;
 const uint OPACITY_BITS = 0x7F800000u;
 const float OPACITIES = 253.0;
@@ -40,7 +44,8 @@ float pack_color(vec4 linear) {
 }
 
 vec4 unpack_color(float packed_light) {
-    // Mesa rearranges a vector times a scalar in spite of NoContraction, but not a vector times a vector.
+    // Mesa rearranges a vector times a scalar in spite of NoContraction, but not a vector times a
+    // vector.
     vec3 linear = light_of(packed_light) * vec3(1.0 / (ROOTS * ROOTS));
     return vec4(linear, (float(opacity_bits(packed_light) >> 23) - 1.0) / OPACITIES);
 }

@@ -1,8 +1,9 @@
-// The number of a pixel, or of a tile -> where it is, row by row. Declares no bindings.
+// Number of a pixel or tile -> its column and row. Declares no bindings.
 #ifndef ROWS
 #define ROWS
 
-// CPUs divide whole numbers lane by lane. A quotient of floats is off by less than one row for pictures below 2^22 rows, and the remainder says which way.
+// CPUs divide integers lane by lane. A quotient of floats is off by less than one row for pictures
+// below 2^22 rows, and the remainder gives the correction.
 ivec2 in_rows(uint number, uint width) {
     int wide = int(width);
     int y = int(float(int(number)) / float(wide));

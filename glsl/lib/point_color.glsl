@@ -1,8 +1,9 @@
-// A point's id -> what it shows, and how opaque it is. The includer has drawn_node.glsl, `shown`, `kinds` and `opacities`, and the constants TRANSPARENT and BY_KIND.
+// A point's id -> its attribute and opacity. The includer has drawn_node.glsl, `shown`, `kinds` and
+// `opacities`, and the constants TRANSPARENT and BY_KIND.
 
 #include "point_kind.glsl"
 
-// What the points of one node show: a page of 32-bit words.
+// Attributes of a node's points: a page of 32-bit words.
 layout(buffer_reference, scalar, buffer_reference_align = 4) readonly buffer Plane { uint word[]; };
 
 uint shown_word(uint id) {

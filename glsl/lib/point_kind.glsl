@@ -1,5 +1,6 @@
-// How opaque a point is, by its kind: class (8 bits, lowest), return number (4 bits), from bit 16 on the number of the station (src/select/opacity.rs).
-// The includer has `opacities`: factors of 256 classes, 16 return numbers, and every station.
+// Opacity of a point by its kind: class (8 bits, lowest), return number (4 bits), from bit 16 on
+// the number of the station (src/select/opacity.rs). The includer has `opacities`: factors of 256
+// classes, 16 return numbers, and every station.
 
 #ifndef KIND
 #define KIND

@@ -1,6 +1,7 @@
-// The walk over points: one workgroup takes one chunk of one node.
-// The includer has `nodes`, `chunks`, `pages`, `opacities`, `within`, project.glsl, and `four`, which takes four neighbours: their pixels (NO_PIXEL where one is not in the picture), their depths, and the id of the
-// first; or with WITH_WORDS instead of the id what the points show.
+// The loop over points: one workgroup takes one chunk of one node. The includer has `nodes`,
+// `chunks`, `pages`, `opacities`, `within`, project.glsl, and `four`, which takes four neighbours:
+// their pixels (NO_PIXEL if outside of the picture), their depths, and the id of the first, or with
+// WITH_WORDS their attributes instead of the id.
 
 #include "point_kind.glsl"
 #include "octahedral.glsl"
@@ -20,12 +21,12 @@ ivec3 cells_of(uint coarse, uint fine, uint finest) {
     return cells;
 }
 
-// Of those that are listed.
+// Number of listed chunks.
 #ifndef CHUNKS_TO_WALK
 #define CHUNKS_TO_WALK push.chunk_count
 #endif
 
-// Workgroups that share a chunk, side by side in z.
+// Workgroups that share a chunk, adjacent in z.
 #ifndef SLICES
 #define SLICES 1u
 #endif
@@ -50,7 +51,7 @@ void main() {
     vec4 row_z = nodes.node[n].row_z;
     ivec3 nearest = nodes.node[n].nearest;
     uint first_point = nodes.node[n].first_point;
-    // Planes of a node follow each other, a page each.
+    // Planes of a node follow each other, one page each.
     uint plane = nodes.node[n].first_word / 4u;
     uint shown = nodes.node[n].shown_word / 4u;
     uint kind = nodes.node[n].first_kind / 4u;
@@ -67,7 +68,7 @@ void main() {
         uvec4 finest = PLANES > 2u ? four_words(plane + (2u * POINTS_PER_PAGE + i) / 4u) : uvec4(0u);
         uvec4 kinds = BY_OPACITY ? four_words(kind + i / 4u) : uvec4(0u);
         uvec4 normals = ONE_SIDED ? four_words(normal + i / 4u) : uvec4(UNKNOWN_NORMAL);
-        // Every load stands outside of conditions: in a divergent branch lavapipe loads lane by lane.
+        // Loads are outside of conditions: in a divergent branch lavapipe loads lane by lane.
         uint pixel[4];
         float depth[4];
         bool there[4] = bool[4](true, true, true, true);

@@ -1,6 +1,6 @@
-// How deep light reaches in each texel of its picture. The includer has TEXELS.
+// Depth that light reaches in each texel of its picture. The includer has TEXELS.
 
-// f32 bits, row by row. As texels, and for devices whose texel buffers are too small as a storage buffer.
+// f32 bits, row by row; as texels, and as words if texel buffers are too small.
 layout(r32ui) readonly uniform uimageBuffer limit;
 layout(scalar) readonly buffer LimitWords { float word[]; } limit_words;
 

@@ -1,18 +1,21 @@
-// One level of shape depiction at one pixel, for shape.comp and shape_level.comp, which include neighborhood.glsl. Declares no bindings.
+// One level of shape depiction at one pixel, for shape.comp and shape_level.comp, which include
+// neighborhood.glsl. Declares no bindings.
 //
-//   mu, sigma = mean and standard deviation of the depths in the 3 x 3         of differences to the centre: exact beside it
+//   mu, sigma = mean and standard deviation of the depths in the 3 x 3, of differences to the centre
 //   dmin = mu - sigma, dmax = mu + sigma
 //   omega = clamp(1 - |d - dmin| / (dmax - dmin + eps), 0, 1)
 //   next d = (mu + dmin) / 2 = mu - sigma / 2
-// eps is `softness` pixels' width: a surface that rises by less than that from pixel to pixel faces the viewer and is bright, a steeper one darkens towards a half.
+// eps is the width of `softness` pixels: a surface that rises by less from pixel to pixel faces the
+// viewer and is bright; a steeper one darkens towards one half.
 
 struct Level {
-    float omega; // 1 where there is no depth
+    float omega; // 1 without depth
     float next;
-    bool flat_;  // a plane, as far as this pixel sees: deeper levels give the same omega
+    bool flat_;  // locally a plane: deeper levels give the same omega
 };
 
-// Of the 3 x 3, row by row, the pixel itself in the middle; `width` is of `softness` pixels: metres, or with perspective parts of the depth.
+// Takes the 3 x 3 row by row; `width` is of `softness` pixels: metres, or a share of the depth with
+// perspective.
 Level level_of(float z[9], float width, bool perspective) {
     bool point = z[4] < NO_DEPTH;
     float z0 = point ? z[4] : 1.0;

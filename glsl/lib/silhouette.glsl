@@ -1,20 +1,24 @@
-// Silhouettes: where depth jumps (Dobrev et al. 2010, sec. 3.5; HARD_CASES 12). The includer has pixel.glsl and, in `push`, `jump`.
+// Silhouettes: where depth jumps (Dobrev et al. 2010, sec. 3.5; guide: numerics, case 12). The
+// includer has pixel.glsl and, in `push`, `jump`.
 //
-//   inverse     edge = |laplacian(1/z)| * least z      0 on every plane, whose 1/z is affine with perspective; background is 1/z = 0
-//   depth       edge = |laplacian(z)| / least z        the paper's: bends on steep planes; background is z = 0
-//   silhouette  edge > jump; with the high threshold also background among the five pixels of the cross
-// Against background the edge is 1 and more for each side on which it lies, whatever the depth. The picture's edge is none: what lies beyond is as the pixel itself.
+//   inverse     edge = |laplacian(1/z)| * least z    0 on every plane, whose 1/z is affine with
+//                                                    perspective; background is 1/z = 0
+//   depth       edge = |laplacian(z)| / least z      the paper's: bends on steep planes; background
+//                                                    is z = 0
+//   silhouette  edge > jump; with the high threshold also background among the five pixels
+// Against background the edge is at least 1 for each side on which it lies, whatever the depth. The
+// picture's edge is none: pixels beyond repeat the pixel itself.
 layout(constant_id = 0) const bool INVERSE = true;
 layout(constant_id = 1) const bool HIGH = false;
 
-// Depths beyond this many times the least are as far as that many times.
+// Depths are clamped to this many times the smallest.
 const float MOST = 1e6;
 
 bool known(float z) {
     return has_depth(floatBitsToUint(z)) && z > 0.0;
 }
 
-// By the depths of the pixel itself, left, right, above, below.
+// Takes the depths of the pixel, left, right, above, below.
 bool silhouette(float z[5]) {
     float least = uintBitsToFloat(BACKGROUND_BITS);
     bool background = false;

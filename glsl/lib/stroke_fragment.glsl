@@ -1,6 +1,9 @@
-// A fragment of a stroke: square roots of linear colour, which are near sRGB, and how much it leaves of the light, 8 bits each; depth bits. Declares no bindings.
+// A fragment of a stroke: square roots of linear colour, which are near sRGB, and the light that it
+// leaves, 8 bits each; depth bits. Declares no bindings.
 
-// Whether a is nearer, or as near and before b in an order that depends on nothing but the two: of the same brush, what leaves less comes first, which is the stroke whose middle is nearer to the pixel.
+// Returns whether a is nearer, or as near and before b in an order that depends only on the two:
+// for the same brush, the one that leaves less comes first, the stroke whose middle is nearer to
+// the pixel.
 bool before(uvec2 a, uvec2 b) {
     return a.y < b.y || a.y == b.y && a.x < b.x;
 }
@@ -18,14 +21,15 @@ float coverage_of(uint word) {
     return float(255u - (word >> 24)) / 255.0;
 }
 
-// Of 1: what is behind changes no 8-bit colour.
+// Share of 1 below which points behind change no 8-bit colour.
 const float LEAST = 0.001953125;
 
 bool shows(vec4 sum) {
     return 1.0 - sum.a >= LEAST;
 }
 
-// Colour times coverage, and coverage, over what a fragment shows: linear (HARD_CASES 17).
+// Composites colour times coverage, and coverage, over a fragment: linear (guide: numerics, case
+// 17).
 vec4 over(vec4 sum, uint fragment) {
     float light = (1.0 - sum.a) * coverage_of(fragment);
     vec3 roots = roots_of(fragment);

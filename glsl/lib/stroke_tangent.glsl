@@ -1,4 +1,5 @@
-// Where a stroke is painted along: tangents of a unit normal (dos Anjos et al. 2018, sec. 3.3.1). The includer has exact_dot.glsl. Declares no bindings.
+// Tangents of a unit normal, along which strokes are painted (dos Anjos et al. 2018, sec. 3.3.1).
+// The includer has exact_dot.glsl. Declares no bindings.
 //
 // The cross product of normal and tangent is the bitangent.
 
@@ -11,7 +12,8 @@ vec3 cross_of(vec3 a, vec3 b) {
     return vec3(a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x);
 }
 
-// The second column of the reflection that takes the normal to the first axis (papers/README.md; HARD_CASES 19). Smooth everywhere but at (-1, 0, 0).
+// Returns the second column of the reflection that takes the normal to the first axis (guide:
+// numerics, case 19). Smooth everywhere but at (-1, 0, 0).
 vec3 householder(vec3 n) {
     float lateral = n.y * n.y + n.z * n.z;
     bool pole = n.x < 0.0 && lateral == 0.0;
@@ -20,15 +22,16 @@ vec3 householder(vec3 n) {
     return pole ? vec3(0.0, 1.0, 0.0) : vec3(-n.y, 1.0 - n.y * n.y / h, -n.y * n.z / h);
 }
 
-// Across the normal and one of two axes, whichever is farther from it (Eberly 2016).
+// Returns the cross product with whichever of two axes is farther from the normal (Eberly 2016).
 vec3 eberly(vec3 n) {
     bool x = abs(n.x) > abs(n.y);
     vec3 aside = x ? vec3(-n.z, 0.0, n.x) : vec3(0.0, n.z, -n.y);
     return aside / vec3(sqrt(dot_of(aside, aside)));
 }
 
-// Across the normal and itself with its parts moved on by one, as a plate that is turned about its diagonal would lie; tested for the normals that this leaves as they are. Near those all parts are nearly
-// alike, where products would cancel; their differences are exact.
+// Returns the cross product with the normal with rotated components, as a plate turned about its
+// diagonal; for normals that this leaves unchanged there is a special case. Near those all
+// components are nearly alike, where products would cancel; their differences are exact.
 vec3 squareplate(vec3 n) {
     vec3 p = n.xyz - n.zxy;
     vec3 q = n.yzx - n.zxy;
@@ -41,7 +44,7 @@ vec3 squareplate(vec3 n) {
     return aside / vec3(sqrt(square));
 }
 
-// By one of the ways that take nothing but a normal.
+// Returns a tangent by one of the methods that need only a normal.
 vec3 tangent_of(uint way, vec3 n) {
     vec3 tangent = householder(n);
     if (way == EBERLY) tangent = eberly(n);
@@ -49,7 +52,7 @@ vec3 tangent_of(uint way, vec3 n) {
     return tangent;
 }
 
-// The normal's own tangent turned about it, by so much cosine and sine.
+// Returns the tangent turned about the normal by this cosine and sine.
 vec3 turned(vec3 n, vec2 turn) {
     vec3 own = householder(n);
     return own * vec3(turn.x) + cross_of(n, own) * vec3(turn.y);

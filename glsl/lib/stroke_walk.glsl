@@ -1,23 +1,24 @@
-// The walk over points that are to be strokes: how each lies on the screen, and what it may touch there.
-// The includer has `touch`, which takes a point that is somewhere in the wider view; `miss`, which takes one that is not.
+// The loop over points that become strokes: how each lies on the screen, and what it may touch
+// there. The includer has `touch`, for a point within the wider view, and `miss`, for one outside.
 
 #include "point_constants.glsl"
 #include "drawn_node.glsl"
 #include "stroke.glsl"
 
-// lavapipe ends all loops of an invocation together after 65,535 rounds, and a stroke near the camera touches thousands of tiles.
+// lavapipe ends all loops of an invocation after 65,535 rounds, and a stroke near the camera
+// touches thousands of tiles.
 layout(constant_id = 10) const uint SLICES_OF_CHUNK = 1u;
 #define SLICES SLICES_OF_CHUNK
 
 layout(buffer_reference, scalar, buffer_reference_align = 4) readonly buffer Plane { uint word[]; };
 
 layout(scalar) readonly buffer Nodes { Node node[]; } nodes;
-// Factors that make up a point's opacity.
+// Factors of opacity (lib/point_kind.glsl).
 layout(scalar) readonly buffer Opacities { float factor[]; } opacities;
-// What lies in clip boxes, of nodes that have points on both sides.
+// Clip boxes of nodes with points on both sides.
 layout(scalar) readonly buffer Boxes { Within cells[]; } within;
 layout(scalar) readonly buffer Chunks { uint chunk[]; } chunks;
-// The pages of one block, twice: as texels in fours, and for devices whose texel buffers are too small as a storage buffer.
+// Pages of a block, as texels of four words; and as words if texel buffers are too small.
 layout(rgba32ui) readonly uniform uimageBuffer pages;
 layout(scalar) readonly buffer PageWords { uvec4 four[]; } page_words;
 layout(scalar) readonly buffer Homes { Home home[]; } homes;
@@ -26,13 +27,13 @@ layout(scalar) readonly buffer Canvases { Canvas canvas[]; } canvases;
 
 #include "project.glsl"
 
-// A point as it is seen: from the middle of the picture, pixels; how deep.
+// A point in view: offset from the picture's centre [px], and depth.
 struct Seen {
     vec2 off;
     float depth;
 };
 
-// A point that is to be a stroke: of which node, where in it, and its two words.
+// A point that becomes a stroke: its node, its place there, and its two words.
 struct Stroked {
     Home home;
     uint n;
@@ -41,7 +42,7 @@ struct Stroked {
     uint brush;
 };
 
-// The point, exactly as all of its planes have it.
+// Returns the point at full precision.
 Seen seen_of(Stroked point) {
     Plane plane = Plane(point.home.page);
     ivec3 cells = ivec3(0);
@@ -58,7 +59,8 @@ Square seen_square(Canvas canvas, Seen seen, Stroked point) {
     return square_of(canvas, point.facing, point.brush, sight, canvas.focal / deep, turns.turn[turn_of(point.brush)]);
 }
 
-// As pixels look at it: with `off` from its centre, pixels, w = 1 + dot(turning, off), (u, v) = (dot(across, off), dot(along, off)) / w: centre, turning; across, along.
+// Returns constants for pixels: with `off` from the centre [px], w = 1 + dot(turning, off), (u, v)
+// = (dot(across, off), dot(along, off)) / w: centre, turning; across, along.
 uvec4[2] lying(Canvas canvas, Square square, Seen seen) {
     float deep = PERSPECTIVE ? seen.depth : 1.0;
     // In view space, for pixels at a depth of one.
@@ -67,7 +69,7 @@ uvec4[2] lying(Canvas canvas, Square square, Seen seen) {
     vec3 t = to_view(canvas, square.tangent) * to_pixels;
     vec3 b = to_view(canvas, square.bitangent) * to_pixels;
     vec3 ray = PERSPECTIVE ? vec3(seen.off, 1.0) : vec3(0.0, 0.0, 1.0);
-    // Seen from its edge it is nowhere, but has no infinity.
+    // A square seen edge-on is invisible, but has no infinity.
     float m = min(dot_of(normal, ray), -1e-5);
     vec2 sides = vec2(0.5 * deep) / square.half_side;
     vec2 turning = normal.xy / vec2(m);
@@ -76,13 +78,14 @@ uvec4[2] lying(Canvas canvas, Square square, Seen seen) {
     return uvec4[2](floatBitsToUint(vec4(seen.off + canvas.middle, turning)), floatBitsToUint(vec4(across, along)));
 }
 
-// The corners of what a brush covers of a square, on the screen, from the middle of the picture, pixels: -t -b, +t -b, -t +b, +t +b.
+// Returns the corners on the screen of what a brush covers of a square, from the picture's centre
+// [px]: -t -b, +t -b, -t +b, +t +b.
 vec2[4] corners_of(Canvas canvas, Square square, Seen seen, out bool is_before) {
     float deep = PERSPECTIVE ? seen.depth : 1.0;
     vec2 reach = canvas.reach * square.half_side * vec2(2.0);
     vec3 t = to_view(canvas, square.tangent) * vec3(reach.x);
     vec3 b = to_view(canvas, square.bitangent) * vec3(reach.y);
-    // What reaches behind the camera is far aside.
+    // Corners behind the camera are far aside.
     float least = 0.02 * deep;
     is_before = true;
     vec2 corners[4];

@@ -1,13 +1,16 @@
-// The surface at a pixel, as depth shows it. The includer has `depth`, pixel.glsl, normalize.glsl and fit_normal.glsl.
+// The surface at a pixel, from depth. The includer has `depth`, pixel.glsl, normalize.glsl and
+// fit_normal.glsl.
 
 bool known(float z) {
     return has_depth(floatBitsToUint(z)) && z > 0.0;
 }
 
-// Fitted to the window of `radius_px` around a pixel of known depth z; depths that differ by `reach` or more are of other surfaces. Right, down, away; 0 where neighbours do not tell.
+// Returns the normal fitted to a window of `radius_px` around a pixel of known depth z: right,
+// down, away; 0 without enough neighbours. Depths that differ by `reach` or more are of other
+// surfaces.
 vec3 normal_at(ivec2 pixel, float z, int radius_px, float reach, vec2 from_centre, float px_per_unit, bool perspective) {
     Fit fit = NO_FIT;
-    // One loop, row by row, tested at its end (lib/tile.glsl says why).
+    // One loop, row by row, tested at its end (see lib/tile.glsl).
     ivec2 aside_px = ivec2(-radius_px);
     for (;;) {
         float other = imageLoad(depth, pixel + aside_px).r;

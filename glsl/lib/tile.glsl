@@ -1,36 +1,39 @@
-// Tiles of 8 x 8 pixels: what is known of one, and lists of those that a pass is to work on. Declares no bindings.
+// Tiles of 8 x 8 pixels, and lists of tiles. Declares no bindings.
 //
-// A list is words in a buffer, from a place `at` on: three words of an indirect dispatch, the number of tiles, then the tiles: their numbers, or in an area (lib/tile_mask.glsl, which goes row by
-// row) how far across and down they are. It starts as zeros. A workgroup of 64 takes eight tiles at a time, a lane a column of eight pixels, from top to bottom: what a column's pixels share is found once, and eight lanes side by side load side by side. Workgroups go on until the list ends, so that it may be
-// longer than the 65,535 workgroups that every device dispatches allow.
+// A list is words in a buffer from a place `at` on: three words of an indirect dispatch, the number
+// of tiles, then the tiles: their numbers, or in a tile mask (lib/tile_mask.glsl, which goes row by
+// row) column and row. It starts as zeros. A workgroup of 64 takes eight tiles at a time, a lane a
+// column of eight pixels from top to bottom: what a column's pixels share is computed once, and
+// eight adjacent lanes load adjacent pixels. Workgroups continue until the list ends, so it may be
+// longer than the 65,535 workgroups that every device allows.
 
 #include "pixel_index.glsl"
 #include "buffer_word.glsl"
 
 const int TILE_PX = 8;
-// Of packed depth, on every side: as far as the widest kernel looks, in whole texels.
+// Margin of packed depth on every side: as far as the widest kernel looks, in whole texels.
 const int MARGIN_PX = 8;
 const uint LIST_HEADER = 4u;
 const uint MOST_GROUPS = 65535u;
 const uint TILES_PER_GROUP = 8u;
 
-// Bits of a tile's pixels are two words: of each column of pixels a byte, from the top.
+// Bits of a tile's pixels are two words: one byte per column of pixels, from the top.
 struct Tile {
-    uint points_left;  // pixels that hold a point
+    uint points_left;  // pixels with a point
     uint points_right;
-    uint empty_left;   // pixels that hold none
+    uint empty_left;   // pixels without a point
     uint empty_right;
-    uint continuous;   // 1: every pixel holds a point, and neighbours differ by less than a hidden layer would
+    uint continuous;   // 1: all pixels hold points without a gap for hidden layers
     float farthest;    // depth of its points
-    float spacing;     // of its nearest point's node, pixels from point to point; 0 where no point is
+    float spacing;     // point spacing of its nearest node [px]; 0 without a point
 };
 
-// A byte of one of the two words.
+// Returns a byte of one of the two words.
 uint column_bits(uint left, uint right, uint column) {
     return (column < 4u ? left : right) >> (8u * (column % 4u)) & 255u;
 }
 
-// Puts a tile on the list that begins at a word of a buffer of words.
+// Appends a tile to the list that begins at a word of a buffer.
 #define APPEND(list, at, tile) { \
     uint place = atomicAdd(list.word[(at) + 3u], 1u); \
     list.word[(at) + LIST_HEADER + place] = (tile); \
@@ -39,10 +42,11 @@ uint column_bits(uint left, uint right, uint column) {
     atomicMax(list.word[at], min(place / TILES_PER_GROUP + 1u, MOST_GROUPS)); \
 }
 
-// Runs `work` for every tile of a list, by its place in it; local_size_x = 64.
+// Runs `work` for every tile of a list, with its place in it; local_size_x = 64.
 //
-// Loops are tested at their ends, here and wherever time matters: through the body of one that is tested at its beginning lavapipe walks once more, with all lanes off. It walks through branches that no
-// lane takes, too.
+// Loops are tested at their ends, here and wherever time matters: lavapipe executes the body of one
+// tested at its beginning once more, with all lanes off. It also executes branches that no lane
+// takes.
 #define FIRST_PLACE (gl_WorkGroupID.x * TILES_PER_GROUP + gl_LocalInvocationID.x / 8u)
 #define TO_NEXT_PLACE (gl_NumWorkGroups.x * TILES_PER_GROUP)
 #define EACH_OF(count, work) { \
@@ -55,9 +59,11 @@ uint column_bits(uint left, uint right, uint column) {
     } \
 }
 
-// Runs `work` for pixels of listed tiles, or for texels of `rows` rows of pixels each, also for some beyond the picture's edges: `tile_at` says of a place in the list how far across and down its tile is. A workgroup takes
-// eight tiles at a time, eight lanes a row of each, one tile after the other: lanes side by side, and a row of what is most often a row of tiles, so that memory is read in the order in which a pass over
-// the whole picture reads it. Column by column, tile by tile, costs a software device a quarter more.
+// Runs `work` for pixels of listed tiles, or for texels of `rows` rows of pixels, also for some
+// beyond the picture's edges; `tile_at` returns column and row of the tile at a place of the list.
+// A workgroup takes eight tiles at a time, eight lanes a row of each, one tile after the other:
+// adjacent lanes read adjacent pixels of what is mostly a row of tiles, in the order of a pass over
+// the whole picture. Column by column and tile by tile costs a software device a quarter more.
 #define EACH_TEXEL_OF(count, tile_at, rows, work) { \
     const uint DOWN = uint(TILE_PX / (rows)); \
     uint lanes = gl_LocalInvocationID.x / 8u; \
@@ -78,7 +84,7 @@ ivec2 tile_corner(uint tile, uint tiles_across) {
     return in_rows(tile, tiles_across) * TILE_PX;
 }
 
-// The top pixel of this lane's column.
+// Returns the top pixel of this lane's column.
 ivec2 column_of(uint tile, uint tiles_across) {
     return tile_corner(tile, tiles_across) + ivec2(gl_LocalInvocationID.x % 8u, 0);
 }

@@ -1,9 +1,13 @@
-// Sums and the points of the front -> colours whose luminance is the mean of all points of the front layer (Kanzok, Linsen and Rosenthal 2012, sec. 5; papers/README.md).
+// Sums and front points -> colours whose luminance is the mean of all points of the front layer
+// (Kanzok, Linsen and Rosenthal 2012, sec. 5; guide: papers).
 //
-//   V'  = sum / count          over the pixel, or over its 3 x 3 with the weights of a Gaussian, neighbours whose front is at most epsilon from the pixel's
-//   rgb = RGB * (V' / V)       which is HSV with V' in place of V: no hue, no branch (HARD_CASES 22); grey V' where V = 0
+//   V'  = sum / count        over the pixel, or its 3 x 3 with Gaussian weights, for neighbours whose
+//                            front is at most epsilon from the pixel's
+//   rgb = RGB * (V' / V)     HSV with V' in place of V, without hue or branch (guide: numerics,
+//                            case 22); grey V' if V = 0
 //   or, with three channels, rgb = sums / count
-// All in the values that points have, which are not linear; they are looked up in the table of linear colours, between whose entries the way is straight. They are multiplied by the point's opacity, which is their alpha.
+// All in the non-linear values of points, which are looked up in the table of linear colours with
+// linear interpolation, and multiplied by the point's opacity, which is alpha.
 #version 460
 #extension GL_EXT_scalar_block_layout : require
 #extension GL_EXT_buffer_reference : require
@@ -17,44 +21,44 @@
 
 layout(local_size_x = 64) in;
 
-// Two words a sum; as texels, and for devices whose texel buffers are too small as a storage buffer.
+// Two words per sum, as texels; and as words if texel buffers are too small.
 layout(r32ui) readonly uniform uimageBuffer sums;
 layout(scalar) readonly buffer SumWords { uvec2 sum[]; } sum_words;
-// 256 colours, four words of f32 bits each.
+// 256 colours of four f32.
 layout(rgba32ui) readonly uniform uimageBuffer table;
-// What the 256 values of every station are with one exposure for all.
+// The 256 values of every station at one exposure.
 layout(r32ui) readonly uniform uimageBuffer levels;
-// Of every node of the frame, the two words of the address of the page that says what its points show; and of the page that says of what kind they are.
+// Addresses of the pages with each node's attribute and kinds, two words each.
 layout(scalar) readonly buffer Shown { uvec2 page[]; } shown;
 layout(scalar) readonly buffer Kinds { uvec2 page[]; } kinds;
-// Factors that make up a point's opacity.
+// Factors of opacity (lib/point_kind.glsl).
 layout(scalar) readonly buffer Opacities { float factor[]; } opacities;
 layout(r32f) readonly uniform image2D front;
 layout(r32ui) readonly uniform uimage2D index;
-// Of every tile of the whole picture, row by row, whether it shows several stations.
+// Whether each tile of the whole picture shows several stations, row by row.
 layout(r32ui) readonly uniform uimageBuffer several;
 layout(rgba32f) writeonly uniform image2D color;
 
 layout(constant_id = 0) const uint CHANNELS = 1u;
-// Pixels around one that count: 0, or 1 for its 3 x 3.
+// Radius of the averaged neighbourhood [px]: 0, or 1 for 3 x 3.
 layout(constant_id = 2) const uint AROUND = 0u;
 layout(constant_id = 3) const bool TEXELS = true;
 // As in resolve.comp.
 layout(constant_id = 4) const bool TRANSPARENT = false;
 layout(constant_id = 5) const bool BY_KIND = false;
-// Not all tiles show several stations.
+// Whether some tiles show only one station.
 layout(constant_id = 6) const bool PARTLY = false;
 // As in resolve.comp.
 layout(constant_id = 7) const uint MODE = 0u;
 
 layout(push_constant, scalar) uniform Push {
     uint width;    // pixels
-    uvec2 rows;    // of the picture: the first to correct, and the one after the last
-    uvec2 summed;  // rows that there are sums of, in the same way
+    uvec2 rows;    // first row to correct, and end
+    uvec2 summed;  // rows with sums, likewise
     float epsilon;
     float lo;      // attribute words at the ends of the ramp
     float scale;   // 255 / (hi - lo)
-    ivec2 corner;  // of the picture in the whole, pixels
+    ivec2 corner;  // position in the whole picture [px]
     uint tiles_across;
 } push;
 
@@ -64,7 +68,7 @@ const uint NO_POINT = 0xFFFFFFFFu;
 #include "luminance.glsl"
 #include "color_lookup.glsl"
 
-// As in overlap.rs.
+// As in station_overlap.rs.
 const uint OVERLAP_PX = 64u;
 
 uvec2 sum_at(uint i) {
@@ -82,7 +86,8 @@ void add(inout Total total, uvec2 sum, uint weight) {
     total.count += weight * uvec2(sum.y >> 18, (sum.y >> 4) & 0x3FFFu);
 }
 
-// sum / count: the nearest whole number by floats, and what is left of that from the whole numbers themselves, so that a mean of equal values is that value, however many they are.
+// Returns sum / count: the nearest integer by floats, and the remainder from the integers
+// themselves, so that a mean of equal values is exactly that value.
 float mean(Total total) {
     vec2 sum = vec2(ivec2(total.sum));
     vec2 count = vec2(ivec2(total.count));

@@ -1,10 +1,14 @@
-// Ambient occlusion: depth -> what is left of light that comes from everywhere (horizons on the screen: Bavoil, Sainz and Dimitrov 2008).
+// Ambient occlusion: depth -> factor of ambient light that remains (horizons on the screen: Bavoil,
+// Sainz and Dimitrov 2008).
 //
-//   sin^2 h = (v.n)^2 / v.v        h: how high a sample stands above the tangent plane; v: the way to it, n: the normal
-//   hidden  = mean over directions of the highest sin^2 h among the samples of one
+//   sin^2 h = (v.n)^2 / v.v      h: elevation of a sample above the tangent plane
+//                                v: vector to it, n: normal
+//   hidden  = mean over directions of the largest sin^2 h of its samples
 //   left    = 1 - strength * hidden
-// A horizon at h takes the part sin^2 h of the light from its direction when light counts by its cosine, exactly: no trigonometry is needed, and a plane hides nothing of itself however steep it is.
-// A sample counts less the farther it is, by 1 - v.v / radius^2, so that what stands far in front casts no halo. Ways are in parts of the depth, or without perspective in metres.
+// If light counts by its cosine, a horizon at h removes exactly sin^2 h of the light from its
+// direction. So no trigonometry is needed, and a plane does not occlude itself however steep it is.
+// A sample counts less with distance, by 1 - v.v / radius^2, so that objects far in front cast no
+// halo. Vectors are in shares of the depth, or in metres without perspective.
 #version 460
 #extension GL_EXT_scalar_block_layout : require
 #extension GL_EXT_control_flow_attributes : require
@@ -21,22 +25,22 @@ layout(r32f) readonly uniform image2D lit;
 layout(r32f) writeonly uniform image2D left;
 
 layout(constant_id = 0) const bool PERSPECTIVE = true;
-// Whether an effect before has taken light.
+// Whether an effect before has made a factor.
 layout(constant_id = 1) const bool LIT_BY = false;
-// The radius is in metres with perspective, too, where it otherwise is in parts of the depth.
+// Whether the radius is in metres with perspective, instead of a share of the depth.
 layout(constant_id = 2) const bool METRES = false;
 
 layout(push_constant, scalar) uniform Push {
     uvec2 size;        // pixels
-    vec2 centre;       // where the camera looks, pixels from the first
+    vec2 centre;       // principal point [px]
     float px_per_unit; // perspective: focal length in pixels; orthographic: pixels per metre
-    float reach;       // difference in depth from which pixels are of other surfaces: metres, or with perspective parts of the depth
-    int radius_px;     // of the window that a normal is fitted to
-    float radius;      // beyond which nothing hides light
+    float reach;       // depth difference of surfaces: metres, or a share with perspective
+    int radius_px;     // radius of the window that a normal is fitted to
+    float radius;      // distance beyond which nothing occludes
     float strength;
-    float least;       // sin^2 h that does not count: of roughness
+    float least;       // sin^2 h that counts as roughness
     int directions;
-    int steps;         // samples of a direction
+    int steps;         // samples per direction
     vec2 turn;         // cosine and sine of the angle between directions
 } push;
 

@@ -1,4 +1,4 @@
-// Colour of every surface -> white: the shade alone.
+// Colour -> white with the same alpha, so that only the shading shows.
 #version 460
 #extension GL_EXT_scalar_block_layout : require
 

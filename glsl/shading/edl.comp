@@ -1,9 +1,11 @@
-// Eye-dome lighting (Boucheny 2009, ch. 5; Ribes and Boucheny 2011): a pixel is darkened by how far its neighbours stand in front of it.
+// Eye-dome lighting (Boucheny 2009, ch. 5; Ribes and Boucheny 2011): darkens a pixel by how far its
+// neighbours lie in front of it.
 //
-//   slope_k = max(0, (depth - depth_k) / width of radius_px pixels at this depth)   over the eight neighbours
+//   slope_k = max(0, (depth - depth_k) / width of radius_px pixels at this depth)   for 8 neighbours
 //   lit     = color * exp2(-strength * mean(slope))
-// A slope has no unit, so neither the scale of the cloud nor the size of the picture changes the shading. Where nothing is, and outside of the picture, no neighbour
-// stands in front. The exponential is our own: the built-in one differs from driver to driver.
+// A slope has no unit, so neither the scale of the cloud nor the size of the picture changes the
+// shading. Empty pixels and those outside of the picture are never in front. The exponential is our
+// own, since the built-in one differs between drivers.
 #version 460
 #extension GL_EXT_scalar_block_layout : require
 #extension GL_GOOGLE_include_directive : require
@@ -23,7 +25,7 @@ layout(constant_id = 0) const bool PERSPECTIVE = true;
 layout(push_constant, scalar) uniform Push {
     uvec2 size;      // pixels
     float strength;
-    float slope_cap; // a jump in depth is as steep as this, and no steeper
+    float slope_cap; // steepest slope that counts
     float px_per_unit; // perspective: focal length in pixels; orthographic: pixels per metre
     int radius_px;
 } push;
@@ -42,7 +44,8 @@ void shade(ivec2 pixel) {
             ivec2 q = pixel + ivec2(dx, dy) * push.radius_px;
             bool inside = q.x >= 0 && q.y >= 0 && q.x < size.x && q.y < size.y;
             float zk = imageLoad(depth, clamp(q, ivec2(0), size - 1)).r;
-            // Empty pixels are infinitely far, and a comparison, unlike a difference of infinities, is always defined.
+            // Empty pixels are infinitely far. Unlike a difference of infinities, a comparison is
+            // always defined.
             bool before = inside && !empty && zk < z;
             float slope = (before ? z - zk : 0.0) / width * push.px_per_unit / float(push.radius_px);
             sum += min(slope, push.slope_cap);

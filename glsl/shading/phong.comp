@@ -1,9 +1,12 @@
-// Phong lighting (Phong 1975; Dobrev et al. 2010, sec. 3.1): depth and colour -> colour in the light.
+// Phong lighting (Phong 1975; Dobrev et al. 2010, sec. 3.1): depth, colour -> shaded colour.
 //
-//   color' = color (ambient + m diffuse max(0, n.l)) + m specular max(0, r.v)^shininess      r = 2 (n.l) n - l
-// m is how much of the light reaches a surface, where shadows are cast, and else 1 (sec. 6 there: ka + m (kd + ks)).
-// Normals are those of points where they have brought any (point_normals.comp): a pixel's own, or the mean of those around it on the same surface; else fitted to the depths on the screen (lib/fit_normal.glsl). They face
-// the camera. A pixel that has none keeps its colour times ambient + diffuse, as if it faced the light.
+//   color' = color (ambient + m diffuse max(0, n.l)) + m specular max(0, r.v)^shininess
+//   r = 2 (n.l) n - l
+// m is the share of the light that reaches the surface if shadows are cast, else 1 (sec. 6: ka + m
+// (kd + ks)). Normals are those of points if they have any (point_normals.comp): the pixel's own,
+// or the mean of its neighbours on the same surface; else they are fitted to the depths
+// (lib/fit_normal.glsl). They face the camera. A pixel without a normal is shaded as if it faced
+// the light.
 #version 460
 #extension GL_EXT_scalar_block_layout : require
 #extension GL_EXT_control_flow_attributes : require
@@ -19,9 +22,9 @@ layout(local_size_x = 64) in;
 
 layout(r32f) readonly uniform image2D depth;
 layout(rgba32f) readonly uniform image2D color;
-// Right, down and away of the normals of points, and 1; 0 where there is none. Anything, where points have brought none.
+// Normals of points (right, down, away) and 1; 0 where unknown. Unread if points have none.
 layout(rgba32f) readonly uniform image2D facing;
-// m in red, green and blue. Anything, where no shadows are cast.
+// m in red, green and blue. Unread without shadows.
 layout(rgba32f) readonly uniform image2D reached;
 layout(rgba32f) writeonly uniform image2D lit;
 
@@ -31,11 +34,12 @@ layout(constant_id = 2) const bool SHADOWED = false;
 
 layout(push_constant, scalar) uniform Push {
     uvec2 size;        // pixels
-    vec2 centre;       // where the camera looks, pixels from the first
+    vec2 centre;       // principal point [px]
     float px_per_unit; // perspective: focal length in pixels; orthographic: pixels per metre
-    float reach;       // difference in depth from which pixels are of other surfaces: metres, or with perspective parts of the depth
+    float reach;       // depth difference of surfaces: metres, or a share with perspective
     int radius_px;     // of the neighbourhood
-    // Seen from the camera, right, down and away: a place and 1, or the way towards something infinitely far and 0.
+    // In camera axes (right, down, away): a position and 1, or the direction to an infinitely
+    // distant light and 0.
     vec4 light;
     vec4 eye;
     float ambient;
@@ -46,7 +50,8 @@ layout(push_constant, scalar) uniform Push {
 
 #include "surface_normal.glsl"
 
-// Of the points around a pixel of depth z, those that are nearer in depth weigh more, as in add_to_fit.
+// Returns the mean normal around a pixel of depth z. Neighbours closer in depth weigh more, as in
+// add_to_fit.
 vec3 mean_of_points(ivec2 pixel, float z, float reach) {
     vec3 sum = vec3(0.0);
     // As in normal_at.
@@ -65,12 +70,13 @@ vec3 mean_of_points(ivec2 pixel, float z, float reach) {
     return unit(sum);
 }
 
-// From a place, which is `ray` times its depth; of unit length, or 0 where the two are one. All is divided by the depth: products with it may be too large.
+// Returns the direction from the place `ray` times its depth; 0 if both are the same. All is
+// divided by the depth, since products with it may overflow.
 vec3 towards(vec4 what, vec3 ray, float z) {
     return unit(mix(what.xyz, what.xyz / vec3(z) - ray, bvec3(what.w > 0.5)));
 }
 
-// 0 <= x <= 1 to a whole power, by squaring: the same bits everywhere, which `pow` does not promise.
+// Returns x to a whole power for 0 <= x <= 1, by squaring: the same bits everywhere, unlike `pow`.
 float power(float x, uint exponent) {
     float result = 1.0;
     [[unroll]] for (int bit = 0; bit < 8; ++bit) {
@@ -101,7 +107,7 @@ void shade(ivec2 pixel) {
     float mirrored = r.x * v.x + r.y * v.y + r.z * v.z;
     bool shaded = has && n != vec3(0.0) && l != vec3(0.0);
     float diffuse = push.diffuse * mix(1.0, max(facing, 0.0), shaded);
-    // What faces away from the light mirrors nothing of it.
+    // A surface that faces away from the light reflects none of it.
     float specular = push.specular * mix(0.0, power(clamp(mirrored, 0.0, 1.0), push.shininess), shaded && facing > 0.0);
     vec3 m = SHADOWED ? imageLoad(reached, pixel).rgb : vec3(1.0);
     imageStore(lit, pixel, vec4(c.rgb * (vec3(push.ambient) + m * vec3(diffuse)) + m * vec3(specular * c.a), c.a));

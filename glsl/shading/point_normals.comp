@@ -1,6 +1,7 @@
-// Points' normals -> those of pixels: right, down and away from the camera, which they are turned towards, and 1; 0 where a pixel shows no point, or one whose normal is not known.
+// Normals of points -> normals of pixels: right, down and away from the camera, turned towards it,
+// and 1; 0 for pixels without a point or a known normal.
 //
-// A surface is seen from the side that it is seen from: which of the two normals a file or a fitted plane has does not matter here.
+// Normals of files or fitted planes may have either sign; here they face the camera.
 #version 460
 #extension GL_EXT_scalar_block_layout : require
 #extension GL_EXT_buffer_reference : require
@@ -13,13 +14,13 @@
 #include "tile.glsl"
 #include "tile_mask.glsl"
 
-// Normals of the points of one node: a page of 32-bit words.
+// Normals of the points of a node: a page of 32-bit words.
 layout(buffer_reference, scalar, buffer_reference_align = 4) readonly buffer Plane { uint word[]; };
 
 layout(local_size_x = 64) in;
 
 layout(r32ui) readonly uniform uimage2D index;
-// Of every node of the frame, the two words of the address of the page with its points' normals.
+// Address of the page with each node's normals, two words.
 layout(scalar) readonly buffer Facings { uvec2 page[]; } facings;
 layout(rgba32f) writeonly uniform image2D facing;
 
@@ -27,7 +28,7 @@ layout(constant_id = 0) const bool PERSPECTIVE = true;
 
 layout(push_constant, scalar) uniform Push {
     uvec2 size;        // pixels
-    vec2 centre;       // where the camera looks, pixels from the first
+    vec2 centre;       // principal point [px]
     float px_per_unit; // perspective: focal length in pixels; orthographic: pixels per metre
     vec3 right;        // the camera's axes in the world
     vec3 down;

@@ -1,7 +1,10 @@
-// The first level of shape depiction (Pintus et al. 2011, sec. 6; lib/shape.glsl): depth -> shade, depth of the next level, and the tiles that deeper levels are worth for.
+// First level of shape depiction (Pintus et al. 2011, sec. 6; lib/shape.glsl): depth -> shade,
+// depth of the next level, and the tiles that need deeper levels.
 //
-// Where a surface is a plane, every level gives the same shade; only tiles near others are listed. A deeper level looks one pixel farther, so that tiles within `shaded` rings of one that is no plane
-// have another shade, and rings beyond keep what they look at right. `wanted`: 1 a tile whose depth is needed, 3 one whose shade is, too.
+// On a plane every level gives the same shade, so only tiles near others are listed. A deeper level
+// looks one pixel farther: tiles within `shaded` rings of a non-planar one have another shade, and
+// rings beyond keep their inputs right. `wanted`: 1 for a tile whose depth is needed, 3 if its
+// shade is, too.
 #version 460
 #extension GL_EXT_scalar_block_layout : require
 #extension GL_EXT_control_flow_attributes : require
@@ -14,7 +17,7 @@
 
 layout(local_size_x = 64) in;
 
-// All with four rows a texel.
+// Four rows per texel.
 layout(rgba32f) readonly uniform image2D depth;
 layout(rgba32f) writeonly uniform image2D next;
 layout(rgba32f) writeonly uniform image2D shade;
@@ -26,9 +29,9 @@ layout(constant_id = 0) const bool PERSPECTIVE = true;
 layout(push_constant, scalar) uniform Push {
     uvec2 size;  // pixels
     uvec2 tiles;
-    float width; // of `softness` pixels: metres, or with perspective parts of the depth
-    int shaded;  // rings whose shade deeper levels change; 0: there is no deeper level
-    int rings;   // and those whose depth they need
+    float width; // width of `softness` pixels: metres, or a share of the depth with perspective
+    int shaded;  // rings shaded by deeper levels; 0: there are none
+    int rings;   // and rings whose depth they need
 } push;
 
 void want(ivec2 tile) {
@@ -63,7 +66,7 @@ void work(uint n) {
         imageStore(next, texel, nexts);
         if (half_tile == 1) break;
     }
-    // One lane of a tile marks it, and those around it.
+    // One lane of a tile marks it and its surroundings.
     if (!plane && push.shaded > 0 && (atomicOr(wanted.tile[n], 4u) & 4u) == 0u) want(in_rows(n, uint(push.tiles.x)));
 }
 

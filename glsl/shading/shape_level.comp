@@ -1,4 +1,5 @@
-// A deeper level of shape depiction (lib/shape.glsl), of listed tiles only: depth of level k -> its share of the shade, and the depth of level k + 1. Images have four rows a texel.
+// A deeper level of shape depiction (lib/shape.glsl) on listed tiles: depth of level k -> its share
+// of the shade, and the depth of level k + 1. Images have four rows per texel.
 #version 460
 #extension GL_EXT_scalar_block_layout : require
 #extension GL_EXT_control_flow_attributes : require
@@ -24,7 +25,7 @@ layout(constant_id = 1) const bool TEXELS = true;
 
 layout(push_constant, scalar) uniform Push {
     uint tiles_across;
-    float width;  // of `softness` pixels: metres, or with perspective parts of the depth
+    float width;  // width of `softness` pixels: metres, or a share of the depth with perspective
     float before; // weight of what the shade holds
     float weight; // of this level
 } push;

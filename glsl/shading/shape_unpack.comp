@@ -1,4 +1,4 @@
-// Light of four rows a texel -> light of a pixel a texel.
+// Shade with four rows per texel -> one pixel per texel.
 #version 460
 #extension GL_EXT_scalar_block_layout : require
 #extension GL_EXT_control_flow_attributes : require

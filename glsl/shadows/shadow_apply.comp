@@ -1,5 +1,5 @@
-// Marks, point ids and colour -> colour times the light that reaches the point: ambient + mark (1 - ambient); or, where lighting comes after, how much of the light that is, in red, green and blue alike
-// (Dobrev et al. 2010, sec. 6).
+// Visibility of the light, point ids and colour -> colour times ambient + visibility (1 - ambient);
+// or, if lighting follows, the visibility in red, green and blue (Dobrev et al. 2010, sec. 6).
 #version 460
 #extension GL_EXT_scalar_block_layout : require
 #extension GL_EXT_buffer_reference : require
@@ -11,15 +11,15 @@
 #include "tile.glsl"
 #include "tile_mask.glsl"
 
-// Marks that the points of one node have brought: a page of 32-bit words.
+// Saved visibility of the points of a node: a page of 32-bit words.
 layout(buffer_reference, scalar, buffer_reference_align = 4) readonly buffer Plane { uint word[]; };
 
 layout(local_size_x = 64) in;
 
 layout(r32ui) readonly uniform uimage2D index;
-// A byte a point: how many samples light it.
+// Number of samples that light each point, one byte.
 layout(scalar) readonly buffer Marks { uint word[]; } marks;
-// Of every node of the frame, the two words of the address of the page with its points' marks, where they have brought them.
+// Address of the page with each node's saved visibility, two words.
 layout(scalar) readonly buffer Saved { uvec2 page[]; } saved;
 layout(rgba32f) readonly uniform image2D color;
 layout(rgba32f) writeonly uniform image2D shaded;
@@ -29,7 +29,7 @@ layout(constant_id = 1) const bool APART = false;
 
 layout(push_constant, scalar) uniform Push {
     uvec2 size;    // pixels
-    float full;    // mark of a point that all of the light reaches
+    float full;    // value of a fully lit point
     float ambient;
 } push;
 
@@ -41,7 +41,7 @@ void light(ivec2 pixel) {
     if (!SAVED) count = marks.word[at / 4u] >> (8u * (at & 3u)) & 255u;
     if (SAVED && point != NO_POINT) count = Plane(saved.page[point >> POINTS_PER_PAGE_LOG2]).word[point & (POINTS_PER_PAGE - 1u)];
     vec4 c = imageLoad(color, pixel);
-    // On the border of two of the light's pictures both may count a point.
+    // Two pictures of the light may count a point on their border.
     float lit = min(float(count), push.full) / push.full;
     c.rgb = mix(c.rgb * (push.ambient + (1.0 - push.ambient) * lit), vec3(lit), bvec3(APART));
     imageStore(shaded, pixel, c);

@@ -1,14 +1,18 @@
-// The light's depths -> the same with gaps closed through which the light would fall: occluded and background fill (Dobrev et al. 2010, sec. 3.2 and 3.3).
+// Depths of the light's picture -> depths with gaps closed that light would fall through, by
+// background and hidden filling (Dobrev et al. 2010, sec. 3.2 and 3.3).
 //
-//   in front: those of the eight neighbours that are nearer by more than the layer
-//   slope:    the steepest among those in front, from one to the next around the texel, and from the texel to those that are not
-//             where three or more are empty, as at a rim, nobody knows: the steepest there is
-//   in front: those that are nearer by more than the layer of a surface with that slope
-//   five consecutive ones that are not (half of the ring: a straight or diagonal silhouette): the texel stays; else it takes the nearest
+//   in front: of the eight neighbours, those nearer by more than the layer
+//   slope:    the steepest among those in front, between consecutive ones around the texel, and from
+//             the texel to those that are not; if three or more are empty, as at a rim, it is unknown
+//             and the steepest allowed
+//   in front: those nearer by more than the layer of a surface with that slope
+//   If five consecutive ones are not (half of the ring: a straight or diagonal silhouette), the texel
+//   stays; else it takes the nearest.
 //
-// With one fixed layer, that of the steepest surface, gaps in what lies less than five times as far in front of something else as its own layer stayed open. On a plane the neighbours down its slope are
-// not in front, and the slope is known from both sides of the texel, so that it stays as it is. What an earlier step has filled may be a layer too near, so each step asks for one layer more, up to that of
-// the steepest surface.
+// A fixed layer for the steepest surface left gaps open in objects less than five times that layer
+// in front of others. On a plane the neighbours down its slope are not in front, and the slope is
+// known from both sides, so the texel stays. A value filled by an earlier step may be a layer too
+// near, so each step asks for one layer more, up to that of the steepest surface.
 #version 460
 #extension GL_EXT_scalar_block_layout : require
 #extension GL_EXT_control_flow_attributes : require
@@ -48,7 +52,7 @@ void fill(uint texel, vec3 above, vec3 here, vec3 below) {
     Slope slope = Slope(0.0, 0.0);
     [[unroll]] for (int k = 0; k < 8; ++k) {
         int next = (k + 1) % 8;
-        // Two that follow each other around a texel lie side by side.
+        // Consecutive ones around a texel are adjacent.
         float among = before[k] && before[next] ? rise_of(other[k], other[next], run) : 0.0;
         slope.beside = max(slope.beside, among);
         rises(slope, k, own, known[k] && !before[k] ? other[k] : own, run);

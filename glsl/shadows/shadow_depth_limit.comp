@@ -1,9 +1,12 @@
-// The light's depths -> how deep in each texel the light reaches: depth + layer / <v, n> (Dobrev et al. 2010, sec. 6).
+// Depths of the light's picture -> depth that light reaches in each texel: depth + layer / <v, n>
+// (Dobrev et al. 2010, sec. 6).
 //
-// Points have no normals; the slope is the steepest one to the eight neighbours of the same surface. Within a texel a plane falls away by no more than from its depth here to that of the neighbour
-// across the lower corner, which is sqrt(2) texels away: with a layer of sqrt(2) texels' sides no plane shades itself (HARD_CASES 13).
-// The flatter side of each axis would not do: where both of two neighbours' depths are by chance the same, steep planes shade themselves. So at an edge the drop to what lies behind it counts as slope, and
-// the texel's own part of the shadow begins as far back as behind the steepest surface.
+// Points have no normals; the slope is the steepest one to the eight neighbours on the same
+// surface. Within a texel a plane falls by at most the difference to the neighbour across the lower
+// corner, sqrt(2) texels away: with a layer of sqrt(2) texels no plane shades itself (guide:
+// numerics, case 13). The flatter side of each axis would not do: if two neighbours have equal
+// depths by chance, steep planes shade themselves. So at an edge the drop to what lies behind
+// counts as slope, and the texel's own shadow begins as far back as behind the steepest surface.
 #version 460
 #extension GL_EXT_scalar_block_layout : require
 #extension GL_EXT_control_flow_attributes : require
@@ -29,7 +32,8 @@ void reach(uint texel, vec3 above, vec3 here, vec3 below) {
     Slope slope = Slope(0.0, 0.0);
     [[unroll]] for (int k = 0; k < 8; ++k) rises(slope, k, own, is_depth(other[k]) ? other[k] : own, run);
     float reach = own + along_light(layer_at(own), tangent_of(slope, run));
-    // A layer that is lost beside the depth still holds the depth itself (HARD_CASES 15).
+    // If the layer is below an ulp of the depth, the limit still includes the depth itself (guide:
+    // numerics, case 15).
     float beyond = max(reach, uintBitsToFloat(floatBitsToUint(own) + 1u));
     beyond = has ? beyond : z;
     if (push.margin > 0u) {

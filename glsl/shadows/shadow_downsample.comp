@@ -1,4 +1,5 @@
-// The light's depths -> those of its picture half as wide and high: of 2 x 2 texels the nearest, infinite where none holds a point.
+// Depths of the light's picture -> those of its half-size picture: the nearest of 2 x 2 texels,
+// infinite without points.
 #version 460
 #extension GL_EXT_scalar_block_layout : require
 #extension GL_EXT_control_flow_attributes : require

@@ -1,8 +1,11 @@
-// How deep light reaches in a picture half as wide and high, where that shows surfaces that are sparse in the finer one -> the finer one's depths and limits, in place.
+// Depths and limits of the half-size picture, where it shows surfaces that are sparse in the finer
+// one -> the finer depths and limits, in place.
 //
-// Points of a surface that is near to a light, or sparser than others, lie texels apart in its picture. Gaps between them are closed in the picture in which they are one texel wide, whose surfaces are as
-// much thicker: that is a part of their distance, which is small. What lies behind is lit no deeper than the nearer surface says; what lies beside it is seen as finely as before. It runs over the tiles of
-// the coarser picture in which there is something sparse.
+// Points of a surface near to the light, or sparser than others, lie texels apart in its picture.
+// Their gaps are closed in the picture where they are one texel wide. Its surfaces are thicker in
+// proportion, by a small share of their distance. Points behind are lit no deeper than the nearer
+// surface says; points beside it keep the finer resolution. It runs over the coarser tiles that
+// have something sparse.
 #version 460
 #extension GL_EXT_scalar_block_layout : require
 #extension GL_EXT_control_flow_attributes : require
@@ -13,7 +16,7 @@
 
 layout(local_size_x = 64) in;
 
-// All row by row. What the light sees: infinite where nothing is, as in the coarser picture where nothing is sparse.
+// All row by row. Depths: infinite where empty, and in the coarser picture where nothing is sparse.
 layout(scalar) readonly buffer CoarseFront { float texel[]; } coarse_front;
 layout(scalar) readonly buffer CoarseLimit { float texel[]; } coarse_limit;
 layout(scalar) buffer Front { float texel[]; } front;
@@ -21,7 +24,7 @@ layout(scalar) buffer Limit { float texel[]; } limit;
 
 layout(push_constant, scalar) uniform Push {
     uvec2 size;   // texels of the finer picture
-    float within; // depth up to which surfaces are sparse in it, metres
+    float within; // depth up to which surfaces are sparse in it [m]
 } push;
 
 uvec2 half_size() {
@@ -32,7 +35,7 @@ void column(uint place) {
     uvec2 across = (half_size() + uint(TILE_PX - 1)) / uint(TILE_PX);
     ivec2 top = column_of(LISTED ? listed_number(place, across.x) : place, across.x);
     [[dont_unroll]] for (int row = 0;; ++row) {
-        // What lies beyond the edges is the last texel once more, and gets the same.
+        // Texels beyond the edges repeat the last one and get the same result.
         uvec2 coarse = min(uvec2(top + ivec2(0, row)), half_size() - 1u);
         uint at = coarse.y * half_size().x + coarse.x;
         float z = coarse_front.texel[at];

@@ -1,4 +1,4 @@
-// Keys of the light's picture, or its depths -> which of its tiles hold points, or points that are near enough.
+// Keys or depths of the light's picture -> tiles that hold points that are near enough.
 #version 460
 #extension GL_EXT_scalar_block_layout : require
 #extension GL_EXT_control_flow_attributes : require
@@ -12,7 +12,7 @@ layout(local_size_x = 64) in;
 
 #include "light_depth.glsl"
 
-// Of every tile, not 0 where it holds points.
+// Not 0 for tiles that hold points.
 layout(scalar) buffer Covered { uint tile[]; } covered;
 
 void cover(uint place) {

@@ -1,8 +1,9 @@
-// Points and the light's limits -> of every texel the nearest point within the limit that no peel before has taken, as a key (Dobrev et al. 2010, sec. 6, index peeling).
+// Points and limits -> for every texel the nearest point within the limit that no earlier peel has
+// taken, as a key (Dobrev et al. 2010, sec. 6, index peeling).
 //
 //   STEP 0: its depth, the key's high word
-//   STEP 1: of the points at exactly that depth, the least id, the key's low word
-// Keys only rise from peel to peel, so that one which is greater than the texel's last has not been taken.
+//   STEP 1: the smallest id of the points at exactly that depth, the key's low word
+// Keys only rise from peel to peel, so a key greater than the texel's last has not been taken.
 #version 460
 #extension GL_EXT_scalar_block_layout : require
 #extension GL_GOOGLE_include_directive : require
@@ -13,12 +14,12 @@
 layout(constant_id = 5) const uint STEP = 0u;
 
 layout(scalar) readonly buffer Nodes { Node node[]; } nodes;
-// Factors that make up a point's opacity.
+// Factors of opacity (lib/point_kind.glsl).
 layout(scalar) readonly buffer Opacities { float factor[]; } opacities;
-// What lies in clip boxes, of nodes that have points on both sides.
+// Clip boxes of nodes with points on both sides.
 layout(scalar) readonly buffer Boxes { Within cells[]; } within;
 layout(scalar) readonly buffer Chunks { uint chunk[]; } chunks;
-// The pages of one block, twice: as texels in fours, and for devices whose texel buffers are too small as a storage buffer.
+// Pages of a block, as texels of four words; and as words if texel buffers are too small.
 layout(rgba32ui) readonly uniform uimageBuffer pages;
 layout(scalar) readonly buffer PageWords { uvec4 four[]; } page_words;
 // Point, depth bits; of the peel before, and of this one.

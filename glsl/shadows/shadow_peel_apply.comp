@@ -1,4 +1,5 @@
-// Keys of one peel -> marks: every point that is a texel's next is lit by this sample of the light (Dobrev et al. 2010, sec. 6). Keys become those of the last peel, and are free for the next.
+// Keys of a peel -> visibility: every texel's next point is lit by this sample of the light (Dobrev
+// et al. 2010, sec. 6). Keys become those of the last peel and are free for the next.
 #version 460
 #extension GL_EXT_scalar_block_layout : require
 #extension GL_GOOGLE_include_directive : require
@@ -7,11 +8,11 @@
 
 layout(local_size_x = 64) in;
 
-// How many points some peels have marked.
+// Number of points that some peels have marked.
 layout(scalar) buffer Peeled { uint count[]; } peeled;
 layout(scalar) buffer Keys { uvec2 key[]; } keys;
 layout(scalar) buffer Last { uvec2 key[]; } last;
-// A byte a point.
+// One byte per point.
 layout(scalar) buffer Marks { uint word[]; } marks;
 
 layout(push_constant, scalar) uniform Push {

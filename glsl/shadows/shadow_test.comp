@@ -1,6 +1,8 @@
-// Points and the light's limits -> marks: every point that lies no deeper than its texel's limit is lit by this sample of the light (Dobrev et al. 2010, sec. 6, depth test).
+// Points and limits -> visibility: every point no deeper than its texel's limit is lit by this
+// sample of the light (Dobrev et al. 2010, sec. 6, depth test).
 //
-// A mark is a byte, the number of samples that light a point. A word has the marks of four neighbours, and one lane writes it.
+// The visibility is a byte, the number of samples that light a point. A word holds four neighbours,
+// and one lane writes it.
 #version 460
 #extension GL_EXT_scalar_block_layout : require
 #extension GL_GOOGLE_include_directive : require
@@ -9,14 +11,14 @@
 #include "drawn_node.glsl"
 
 layout(scalar) readonly buffer Nodes { Node node[]; } nodes;
-// Factors that make up a point's opacity.
+// Factors of opacity (lib/point_kind.glsl).
 layout(scalar) readonly buffer Opacities { float factor[]; } opacities;
-// What lies in clip boxes, of nodes that have points on both sides.
+// Clip boxes of nodes with points on both sides.
 layout(scalar) readonly buffer Boxes { Within cells[]; } within;
 layout(scalar) readonly buffer Chunks { uint chunk[]; } chunks;
-// Of every listed chunk, whether it has a point near the front.
+// Whether each listed chunk has a point near the front.
 layout(scalar) readonly buffer Shallow { uint chunk[]; } shallow;
-// The pages of one block, twice: as texels in fours, and for devices whose texel buffers are too small as a storage buffer.
+// Pages of a block, as texels of four words; and as words if texel buffers are too small.
 layout(rgba32ui) readonly uniform uimageBuffer pages;
 layout(scalar) readonly buffer PageWords { uvec4 four[]; } page_words;
 layout(scalar) buffer Marks { uint word[]; } marks;

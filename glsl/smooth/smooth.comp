@@ -1,10 +1,13 @@
-// Smoothing (Dobrev et al. 2010, sec. 3.4; papers/README.md), of listed tiles: depth and colour -> where something was filled in the 3 x 3, the weighted mean of those in it that have a depth.
+// Smoothing of listed tiles (Dobrev et al. 2010, sec. 3.4; guide: papers): depth and colour -> the
+// weighted mean of the 3 x 3, for pixels with something filled in it, over those with a depth.
 //
 //   alleviated Gaussian   1  2  1     Gaussian   1  2  1     box   1  1  1
 //                         2 16  2                2  4  2           1  1  1
 //                         1  2  1                1  2  1           1  1  1
-// Weights are whole numbers, divided by the sum of those that counted. Means are of differences to the pixel's own value: what is constant stays as it is, to the last bit (HARD_CASES 26). Background
-// neither gives nor takes. What was measured stays as it is where all around it was.
+// Weights are integers, divided by the sum of those that counted. Means are of differences to the
+// pixel's own value, so that constants stay the same to the last bit (guide: numerics, case 26).
+// Background neither gives nor takes. A measured pixel stays as it is if all around it were
+// measured.
 #version 460
 #extension GL_EXT_scalar_block_layout : require
 #extension GL_EXT_control_flow_attributes : require
@@ -16,11 +19,11 @@
 layout(local_size_x = 64) in;
 
 layout(scalar) readonly buffer Lists { uint word[]; } lists;
-// As smooth_tiles.comp left them.
+// From smooth_tiles.comp.
 layout(scalar) readonly buffer Pixels { uint column[]; } pixels;
 layout(r32f) readonly uniform image2D depth;
 layout(rgba32f) readonly uniform image2D color;
-// How much of the light reaches a surface.
+// Visibility of the light.
 layout(rgba32f) readonly uniform image2D reached;
 layout(r32f) writeonly uniform image2D smooth_depth;
 layout(rgba32f) writeonly uniform image2D smooth_color;
@@ -30,14 +33,14 @@ layout(constant_id = 0) const bool REACHED = false;
 
 layout(push_constant, scalar) uniform Push {
     uvec2 tiles;
-    vec3 weights; // of the pixel itself, of those beside, above and below it, and of those at its corners
+    vec3 weights; // of the pixel, its sides and its corners
 } push;
 
 // A power of two that keeps sums finite, and its inverse.
 const float SMALL = 0.015625;
 const float LARGE = 64.0;
 
-// Three pixels side by side.
+// Three adjacent pixels.
 struct Row {
     float depths[3];
     vec4 colors[3];
@@ -59,7 +62,7 @@ Row row_at(ivec2 pixel) {
     return row;
 }
 
-// Which pixels of a column of a tile have something filled in their 3 x 3, a bit each.
+// Returns a bit for each pixel of a tile's column with something filled in its 3 x 3.
 uint near_filled(ivec2 tile, int column) {
     uint near = 0u;
     [[unroll]] for (int aside = -1; aside <= 1; ++aside) {
@@ -102,14 +105,15 @@ void work(uint n) {
             bool counts = has && known(z);
             float weight = mix(0.0, across == 1 || down == 1 ? push.weights.y : push.weights.z, counts);
             weights += weight;
-            // Where it does not count, the difference may be one of infinities; and where it is of the farthest depths, it must not grow into one.
+            // If it does not count, the difference may be of infinities; between the farthest
+            // depths it must not become one.
             rise += weight * mix(0.0, (z - z0) * SMALL, counts);
             change += vec3(weight) * (rows[down].colors[across].rgb - c0.rgb);
             if (REACHED) change_reached += vec3(weight) * (rows[down].reached[across].rgb - m0.rgb);
         }
         bool blends = (blend >> line & 1u) == 1u;
         float share = mix(0.0, 1.0 / weights, blends);
-        // What lies beyond the picture is written nowhere.
+        // Pixels beyond the picture are not written.
         imageStore(smooth_depth, pixel, vec4(mix(z0, z0 + rise * share * LARGE, has && blends)));
         imageStore(smooth_color, pixel, vec4(c0.rgb + change * vec3(share), c0.a));
         if (REACHED) imageStore(smooth_reached, pixel, vec4(m0.rgb + change_reached * vec3(share), m0.a));

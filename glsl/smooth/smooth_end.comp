@@ -1,4 +1,4 @@
-// What smoothing made of listed tiles -> layers.
+// Results of smoothing in listed tiles -> G-buffer.
 #version 460
 #extension GL_EXT_scalar_block_layout : require
 #extension GL_EXT_control_flow_attributes : require
@@ -26,7 +26,7 @@ ivec2 tile_at(uint place) {
     return in_rows(lists.word[LIST_HEADER + place], push.tiles_across);
 }
 
-// What lies beyond the picture is written nowhere.
+// Pixels beyond the picture are not written.
 void close(ivec2 pixel) {
     imageStore(depth, pixel, imageLoad(smooth_depth, pixel));
     imageStore(color, pixel, imageLoad(smooth_color, pixel));

@@ -1,4 +1,4 @@
-// Depths -> which pixels were filled, and the tiles that smoothing works on: those that hold one, or one of whose neighbours.
+// Depths -> filled pixels, and the list of tiles with one of them or of their neighbours.
 #version 460
 #extension GL_EXT_scalar_block_layout : require
 #extension GL_EXT_control_flow_attributes : require
@@ -9,12 +9,12 @@
 
 layout(local_size_x = 64) in;
 
-// As points were projected, and as filling left them: not the same where pixels were filled.
+// Projected depth, and depth after filling: they differ where pixels were filled.
 layout(r32f) readonly uniform image2D raw;
 layout(r32f) readonly uniform image2D filled;
-// Of every column of every tile, from the top, a bit a pixel. Starts as zeros.
+// One bit per pixel for every column of every tile, from the top. Starts as zeros.
 layout(scalar) writeonly buffer Pixels { uint column[]; } pixels;
-// Of every tile, not 0 where it is listed. Starts as zeros.
+// Not 0 for listed tiles. Starts as zeros.
 layout(scalar) buffer Found { uint tile[]; } found;
 layout(scalar) buffer Lists { uint word[]; } lists;
 
@@ -28,7 +28,7 @@ void look(uint place) {
     ivec2 at = in_rows(tile, push.tiles.x);
     int column = int(gl_LocalInvocationID.x % 8u);
     uint bits = push.all == 1u ? 255u : 0u;
-    // Beyond the picture both are 0.
+    // Both are 0 beyond the picture.
     [[unroll]] for (int row = 0; row < TILE_PX; ++row) {
         ivec2 pixel = TILE_PX * at + ivec2(column, row);
         bool taken = floatBitsToUint(imageLoad(raw, pixel).r) != floatBitsToUint(imageLoad(filled, pixel).r);

@@ -1,12 +1,16 @@
-// Points -> the strokes that may touch each tile of 8 x 8 pixels.
+// Points -> strokes that may touch each tile of 8 x 8 pixels.
 //
-//   STEP 0: how many, of every tile
-//   STEP 1: they themselves, tile after tile; the order within a tile is that of arrival, and nothing depends on it
-// A stroke touches a tile where the box around its square's corners on the screen holds the middle of one of the tile's pixels. Points are looked for beyond the picture's edges, too: the view has a margin.
+//   STEP 0: their number for every tile
+//   STEP 1: the strokes, tile after tile; their order within a tile is that of arrival and irrelevant
+// A stroke touches a tile if the box around its square's corners on the screen holds the centre of
+// one of the tile's pixels. The view has a margin, since strokes of points beyond the picture reach
+// into it.
 //
-// A stroke is three texels of four words, as a pixel looks at it:
-//   centre, turning      across, along (stroke_walk.glsl)      depth; point; roots of colour and number of the brush; how opaque its point is, less than 0 where it has a second layer
-// They lie in the list once for every tile, so that tiles read them one after the other.
+// A stroke is three texels of four words:
+//   centre, turning      across, along (stroke_walk.glsl)
+//   depth; point; roots of colour, and number of the brush; opacity of its point, negative if it has
+//   a second layer
+// It is in the list once for every tile, so that tiles read consecutive words.
 #version 460
 #extension GL_EXT_scalar_block_layout : require
 #extension GL_EXT_buffer_reference : require
@@ -17,13 +21,13 @@
 
 layout(constant_id = 5) const uint STEP = 0u;
 layout(constant_id = 7) const uint MODE = 0u;
-// Not all points are opaque; and whether it takes their kinds to tell.
+// Whether some points are transparent, and whether that depends on their kinds.
 layout(constant_id = 8) const bool TRANSPARENT = false;
 layout(constant_id = 9) const bool BY_KIND = false;
 
-// The first tile, and the one after the last; which turn this is, and of how many, each of which takes as many of a node's points.
+// First tile and end; number of this turn and of all turns, which share a node's points.
 layout(scalar) readonly buffer Part { uint tile[]; } part;
-// Of every tile the number of strokes, or where the next one goes.
+// Number of strokes of every tile, or where the next one goes.
 layout(scalar) buffer Tallies { uint word[]; } tallies;
 layout(scalar) writeonly buffer Strokes { uvec4 texel[]; } strokes;
 layout(rgba32ui) readonly uniform uimageBuffer table;
@@ -41,7 +45,7 @@ uvec4 rest_of(Canvas canvas, Seen seen, Stroked point) {
     return uvec4(floatBitsToUint(seen.depth), nodes.node[point.n].first_point + point.i, pack_roots(roots) | point.facing & 0xFF000000u, floatBitsToUint(layered));
 }
 
-// What roundings may move the edge of a stroke by, pixels.
+// Bound on the rounding error of a stroke's edge [px].
 const float ROUNDING = 0.0625;
 
 void miss(Stroked point) {}
@@ -55,7 +59,7 @@ void touch(Stroked point) {
     vec2 corners[4] = corners_of(canvas, square, seen, is_before);
     vec2 lo = min(seen.off, min(min(corners[0], corners[1]), min(corners[2], corners[3])));
     vec2 hi = max(seen.off, max(max(corners[0], corners[1]), max(corners[2], corners[3])));
-    // It shows where the middle of a pixel lies in it.
+    // A stroke shows if the centre of a pixel lies in it.
     vec2 to_middles = canvas.middle - canvas.corner - vec2(0.5);
     ivec2 first = ivec2(floor(max(ceil(lo + to_middles - vec2(ROUNDING)) / vec2(8.0), vec2(0.0))));
     ivec2 last = ivec2(floor(min(floor(hi + to_middles + vec2(ROUNDING)) / vec2(8.0), vec2(canvas.tiles) - vec2(1.0))));

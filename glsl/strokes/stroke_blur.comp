@@ -1,4 +1,5 @@
-// Colours -> blurred along one axis: a weighted Gaussian over what is covered, renormalised (dos Anjos et al. 2018, sec. 3.3.3). Twice, across and down.
+// Blurs colours along one axis by a Gaussian over covered pixels, renormalised (dos Anjos et al.
+// 2018, sec. 3.3.3). Runs twice, across and down.
 #version 460
 #extension GL_EXT_scalar_block_layout : require
 #extension GL_EXT_control_flow_attributes : require
@@ -11,7 +12,7 @@ layout(rgba32f) writeonly uniform image2D blurred;
 layout(push_constant, scalar) uniform Push {
     uvec2 size;       // pixels
     ivec2 along;
-    float weights[9]; // of the pixel itself, and of those so many steps away
+    float weights[9]; // of the pixel, and by distance
     int radius_px;
 } push;
 

@@ -1,8 +1,11 @@
-// The brushes: 256 of them, as 32 x 32 squares of coverage (dos Anjos et al. 2018, sec. 3.3.2, eq. 1).
+// Makes 256 brushes, 32 x 32 squares of coverage (dos Anjos et al. 2018, sec. 3.3.2, eq. 1).
 //
-//   coverage = min(1, sum of 6 to 9 super-Gaussians on a 3 x 3 grid)        of each A e^(-(|x / sigma_x|^gamma + |y / sigma_y|^gamma) / 2), turned about its own middle
-// A column's Gaussians are turned alike, and no column by much more than the one before; by how much, the brush's number says. A word holds the four corners of its square, 8 bits each, so that a stroke reads
-// one word a pixel. Made once, and kept while the settings stay: a stroke's eight bits choose its brush.
+//   coverage = min(1, sum of 6 to 9 super-Gaussians on a 3 x 3 grid)
+//   each A e^(-(|x / sigma_x|^gamma + |y / sigma_y|^gamma) / 2), turned about its own middle
+// The Gaussians of a column are turned alike, and no column by much more than the one before; the
+// brush's number gives the angles. A word holds the four corners of its square, 8 bits each, so
+// that a stroke reads one word per pixel. Brushes are kept while the settings stay; eight bits of a
+// stroke choose one.
 #version 460
 #extension GL_EXT_scalar_block_layout : require
 #extension GL_EXT_control_flow_attributes : require
@@ -13,7 +16,7 @@
 
 layout(local_size_x = 64) in;
 
-// 16 turns of a whole brush, 4 from column to column; cosine and sine, made on the CPU.
+// 16 rotations of a whole brush, 4 from column to column; cosine and sine, made on the CPU.
 layout(scalar) readonly buffer Turns { vec2 turn[]; } turns;
 layout(scalar) writeonly buffer Brushes { uint word[]; } brushes;
 
@@ -22,11 +25,11 @@ layout(push_constant, scalar) uniform Push {
     float exponent; // of x^2 / sigma^2
     float across;   // 1 / sigma^2, of a side, along the tangent
     float along;    // and along the bitangent
-    float apart;    // columns and rows of the grid, of a side
+    float apart;    // spacing of the grid, as a share of a side
     uint gaussians; // a bit for each
 } push;
 
-// At (u, v), -1/2 to 1/2.
+// Returns the coverage at (u, v), -1/2 to 1/2.
 float coverage(vec2 at, uint number) {
     float sum = 0.0;
     vec2 turn = turns.turn[number & 15u];

@@ -1,14 +1,18 @@
 // Strokes of a tile -> its pixels (dos Anjos et al. 2018, sec. 3.3.2).
 //
-//   as often as the longest list wants: so many strokes of each tile, beside those before them; lavapipe ends all loops of an invocation together after 65,535 rounds
-//   a workgroup takes a tile of 8 x 8 pixels, a lane a pixel, which looks at all strokes of the tile
-//     a stroke is a square in the plane of its point's normal; a pixel's ray meets it at (u, v) of it, at a depth
-//     how much it covers there, its brush says (stroke_brush)
+//   A pass takes a limited number of strokes of each tile; as many passes as the longest list needs,
+//   since lavapipe ends all loops of an invocation after 65,535 rounds.
+//   A workgroup takes a tile of 8 x 8 pixels, a lane a pixel, which tests all strokes of the tile.
+//     A stroke is a square in the plane of its point's normal; a pixel's ray meets it at (u, v).
+//     Its brush gives the coverage there (stroke_brush).
 //
-//   A stroke's ends stand out from crests and claws: a pixel is painted only where a surface is (stroke_surface).
+//   Ends of strokes stand out from crests and claws: a pixel is painted only on a surface
+//   (stroke_surface).
 //
-//   fragments  colour, coverage times the point's opacity, and depth, of everything that covers a pixel at all; or, where they are not KEPT, how many
-//   keys       of what covers enough, however opaque, the nearest: depth, then point: as project64 leaves them, so that resolve and all effects follow as they do points
+//   fragments  colour, coverage times opacity, and depth of everything that covers a pixel at all; or
+//              their number unless KEPT
+//   keys       depth and point of the nearest that covers enough, whatever its opacity, as project64
+//              leaves them, so that resolve and all effects follow as for points
 #version 460
 #extension GL_EXT_scalar_block_layout : require
 #extension GL_GOOGLE_include_directive : require
@@ -20,35 +24,37 @@
 layout(local_size_x = 64) in;
 
 layout(constant_id = 0) const bool PERSPECTIVE = true;
-// They, not only their number.
+// Whether fragments are stored, not only counted.
 layout(constant_id = 1) const bool KEPT = false;
 layout(constant_id = 2) const bool TEXELS = true;
-// Fragments are ordered by the depths of their strokes' points, not by their own.
+// Whether fragments are ordered by the depths of their strokes' points, not by their own.
 layout(constant_id = 3) const bool BY_STROKE = false;
-// Fragments behind one that covers its pixel wholly are left out.
+// Whether fragments behind one that covers its pixel completely are left out.
 layout(constant_id = 4) const bool BEFORE_HIDERS = false;
 
 layout(scalar) readonly buffer Canvases { Canvas canvas[]; } canvases;
-// The first tile, and the one after the last, and two words more; then of every tile the first stroke, and the one after the last of all.
+// First tile and end, and two more words; then the first stroke of every tile, and the end of all.
 layout(scalar) readonly buffer Part { uint tile[]; } part;
-// Strokes as stroke_bins leaves them. As texels, and for devices whose texel buffers are too small; brushes, too.
+// Strokes from stroke_bins, as texels; and as words if texel buffers are too small. Brushes, too.
 layout(rgba32ui) readonly uniform uimageBuffer strokes;
 layout(scalar) readonly buffer StrokeWords { uvec4 texel[]; } stroke_words;
 layout(r32ui) readonly uniform uimageBuffer brushes;
 layout(scalar) readonly buffer BrushWords { uint word[]; } brush_words;
-// Of every pixel, tile by tile, the first fragment.
+// First fragment of every pixel, tile by tile.
 layout(scalar) readonly buffer Starts { uint word[]; } starts;
-// Of every pixel, row by row, not 0 where a surface is.
+// Not 0 for pixels on a surface, row by row.
 layout(scalar) readonly buffer Surface { uint word[]; } surface;
 layout(scalar) buffer Keys { uvec2 key[]; } keys;
-// Of every pixel, tile by tile, its fragments so far; whether its key is that of a stroke that hides what is behind.
+// Number of fragments of every pixel so far, tile by tile, and whether its key is of a stroke that
+// hides what is behind.
 layout(scalar) buffer Counts { uint word[]; } counts;
 layout(scalar) writeonly buffer Fragments { uvec2 fragment[]; } fragments;
-// Of every pixel, tile by tile, where the nearest fragment lies that covers it wholly: found while all are counted.
+// Depth of the nearest fragment that covers each pixel completely, tile by tile: found while all
+// are counted.
 layout(scalar) buffer Hiders { uint depth[]; } hiders;
 
 layout(push_constant, scalar) uniform Push {
-    uint before; // strokes of each tile
+    uint before; // strokes of each tile before this pass
 } push;
 
 const uint STROKES_AT_ONCE = 8192u;
@@ -94,14 +100,14 @@ void main() {
         vec4 centre_turning = uintBitsToFloat(texel(3u * stroke));
         vec4 axes = uintBitsToFloat(texel(3u * stroke + 1u));
         Met met = meet(at, centre_turning, axes, canvas.reach);
-        // A loop, because software devices walk through branches that no lane takes.
+        // A loop, because software devices execute branches that no lane takes.
         for (bool todo = painted && met.is_on; todo; todo = false) {
             uvec4 rest = texel(3u * stroke + 2u);
             float z = depth_of(met, uintBitsToFloat(rest.x));
             uint brush = rest.z >> 24;
             float alpha = coverage(met.uv, brush);
             vec3 roots = roots_of(rest.z);
-            // Detail in two layers: a smaller stroke across the first, a little lighter or darker.
+            // Detail in two layers: a smaller stroke across the first, slightly lighter or darker.
             for (bool second = rest.w >> 31 != 0u; second; second = false) {
                 float upper = second_coverage(met.uv, brush) * canvas.detail;
                 float shade = (brush & 1u) == 0u ? 1.08 : 0.92;
@@ -114,7 +120,8 @@ void main() {
             uint covers = uint(alpha * abs(uintBitsToFloat(rest.w)) * 255.0 + 0.5);
             seen = seen && covers > 0u;
             veil = seen && nearer(key, veil) ? key : veil;
-            // Of those within 16 steps of f32, as on a plane seen from above, brushes decide: a stroke is over another one everywhere.
+            // Within 16 steps of f32, as on a plane seen from above, brushes decide: a stroke is
+            // above another everywhere.
             uint order = (BY_STROKE ? rest.x : key.y) & ~15u | brush >> 4;
             if (!BEFORE_HIDERS) hider = seen && covers == 255u ? min(hider, order) : hider;
             seen = seen && (!BEFORE_HIDERS || order <= hider);
@@ -124,7 +131,7 @@ void main() {
     }
     if (!KEPT && !BEFORE_HIDERS) hiders.depth[place * 64u + lane] = hider;
     counts.word[place * 64u + lane] = count | (KEPT && front.x != NO_POINT ? HIDING : 0u);
-    // What nothing hides behind shows the nearest of what there is.
+    // Without a stroke that hides, the nearest of all shows.
     uvec2 key = front.x == NO_POINT ? veil : front;
     if (KEPT && painted) keys.key[at_key] = key;
 }

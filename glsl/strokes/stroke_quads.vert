@@ -1,15 +1,15 @@
-// Strokes on the screen, as stroke_screen leaves them -> parallelograms of two triangles each.
+// Strokes on the screen (stroke_screen) -> parallelograms of two triangles each.
 #version 460
 #extension GL_EXT_scalar_block_layout : require
 
 layout(constant_id = 2) const bool TEXELS = true;
 
-// As texels, and for devices whose texel buffers are too small.
+// As texels, and as words if texel buffers are too small.
 layout(rgba32ui) readonly uniform uimageBuffer strokes;
 layout(scalar) readonly buffer StrokeWords { uvec4 texel[]; } stroke_words;
 
 layout(push_constant, scalar) uniform Push {
-    vec2 corner; // of what is drawn, in the whole picture, pixels
+    vec2 corner; // position in the whole picture [px]
     vec2 size;
 } push;
 
@@ -31,8 +31,8 @@ void main() {
     axes = uintBitsToFloat(texel(4u * stroke + 2u));
     rest = texel(4u * stroke + 3u);
     vec2 at = centre_turning.xy + (right ? sides.xy : -sides.xy) + (down ? sides.zw : -sides.zw) - push.corner;
-    // What is nowhere has undefined words.
+    // Words of strokes outside of the picture are undefined.
     bool shows = any(notEqual(sides, vec4(0.0)));
-    // Depth is the fragments' own.
+    // Fragments compute their own depth.
     gl_Position = vec4(shows ? at / push.size * vec2(2.0) - vec2(1.0) : vec2(0.0), 0.5, 1.0);
 }

@@ -1,25 +1,29 @@
-// Points -> strokes on the screen, each in the place of its point, so that they come in the order of their numbers.
+// Points -> strokes on the screen, each at the place of its point, so that they are in the order of
+// their numbers.
 //
-// A stroke is four texels of four words: half sides of the parallelogram around what its brush covers, pixels, none where nothing of it is in the picture; and, where there is something, as a pixel looks at it:
-//   centre, turning      across, along (stroke_walk.glsl)      depth; point; number of the brush in the last byte; square of how far its near ground reaches, parts of a side, less than 0 where it has a second layer
+// A stroke is four texels of four words. First: half sides of the parallelogram around what its
+// brush covers [px], 0 if it is outside of the picture. Then, if it is inside:
+//   centre, turning      across, along (stroke_walk.glsl)
+//   depth; point; number of the brush in the last byte; square of the reach of its near ground as
+//   a share of a side, negative if it has a second layer
 #version 460
 #extension GL_EXT_scalar_block_layout : require
 #extension GL_EXT_buffer_reference : require
 #extension GL_EXT_buffer_reference_uvec2 : require
 #extension GL_GOOGLE_include_directive : require
 
-// The first place that has room, and the one after the last.
+// First place and end.
 layout(scalar) readonly buffer Part { uint place[]; } part;
 layout(scalar) writeonly buffer Strokes { uvec4 texel[]; } strokes;
 
 #include "stroke_walk.glsl"
 
-// What roundings may move the edge of a stroke by, the rasteriser's included, pixels.
+// Bound on the rounding error of a stroke's edge, including the rasteriser's [px].
 const float ROUNDING = 0.0625;
-// Sine of the angle between the sides of the narrowest parallelogram that is not put into a box.
+// Sine of the angle between the sides of the narrowest parallelogram that is not replaced by a box.
 const float NARROW = 0.05;
 
-// How far a parallelogram's sides stand out where the true corners do by so much.
+// Returns how far a parallelogram's sides stand out if its true corners do by `by`.
 vec4 grown(vec2 a, vec2 b, float by, float area) {
     return vec4(a * vec2(1.0 + by * length(b) / area), b * vec2(1.0 + by * length(a) / area));
 }
@@ -57,7 +61,7 @@ void touch(Stroked point) {
     vec2 corners[4] = corners_of(canvas, square, seen, is_before);
     vec2 lo = min(min(corners[0], corners[1]), min(corners[2], corners[3]));
     vec2 hi = max(max(corners[0], corners[1]), max(corners[2], corners[3]));
-    // Around its point, as all that is drawn is.
+    // Around its point, like everything that is drawn.
     vec2 box = max(hi - seen.off, seen.off - lo) + vec2(ROUNDING);
     vec2 a = (corners[1] + corners[3] - corners[0] - corners[2]) * vec2(0.25);
     vec2 b = (corners[2] + corners[3] - corners[0] - corners[1]) * vec2(0.25);

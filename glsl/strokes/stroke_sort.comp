@@ -1,11 +1,15 @@
-// Fragments of a pixel -> a few more of them in order, and the colour that those in order give, the nearest over those behind it (dos Anjos et al. 2018, sec. 3.3.3).
+// Fragments of a pixel -> a few more of them sorted, and the blended colour of the sorted ones, the
+// nearest over those behind (dos Anjos et al. 2018, sec. 3.3.3).
 //
-//   those in order, each over the next
-//   the nearest of the others is brought behind them, and they are laid over it; as often as is wanted
-//     BUBBLE     from the farthest place forwards the nearer of two neighbours moves on (algorithm 2)
-//     otherwise  it is looked for, and changes places with the first of them
-// After n - 1 times n fragments are in order; a pixel is done before, where what is left of the light can change nothing. It goes on from frame to frame, and from pass to pass: lavapipe ends all loops
-// of an invocation together after 65,535 rounds. Keys are integers: depth with a brush in its lowest bits, then what is left of the light, then colour, so that equally near fragments have an order, too, and no NaN stands in the way (HARD_CASES 16).
+//   blend the sorted ones
+//   bring the nearest of the others behind them and blend it; repeat as often as wanted
+//     BUBBLE     from the farthest place forwards, the nearer of two neighbours moves on (algorithm 2)
+//     otherwise  it is searched for and swapped with the first of them
+// After n - 1 times n fragments are sorted; a pixel is done earlier if the remaining light can
+// change nothing. Sorting continues from frame to frame and from pass to pass: lavapipe ends all
+// loops of an invocation after 65,535 rounds. Keys are integers: depth with a brush in its lowest
+// bits, then the remaining light, then colour. So equally near fragments have an order, too, and
+// there is no NaN (guide: numerics, case 16).
 #version 460
 #extension GL_EXT_scalar_block_layout : require
 #extension GL_GOOGLE_include_directive : require
@@ -19,20 +23,20 @@ layout(local_size_x = 64) in;
 layout(constant_id = 0) const bool BUBBLE = false;
 
 layout(scalar) readonly buffer Canvases { Canvas canvas[]; } canvases;
-// The first tile, and the one after the last.
+// First tile and end.
 layout(scalar) readonly buffer Part { uint tile[]; } part;
-// Of every pixel, tile by tile, the first fragment; and the one after the last of all.
+// First fragment of every pixel, tile by tile, and the end of all.
 layout(scalar) readonly buffer Starts { uint word[]; } starts;
 layout(scalar) buffer Fragments { uvec2 fragment[]; } fragments;
 // Colour times coverage, and coverage.
 layout(rgba32f) writeonly uniform image2D color;
-// Not 0 where more of them in order would change a pixel.
+// Not 0 if sorting more of them would change a pixel.
 layout(scalar) buffer Unordered { uint word[]; } unordered;
 
 layout(push_constant, scalar) uniform Push {
     uint top;     // first row of the band in the picture
-    uint ordered; // fragments of each pixel that are in order
-    uint wanted;  // and that shall be
+    uint ordered; // sorted fragments of each pixel before
+    uint wanted;  // and after
 } push;
 
 void main() {
@@ -74,6 +78,6 @@ void main() {
         sum = over(sum, nearest.x);
     }
     imageStore(color, ivec2(pixel.x, pixel.y + push.top), sum);
-    // One is enough: an atomic for every pixel would be most of this pass.
+    // One write is enough: an atomic per pixel would dominate this pass.
     if (next < end && shows(sum) && unordered.word[0] == 0u) atomicOr(unordered.word[0], 1u);
 }

@@ -1,4 +1,5 @@
-// Normals -> the tangents that strokes are painted along (dos Anjos et al. 2018, sec. 3.3.1), as stroke_bins finds them: for the study that times them and for the test against their f64 twin.
+// Normals -> tangents of strokes (dos Anjos et al. 2018, sec. 3.3.1), as stroke_bins computes them:
+// for the study that times them and the test against their f64 twin.
 #version 460
 #extension GL_EXT_scalar_block_layout : require
 #extension GL_GOOGLE_include_directive : require
@@ -8,7 +9,8 @@
 
 layout(local_size_x = 64) in;
 
-// A unit normal; cosine and sine of the angle from its own tangent to where its neighbours spread most.
+// A unit normal; cosine and sine of the angle from its own tangent to the direction in which its
+// neighbours spread most.
 struct Direction {
     vec3 normal;
     vec2 turn;

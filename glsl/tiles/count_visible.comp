@@ -1,4 +1,4 @@
-// Points -> how many of them are in the picture: not left out by opacity, facing or clip boxes, and within its sides.
+// Points -> number of points in the picture that opacity, back-face removal and clip boxes leave.
 #version 460
 #extension GL_EXT_scalar_block_layout : require
 #extension GL_GOOGLE_include_directive : require
@@ -7,12 +7,12 @@
 #include "drawn_node.glsl"
 
 layout(scalar) readonly buffer Nodes { Node node[]; } nodes;
-// Factors that make up a point's opacity.
+// Factors of opacity (lib/point_kind.glsl).
 layout(scalar) readonly buffer Opacities { float factor[]; } opacities;
-// What lies in clip boxes, of nodes that have points on both sides.
+// Clip boxes of nodes with points on both sides.
 layout(scalar) readonly buffer Boxes { Within cells[]; } within;
 layout(scalar) readonly buffer Chunks { uint chunk[]; } chunks;
-// The pages of one block, twice: as texels in fours, and for devices whose texel buffers are too small as a storage buffer.
+// Pages of a block, as texels of four words; and as words if texel buffers are too small.
 layout(rgba32ui) readonly uniform uimageBuffer pages;
 layout(scalar) readonly buffer PageWords { uvec4 four[]; } page_words;
 // Low word, high word.
@@ -26,7 +26,7 @@ void four(uint pixel[4], float depth[4], uint first) {
     for (uint k = 0u; k < 4u; ++k) seen += uint(pixel[k] != NO_PIXEL);
 }
 
-// A chunk's points at once; a carry goes to the high word.
+// Adds the points of a chunk; a carry goes to the high word.
 void count() {
     if (seen > 0u) {
         uint before = atomicAdd(tally.word[0], seen);

@@ -1,6 +1,8 @@
-// Depth -> the same, four rows a texel, for kernels that look far: with a margin around the picture, so that they need not look where it ends; or without.
+// Depth -> the same with four rows per texel, for kernels that look far. A margin saves them from
+// testing for the edge.
 //
-// Points beyond the picture's edge are not known: the pixels inside stand for them, so that a hole at the edge is like any other.
+// Points beyond the picture's edge are unknown. Edge pixels are repeated there, so that a hole at
+// the edge is like any other.
 #version 460
 #extension GL_EXT_scalar_block_layout : require
 #extension GL_EXT_control_flow_attributes : require
@@ -18,7 +20,7 @@ layout(push_constant, scalar) uniform Push {
     uvec2 size;        // pixels
     uvec2 packed_size; // texels
     int margin;        // pixels around the picture, a multiple of 4
-    uint mirror;       // 1: the margin is as in a mirror; 0: the pixels at the edge go on
+    uint mirror;       // 1: mirrored margin; 0: repeated edge pixels
 } push;
 
 void main() {
@@ -30,7 +32,7 @@ void main() {
     vec4 four;
     [[unroll]] for (int row = 0; row < 4; ++row) {
         int y = push.mirror == 1u ? size.y - 1 - abs(size.y - 1 - abs(top.y + row)) : top.y + row;
-        // Without a margin, what lies beyond the picture reads as 0: no depth.
+        // Without a margin, pixels beyond the picture read 0: no depth.
         four[row] = imageLoad(depth, push.margin > 0 ? clamp(ivec2(x, y), ivec2(0), size - 1) : top + ivec2(0, row)).r;
     }
     imageStore(packed_depth, texel, four);

@@ -1,4 +1,4 @@
-// A count and workgroups -> the same workgroups where the count is not 0, else none.
+// Count, workgroups -> the same workgroups if the count is not 0, else none.
 #version 460
 #extension GL_EXT_scalar_block_layout : require
 

@@ -1,4 +1,5 @@
-// Which tiles hold points -> those, and the ones so near that something of theirs may show there: a list that passes can keep to (lib/tile_mask.glsl): of each how far across, and in the upper half of the word how far down.
+// Marked tiles -> list of these and the tiles within `rings` of them, for passes with a tile mask
+// (lib/tile_mask.glsl): column, and row in the upper half of the word.
 #version 460
 #extension GL_EXT_scalar_block_layout : require
 #extension GL_GOOGLE_include_directive : require
@@ -13,7 +14,7 @@ layout(scalar) buffer Lists { uint word[]; } lists;
 
 layout(push_constant, scalar) uniform Push {
     uvec2 tiles;
-    int rings; // of tiles around one that are listed with it
+    int rings; // rings of tiles listed around a tile
 } push;
 
 void main() {

@@ -1,4 +1,4 @@
-// Depth as projected -> which tiles hold points.
+// Projected depth -> tiles that hold points.
 #version 460
 #extension GL_EXT_scalar_block_layout : require
 #extension GL_EXT_control_flow_attributes : require
@@ -10,7 +10,7 @@
 layout(local_size_x = 64) in;
 
 layout(r32f) readonly uniform image2D depth;
-// Of every tile, not 0 where it holds points.
+// Not 0 for tiles that hold points.
 layout(scalar) buffer Covered { uint tile[]; } covered;
 
 layout(push_constant, scalar) uniform Push {
@@ -23,7 +23,7 @@ void cover(uint place) {
     uint tile = LISTED ? listed_number(place, push.tiles.x) : place;
     ivec2 top = column_of(tile, push.tiles.x);
     bool any_point = false;
-    // Beyond the image depths are 0.
+    // Depths outside of the image are 0.
     [[unroll]] for (int row = 0; row < TILE_PX; ++row) {
         float z = imageLoad(depth, top + ivec2(0, row)).r;
         any_point = any_point || (z > 0.0 && z <= FARTHEST);

@@ -1,4 +1,5 @@
-// A layer's colour, and how many surfaces lie in front of it -> how many there are with it. A number that f32 holds exactly, since software devices load images of integers slowly.
+// Colour of a layer, and number of surfaces in front -> number with this layer. Stored as f32,
+// which is exact here, since software devices load integer images slowly.
 #version 460
 #extension GL_EXT_scalar_block_layout : require
 #extension GL_GOOGLE_include_directive : require
@@ -9,7 +10,7 @@
 layout(local_size_x = 64) in;
 
 layout(rgba32f) readonly uniform image2D color;
-// Of the layers in front, the same image as the one below; or any where there are none.
+// Number in the layers in front: the same image as the one below; unread for the first.
 layout(r32f) readonly uniform image2D before;
 layout(r32f) writeonly uniform image2D peeled;
 

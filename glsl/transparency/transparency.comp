@@ -1,11 +1,15 @@
-// A layer, and those in front of it -> all of them, front to back in linear light; and the depth behind which the next one is looked for (Dobrev et al. 2010, sec. 4 and 5).
+// A layer, and those in front of it -> all of them composited front to back in linear light, and
+// the depth behind which the next one is looked for (Dobrev et al. 2010, sec. 4 and 5).
 //
-//     front <- front + (1 - front.a) layer          colours are multiplied by their opacity
+//     front <- front + (1 - front.a) layer          premultiplied
 //
-//     nothing was there, or all layers let less than 2^-9 through    nothing is looked for: an infinite depth
-//     else                                                           depth of the layer + layer distance, or as deep as its slope makes it within a pixel and as far as its depth was carried
-// and never less than before, since what is shown may have been filled. A point must lie deeper than that, so every layer is deeper than the one before it, also where the distance is less than a
-// quantum of the depth (HARD_CASES 15).
+//     no point, or less than 2^-9 of the light is left    infinite depth: nothing more is looked for
+//     else                                                depth of the layer + layer distance, or the
+//                                                         depth of its slope within a pixel over the
+//                                                         distance its depth was carried
+// and never less than before, since depths may have been filled. A point must lie deeper than that,
+// so every layer is deeper than the one before, even if the distance is below a quantum of the
+// depth (guide: numerics, case 15).
 #version 460
 #extension GL_EXT_scalar_block_layout : require
 #extension GL_GOOGLE_include_directive : require
@@ -21,15 +25,16 @@ layout(local_size_x = 64) in;
 
 layout(rgba32f) readonly uniform image2D color;
 layout(r32f) readonly uniform image2D lit;
-// Of the layer: as shown, and as projected.
+// Depth of the layer as shown, and as projected.
 layout(r32f) readonly uniform image2D depth;
 layout(r32f) readonly uniform image2D raw;
-// Where each pixel's depth was taken from (depth_source.glsl), four rows a texel; any image where each is its own.
+// Source of each pixel's depth (depth_source.glsl), four rows per texel; unread if each is its own.
 layout(rgba32f) readonly uniform image2D source;
-// What the layers in front show. The same image as the one below, or any where there are none.
+// Composite of the layers in front: the same image as the one below; unread for the first.
 layout(rgba32f) readonly uniform image2D front_before;
 layout(rgba32f) writeonly uniform image2D front;
-// Keys of this layer, and in the same buffer those of the next (keys.glsl). As texels, and for devices whose texel buffers are too small as a storage buffer.
+// Keys of this layer, and in the same buffer those of the next (keys.glsl); as texels, and as words
+// if texel buffers are too small.
 layout(r32ui) readonly uniform uimageBuffer keys;
 layout(scalar) readonly buffer KeyWords { uint word[]; } key_words;
 layout(scalar) writeonly buffer Next { uint word[]; } next;
@@ -39,21 +44,21 @@ layout(scalar) buffer Left { uint any[]; } left;
 layout(r32ui) readonly uniform uimageBuffer any_left;
 
 layout(constant_id = 0) const bool LIT_BY = false;
-// In front of this layer there is none, so that all of that is 0; behind it none is looked for.
+// First layer: all in front is 0. Last layer: nothing behind is looked for.
 layout(constant_id = 1) const bool FIRST = false;
 layout(constant_id = 2) const bool LAST = false;
 layout(constant_id = 3) const bool TEXELS = true;
-// Depths were taken from other pixels.
+// Whether depths were taken from other pixels.
 layout(constant_id = 4) const bool TAKEN = false;
 
 layout(push_constant, scalar) uniform Push {
     uvec2 size;    // pixels of this band
     uint top;      // first row of this band in the picture
     float layer;   // metres
-    float slant;   // slopes that a surface may be deeper within a pixel
+    float slant;   // factor on the depth of a surface within a pixel
     float uphill;  // and for each pixel that its depth was carried
-    float carried; // pixels, where a source does not tell
-    int apart_px;  // how far apart two pixels are that do not show the depth of one point
+    float carried; // pixels, if the source is unknown
+    int apart_px;  // distance of pixels with depths of different points [px]
 } push;
 
 const uint NO_POINT = 0xFFFFFFFFu;
@@ -61,11 +66,12 @@ const uint INFINITY_BITS = 0x7F800000u;
 const float FARTHEST = 3.402823466e38;
 const float LEAST_LIGHT = 1.0 / 512.0;
 
-// How far a surface falls from a pixel to one beside it along an axis: as on the flatter side, since on the other one it may end.
+// Returns how far a surface falls to an adjacent pixel along an axis, on the flatter side, since it
+// may end on the other.
 float fall(float z, ivec2 pixel, ivec2 aside) {
     float before = imageLoad(depth, pixel - aside).r;
     float after = imageLoad(depth, pixel + aside).r;
-    // Outside of the image 0 is read, and what is not known is negative: no depths.
+    // Pixels outside read 0, and unknown depths are negative: no depths.
     float back = before > 0.0 ? abs(before - z) : FARTHEST;
     float ahead = after > 0.0 ? abs(after - z) : FARTHEST;
     float least = min(back, ahead);
@@ -84,12 +90,12 @@ void add(ivec2 at) {
     imageStore(front, pixel, sum);
 
     float shown = imageLoad(depth, pixel).r;
-    // Loads stand outside of conditions: in a branch lavapipe loads lane by lane.
+    // Loads are outside of conditions: in a branch lavapipe loads lane by lane.
     float projected = imageLoad(raw, pixel).r;
-    // Where something is that nobody knows, behind the point that was there.
+    // Unknown pixels count as behind the point that was there.
     uint bits = floatBitsToUint(mix(projected, shown, shown > 0.0));
     bool goes_on = bits < INFINITY_BITS && 1.0 - sum.a >= LEAST_LIGHT;
-    // One is enough: an atomic for every pixel would be most of this pass.
+    // One write is enough: an atomic per pixel would dominate this pass.
     bool is_first = imageLoad(any_left, 0).r == 0u;
     if (goes_on && is_first) atomicOr(left.any[0], 1u);
     if (LAST) return;

@@ -1,4 +1,4 @@
-// Colour times light over the background -> the picture, linear; its alpha says where a surface is.
+// Colour times shading over the background -> linear picture; alpha is 1 on surfaces.
 #version 460
 #extension GL_EXT_scalar_block_layout : require
 

@@ -1,18 +1,20 @@
-// A linear picture -> its 8-bit sRGB words or bytes.
+// Linear picture -> 8-bit sRGB words or bytes.
 //
-// A code is the number of thresholds that a channel has reached (src/passes/encode.rs). Floats whose bits begin alike share a bucket, which holds one threshold at most: one look, one comparison, and exact.
+// A code is the number of thresholds that a channel has reached (src/passes/encode.rs). Floats with
+// the same first bits share a bucket with at most one threshold: one load, one comparison, and
+// exact.
 #version 460
 #extension GL_EXT_scalar_block_layout : require
 
 layout(local_size_x = 64) in;
 
 layout(rgba32f) readonly uniform image2D picture;
-// Of every bucket, the bits of its threshold, and the code of what does not reach it.
+// Bits of each bucket's threshold, and the code below it.
 layout(rgba32ui) readonly uniform uimageBuffer buckets;
 layout(scalar) writeonly buffer Screen { uint word[]; } screen;
 
 layout(constant_id = 0) const bool BLUE_FIRST = false;
-// Three bytes a pixel, red first, for files; not a word.
+// Whether to write three bytes per pixel, red first, for files; else one word.
 layout(constant_id = 1) const bool PACKED = false;
 
 layout(push_constant, scalar) uniform Push {
@@ -20,7 +22,7 @@ layout(push_constant, scalar) uniform Push {
     uint top;   // its first row in the picture
 } push;
 
-// Of a sign, an exponent and 7 bits: from 2^-13, which is code 0, to 1.
+// Sign, exponent and 7 bits: from 2^-13, which is code 0, to 1.
 const int FIRST = 0x3900;
 const int LAST = 0x3F80;
 
@@ -30,7 +32,7 @@ uint code(float linear) {
     int bucket = clamp(floatBitsToInt(linear) >> 16, FIRST, LAST) - FIRST;
     uvec4 found = imageLoad(buckets, bucket);
     uint reached = found.y + (min(linear, 1.0) >= uintBitsToFloat(found.x) ? 1u : 0u);
-    // NaN is nothing.
+    // NaN becomes 0.
     return linear > 0.0 ? reached : 0u;
 }
 

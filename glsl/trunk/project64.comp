@@ -1,7 +1,8 @@
 // Points -> keys, by 64-bit atomicMin of `depth bits << 32 | point`.
 //
-// Positive floats order like their bits, so the least key is the nearest point, and of equally near ones the least id:
-// the result does not depend on the order of execution (papers/README.md, conventions).
+// Positive floats order like their bits, so the smallest key is the nearest point, and among
+// equally near ones the smallest id. The result does not depend on the order of execution (guide:
+// papers).
 #version 460
 #extension GL_EXT_scalar_block_layout : require
 #extension GL_EXT_shader_explicit_arithmetic_types_int64 : require
@@ -13,30 +14,31 @@
 #include "drawn_node.glsl"
 
 layout(scalar) readonly buffer Nodes { Node node[]; } nodes;
-// Factors that make up a point's opacity.
+// Factors of opacity (lib/point_kind.glsl).
 layout(scalar) readonly buffer Opacities { float factor[]; } opacities;
-// What lies in clip boxes, of nodes that have points on both sides.
+// Clip boxes of nodes with points on both sides.
 layout(scalar) readonly buffer Boxes { Within cells[]; } within;
 layout(scalar) readonly buffer Chunks { uint chunk[]; } chunks;
-// The pages of one block, twice: as texels in fours, and for devices whose texel buffers are too small as a storage buffer.
+// Pages of a block, as texels of four words; and as words if texel buffers are too small.
 layout(rgba32ui) readonly uniform uimageBuffer pages;
 layout(scalar) readonly buffer PageWords { uvec4 four[]; } page_words;
-// The words of `keys` as texels; and in fours, which are the keys of a layer behind others.
+// Words of `keys` as texels; and in fours, which are the keys of a layer behind others.
 layout(r32ui) readonly uniform uimageBuffer front;
 layout(rgba32ui) readonly uniform uimageBuffer front_behind;
-// Of every listed chunk, the last layer that it had points behind the ones before of.
+// Last layer that each listed chunk had points behind the ones before.
 layout(scalar) buffer Alive { uint layer[]; } alive;
-// Of every listed chunk, whether it has a point near the front.
+// Whether each listed chunk has a point near the front.
 layout(scalar) buffer Shallow { uint chunk[]; } shallow;
 layout(scalar) buffer Keys { uint64_t key[]; } keys;
 
-// A layer behind others: only what lies deeper than they do (Dobrev et al. 2010, sec. 4).
+// Whether this is a layer behind others: only deeper points count (Dobrev et al. 2010, sec. 4).
 layout(constant_id = 7) const bool BEHIND = false;
 
 #include "keys.glsl"
 #include "project.glsl"
 
-// Of the nearest point so far, which may be stale; and how deep the layers before are, where there are any.
+// Returns the depth of the nearest point so far, which may be stale, and the depth of the layers
+// before, if any.
 uint front_depth(uint pixel, inout uint least) {
     if (!BEHIND) return TEXELS ? imageLoad(front, int(depth_word(pixel))).r : uint(keys.key[pixel] >> 32);
     uvec4 both = TEXELS ? imageLoad(front_behind, int(pixel)) : uvec4(keys.key[2u * pixel], 0u, 0u, keys.key[2u * pixel + 1u] >> 32);

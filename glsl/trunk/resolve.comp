@@ -1,8 +1,9 @@
-// Keys -> depth, index and colour images. Colours are multiplied by the point's opacity, which is their alpha.
+// Keys -> depth, index and colour images. Colours are premultiplied by the point's opacity, which
+// is alpha.
 //
-// The point's attribute word is read here, once a pixel, and not once a point while
-// projecting. Colours come from one table of 256 linear colours, made on the CPU so that every driver gives the same bits: for `rgb` it decodes sRGB,
-// for scalars it is a ramp over lo..hi, for kinds a palette.
+// The attribute word of a point is read here once per pixel, not once per point while projecting.
+// Colours come from one table of 256 linear colours, made on the CPU so that every driver gives the
+// same bits: it decodes sRGB for `rgb`, is a ramp over lo..hi for scalars, and a palette for kinds.
 #version 460
 #extension GL_EXT_scalar_block_layout : require
 #extension GL_EXT_buffer_reference : require
@@ -15,16 +16,16 @@
 
 layout(local_size_x = 64) in;
 
-// As texels, and for devices whose texel buffers are too small as a storage buffer.
+// As texels, and as words if texel buffers are too small.
 layout(r32ui) readonly uniform uimageBuffer keys;
 layout(scalar) readonly buffer KeyWords { uint word[]; } key_words;
-// Of every node of the frame, the two words of the address of the page that says what its points show.
+// Address of the page with each node's attribute, two words.
 layout(scalar) readonly buffer Shown { uvec2 page[]; } shown;
-// The same of the pages that say of what kind its points are.
+// Address of the page with each node's kinds, likewise.
 layout(scalar) readonly buffer Kinds { uvec2 page[]; } kinds;
-// Factors that make up a point's opacity.
+// Factors of opacity (lib/point_kind.glsl).
 layout(scalar) readonly buffer Opacities { float factor[]; } opacities;
-// 256 colours, four words of f32 bits each.
+// 256 colours of four f32.
 layout(rgba32ui) readonly uniform uimageBuffer table;
 layout(r32f) writeonly uniform image2D depth;
 layout(r32ui) writeonly uniform uimage2D index;
@@ -32,12 +33,12 @@ layout(rgba32f) writeonly uniform image2D color;
 
 layout(constant_id = 0) const uint MODE = 0u;
 layout(constant_id = 1) const bool TEXELS = true;
-// Not all points are opaque; and whether it takes their kinds to tell.
+// Whether some points are transparent, and whether that depends on their kinds.
 layout(constant_id = 2) const bool TRANSPARENT = false;
 layout(constant_id = 3) const bool BY_KIND = false;
-// Colours are left to another pass (luminance.comp).
+// Whether another pass makes the colours (luminance.comp).
 layout(constant_id = 4) const bool COLORLESS = false;
-// Of a layer behind others.
+// Whether this is a layer behind others.
 layout(constant_id = 5) const bool BEHIND = false;
 
 layout(push_constant, scalar) uniform Push {

@@ -1,6 +1,7 @@
-// Depth -> world normals of the surface, towards the camera; zero where there is no surface, or no neighbour to tell.
+// Depth -> world normals of the surface, towards the camera; zero without a surface or a neighbour.
 //
-// Along each axis the neighbour is taken whose depth is nearer to the pixel's own, so that an edge belongs to the surface that it ends. A plane has the same normal either way.
+// The neighbour along each axis whose depth is nearer to the pixel's own is used, so that an edge
+// belongs to the surface that ends there. Both give the same normal on a plane.
 #version 460
 #extension GL_EXT_scalar_block_layout : require
 #extension GL_GOOGLE_include_directive : require
@@ -16,21 +17,22 @@ layout(constant_id = 0) const bool PERSPECTIVE = true;
 
 layout(push_constant, scalar) uniform Push {
     uvec2 size;        // pixels
-    vec2 centre;       // where the camera looks, pixels from the first
+    vec2 centre;       // principal point [px]
     float px_per_unit; // perspective: focal length in pixels; orthographic: pixels per metre
     vec3 right;        // the camera's axes in the world
     vec3 up;
     vec3 forward;
 } push;
 
-// Right, down and away from the camera.
+// Returns the place: right, down and away from the camera.
 vec3 place(ivec2 pixel, float z) {
     vec2 aside = (vec2(pixel) + 0.5 - push.centre) / push.px_per_unit;
     vec2 across = PERSPECTIVE ? aside * z : aside;
     return vec3(across, z);
 }
 
-// From the pixel to its nearer neighbour along an axis, both taken the same way round; zero where there is none.
+// Returns the vector to the nearer neighbour along an axis, in the positive direction; zero without
+// one.
 vec3 along(ivec2 pixel, float z, ivec2 axis) {
     float before = imageLoad(depth, pixel - axis).r;
     float after = imageLoad(depth, pixel + axis).r;

@@ -1,6 +1,8 @@
-// A level of the pyramid of nearest points (lib/depth_pyramid.glsl) -> the next coarser one: of each 2 x 2 the nearest point; of equals the first, row by row.
+// A level of the pyramid of nearest points (lib/depth_pyramid.glsl) -> the next coarser one: the
+// nearest point of each 2 x 2; among equals the first, row by row.
 //
-// Keys of a picture half as large would be the minima over 2 x 2, since a minimum is associative: each level is the cloud as it would be projected at that resolution.
+// The keys of a half-size picture would be the minima over 2 x 2, since a minimum is associative.
+// So each level is the cloud projected at that resolution.
 #version 460
 #extension GL_EXT_scalar_block_layout : require
 #extension GL_EXT_control_flow_attributes : require
@@ -15,12 +17,12 @@ layout(r32f) readonly uniform image2D depth;
 layout(r32f) uniform image2D pyramid;
 layout(r32f) uniform image2D places;
 
-// True for level 1, which is made of the picture.
+// Whether this is level 1, which is made from the picture.
 layout(constant_id = 0) const bool FIRST = true;
 
 layout(push_constant, scalar) uniform Push {
-    uvec2 size; // of the picture, pixels
-    int level;  // that is made
+    uvec2 size; // pixels of the picture
+    int level;  // level that is made
 } push;
 
 void main() {

@@ -1,7 +1,9 @@
-// Depth -> tiles: what each tile of 8 x 8 pixels holds.
+// Depth -> contents of each tile of 8 x 8 pixels.
 //
-// A tile is continuous where every pixel holds a point and no pixel is farther from its right and lower neighbours than `slope` pixels' width.
-// Then no neighbour within a kernel around it hides a point: n steps away depths differ by n times that at most (passes/visibility.rs has the bound).
+// A tile is continuous if every pixel holds a point and no pixel is farther from its right and
+// lower neighbours than `slope` pixel widths. Then no neighbour within a kernel hides a point of
+// it: n steps away depths differ by at most n times that (the bound is in
+// src/passes/visibility.rs).
 #version 460
 #extension GL_EXT_scalar_block_layout : require
 #extension GL_GOOGLE_include_directive : require
@@ -13,7 +15,7 @@ layout(local_size_x = 64) in;
 
 layout(r32f) readonly uniform image2D depth;
 layout(r32ui) readonly uniform uimage2D index;
-// Of every node of the frame, how far apart its points are: bits of a float, metres.
+// Point spacing of every node of the frame [m], as float bits.
 layout(r32ui) readonly uniform uimageBuffer spacings;
 layout(scalar) writeonly buffer Tiles { Tile tile[]; } tiles;
 
@@ -28,7 +30,7 @@ layout(push_constant, scalar) uniform Push {
 
 const float FARTHEST = 3.402823466e38;
 
-// Whether two adjacent pixels hold points of one surface.
+// Returns whether two adjacent pixels hold points of one surface.
 bool adjoin(float a, float b) {
     float least = min(a, b);
     float most = min(max(a, b), FARTHEST);
@@ -52,7 +54,7 @@ void main() {
     for (int y = corner.y; y < end.y; ++y) {
         float z = imageLoad(depth, ivec2(corner.x, y)).r;
         for (int x = corner.x; x < end.x; ++x) {
-            // Beyond the picture's edge the last pixel is its own neighbour.
+            // Edge pixels are their own neighbours.
             float right = imageLoad(depth, ivec2(min(x + 1, last.x), y)).r;
             float below = imageLoad(depth, ivec2(x, min(y + 1, last.y))).r;
             bool has = z > 0.0 && z <= FARTHEST;

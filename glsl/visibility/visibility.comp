@@ -1,17 +1,26 @@
-// Which pixels show a surface or the background, and which a hidden layer or a hole, by a single kernel (Pintus et al. 2011, sec. 4; papers/README.md); or what the finest level of a pyramid says of them (visibility_levels.comp).
+// Judges which pixels show a surface or background, and which a hidden layer or a hole, with a
+// single kernel (Pintus et al. 2011, sec. 4; guide: papers); or as the finest level of a pyramid
+// (visibility_levels.comp).
 //
-// Around the ray from the pixel's point p0 to the camera, every sector of the neighbourhood leaves an empty cone: its half-angle is that to the neighbour nearest to the
-// ray. The pixel is visible where the cones' solid angles add up to `threshold`.
+// Around the ray from the pixel's point p0 to the camera, every sector of the neighbourhood leaves
+// an empty cone up to the neighbour nearest to the ray. The pixel is visible if the solid angles of
+// the cones add up to `threshold`.
 //
 //   p0 - camera = z0 r0,  pi - camera = zi ri,  ri = r0 + (dx, dy, 0) / f
 //   cotangent of the angle at p0 between the ray to the camera and that to pi:
-//     t = ((z0 - zi) f r0.r0 - zi (d . r0)) / (zi sqrt(d.d + (d x r0)^2))        nothing cancels but z0 - zi, which is exact
-//   the sector's share of its hemisphere: 1 - cos = 1 - t / sqrt(1 + t t)         1 for a sector without a neighbour, or where that may be of the pixel's own surface: 0 < t <= `own_slope`
-// Since only the largest t of a sector counts, t |t| is compared, and roots are taken once a sector. A pixel without a point stands for one beyond all its neighbours: its cones are closed, or
-// hemispheres. A neighbour beyond the plane through p0 across the ray opens its cone beyond the hemisphere (t < 0).
+//     t = ((z0 - zi) f r0.r0 - zi (d . r0)) / (zi sqrt(d.d + (d x r0)^2))
+//   nothing cancels except z0 - zi, which is exact
+//   share of a sector's hemisphere: 1 - cos = 1 - t / sqrt(1 + t t); 1 for a sector without a
+//   neighbour, or if it may be of the pixel's own surface: 0 < t <= `own_slope`
+// Only the largest t of a sector counts, so t |t| is compared, with one root per sector. A pixel
+// without a point stands for one beyond all its neighbours: its cones are closed or hemispheres. A
+// neighbour beyond the plane through p0 across the ray opens its cone beyond the hemisphere (t <
+// 0).
 //
-// Sectors are told by integer offsets. Half of them lie to the right of the pixel, or straight above it; the others are the same after half a turn, and so is the code. A lane takes four pixels of a
-// column: their neighbourhoods overlap, and a texel of `packed_depth` holds four rows. The loop over columns stays a loop, so that wide kernels compile fast.
+// Sectors follow from integer offsets. Half of them lie to the right of the pixel or straight above
+// it; the others are the same after half a turn, and so is the code. A lane takes four pixels of a
+// column: their neighbourhoods overlap, and a texel of `packed_depth` holds four rows. The loop
+// over columns is not unrolled, so that wide kernels compile fast.
 #version 460
 #extension GL_EXT_scalar_block_layout : require
 #extension GL_EXT_control_flow_attributes : require
@@ -25,51 +34,52 @@ layout(local_size_x = 64) in;
 layout(r32f) readonly uniform image2D depth;
 layout(rgba32f) readonly uniform image2D packed_depth;
 layout(scalar) readonly buffer Lists { uint word[]; } lists;
-// Tiles with invisible pixels.
+// List of tiles with invisible pixels.
 layout(scalar) buffer Holes { uint word[]; } holes;
 layout(r32ui) readonly uniform uimageBuffer listed_words;
-// Of every tile two words, a bit a pixel (lib/tile.glsl).
+// Two words per tile, one bit per pixel (lib/tile.glsl).
 layout(scalar) buffer Invisible { uint word[]; } invisible;
-// Of every tile on that list, the width of the kernel that put it there, pixels; 0 of others.
+// Width of the kernel that put each tile on that list [px]; 0 for others.
 layout(scalar) buffer Kernels { uint tile[]; } kernels;
-// Three words a tile of a pyramid: two of points to judge, one with a bit for each level that has to.
+// Three words per tile of a pyramid: two of points to judge, one with a bit for each level that
+// must judge them.
 layout(scalar) readonly buffer Asked { uint word[]; } asked;
 layout(r32ui) readonly uniform uimageBuffer asked_words;
-// Points that are left to the next level: pixels, 16 bits across and 16 down.
+// Points left to the next level: column, and row in the upper 16 bits.
 layout(scalar) writeonly buffer To { uint pixel[]; } to;
-// Four words a level: an indirect dispatch over the points that are left to it, and their number.
+// Four words per level: indirect dispatch over the points left to it, and their number.
 layout(scalar) buffer Counts { uint word[]; } counts;
-// Two words a tile: pixels without a point that are decided.
+// Pixels without a point that are decided, two words per tile.
 layout(scalar) buffer Decided { uint word[]; } decided;
-// Two words a tile: points that enough leads.
+// Points with enough points in front, two words per tile.
 layout(scalar) buffer Led { uint word[]; } led;
 
 layout(constant_id = 0) const uint RADIUS = 4u;
 layout(constant_id = 1) const uint SECTORS = 8u;
 layout(constant_id = 2) const bool PERSPECTIVE = true;
 layout(constant_id = 3) const bool TEXELS = true;
-// True for the finest level of a pyramid, false for the paper's single one.
+// Whether this is the finest level of a pyramid, not the paper's single kernel.
 layout(constant_id = 4) const bool FINEST = false;
 
 layout(push_constant, scalar) uniform Push {
     uvec2 size;        // pixels
-    vec2 centre;       // where the camera looks, pixels from the first
+    vec2 centre;       // principal point [px]
     uint tiles_across;
     uint at;           // the list
-    uint empties;      // of a pyramid: 1 where pixels without a point are judged, too
+    uint empties;      // 1: pixels without a point are judged, too
     float px_per_unit;
     float threshold;   // steradians * SECTORS / 2 pi
-    float hole;        // the same for a pixel without a point
-    float own_slope;   // t t up to which a neighbour closes nothing
-    float expected;    // of a pyramid: points
-    ivec2 fewest;      // leading points, without which nothing is judged: of points, and of pixels without one
+    float hole;        // likewise for a pixel without a point
+    float own_slope;   // t t of the steepest own surface
+    float expected;    // points, for a pyramid
+    ivec2 fewest;      // smallest number of leading points: for points, for empty pixels
 } push;
 
 const float FARTHEST = 3.402823466e38;
-// Depths beyond these count as these, so that squares neither overflow nor vanish.
+// Depths are clamped to this range, so that squares neither overflow nor vanish.
 const float NEAREST_PLACE = 1e-15;
 const float FARTHEST_PLACE = 1e15;
-// t |t| where no point is: less than any other.
+// t |t| without a point: less than any other.
 const float NOTHING = -1e37;
 
 const int R = int(RADIUS);
@@ -78,11 +88,11 @@ const int REACH = (R + 3) / 4;
 const int ABOVE = 4 * REACH;
 const int MOST_ROWS = 20;
 const int PER_QUARTER = int(SECTORS) / 4;
-// The square of half the kernel's width.
+// Square of half the kernel's width.
 #define RIM ((float(R) + 0.5) * (float(R) + 0.5))
 const uint EDGES = 1u | 1u << (2 * R);
 
-// Of a sector: its solid angle in hemispheres' shares, from its largest t |t|.
+// Returns the solid angle of a sector as a share of its hemisphere, from its largest t |t|.
 float share(float lean, bool empty) {
     float square = min(abs(lean), 1e18);
     float hypotenuse = 1.0 + square;
@@ -92,7 +102,8 @@ float share(float lean, bool empty) {
     return lean <= NOTHING ? 1.0 : known;
 }
 
-// The sector of an offset in its quarter of the plane, which begins with an axis: 0 to PER_QUARTER - 1.
+// Returns the sector of an offset within its quarter of the plane, which begins with an axis: 0 to
+// PER_QUARTER - 1.
 int sector_of(int along, int beside) {
     bool eighth = beside >= along;
     int shorter = eighth ? beside - along : along + beside;
@@ -118,7 +129,7 @@ void work(uint n) {
         vec4 ray_y, z0, f_rr, own;
         vec4 sum = vec4(0.0);
         vec4 squares = vec4(0.0);
-        // Counts of leading points, of their neighbours within the kernel, and of pairs of which both lead.
+        // Numbers of points in front, of their neighbours within the kernel, and of pairs in front.
         ivec4 leaders = ivec4(0);
         ivec4 neighbours = ivec4(0);
         ivec4 pairs = ivec4(0);
@@ -138,7 +149,8 @@ void work(uint n) {
                 nearest[s] = RIM;
             }
             [[dont_unroll]] for (int dx = 0;; ++dx) {
-                // The depths of a column of neighbours, of all four pixels, and the squares by which lengths are multiplied, 0 where no point is.
+                // Depths of a column of neighbours of all four pixels, and the squares that scale
+                // lengths, 0 without a point.
                 float z[MOST_ROWS];
                 float zz[MOST_ROWS];
                 [[unroll]] for (int q = 0; q < 2 * REACH + 1; ++q) {
@@ -152,7 +164,7 @@ void work(uint n) {
                 }
                 uvec4 leads = uvec4(0u);
                 [[unroll]] for (int dy = -R; dy <= R; ++dy) {
-                    // The half plane has the axis above the pixel, and not the one below it.
+                    // The half plane includes the axis above the pixel and not the one below.
                     int sector = dy < 0 ? sector_of(-dy, dx) : dx > 0 ? sector_of(dx, dy) : PER_QUARTER;
                     [[unroll]] for (int p = 0; p < 4; ++p) {
                         int i = ABOVE + p + dy;
@@ -171,7 +183,8 @@ void work(uint n) {
                         }
                     }
                 }
-                // Pairs with the column before, and within this one; the middle one is met twice.
+                // Pairs with the column before, and within this one; the middle column occurs
+                // twice.
                 if (FINEST) {
                     int wide = dx < R ? 3 : 2;
                     [[unroll]] for (int p = 0; p < 4; ++p) {

@@ -1,4 +1,5 @@
-// Takes invisible pixels out of the layers: their depth becomes minus infinity, "not known", where the background's is plus infinity.
+// Removes invisible pixels from the G-buffer: their depth becomes minus infinity (unknown);
+// background is plus infinity.
 #version 460
 #extension GL_EXT_scalar_block_layout : require
 #extension GL_EXT_control_flow_attributes : require
@@ -15,7 +16,7 @@ layout(r32f) uniform image2D depth;
 layout(r32ui) uniform uimage2D index;
 layout(rgba32f) uniform image2D color;
 
-// Index and colour, too.
+// Whether to remove index and colour, too.
 layout(constant_id = 0) const bool ALL = true;
 
 layout(push_constant, scalar) uniform Push {

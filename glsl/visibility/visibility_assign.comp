@@ -1,14 +1,18 @@
-// Tiles -> lists: which tiles each level of the pyramid has to judge, and then those that any level has to.
+// Tiles -> lists of the tiles that each level of the pyramid must judge, and of those that any
+// level must.
 //
-// A tile is left out of a level where too few cells of the level's kernels can lead a point of it, or, of pixels without one, hold a point at all. Fine levels are left out where all tiles around are
-// continuous (tile_classify.comp). Of the others a cell is as large as a tile or larger, and its nearest point can be compared with the tile's farthest one: at a distance d of d_min pixels or more from a
-// ray that leans by l, it leads where   (z0 - z) f (1 + l l) > z d (own - l)   at most.
+// A level skips a tile if too few cells of its kernels can be in front of a point of the tile, or
+// can hold a point at all for pixels without one. Fine levels are skipped if all tiles around are
+// continuous (tile_classify.comp). For others, a cell is at least as large as a tile, and its
+// nearest point is compared with the tile's farthest: at a distance d of d_min pixels or more from
+// a ray that leans by l, it is in front at most if   (z0 - z) f (1 + l l) > z d (own - l).
 //
-// Levels end where points a cell apart would be sparser than surfaces are: those are strays. That goes by the
-// spacing of the node of the tile's nearest point; where the tile has none, of those around; and where those have
-// none, each point that the level finds counts by its own.
+// Levels end where points a cell apart would be sparser than surfaces are; those are strays. That
+// follows from the spacing of the node of the tile's nearest point, else from the tiles around;
+// without any, each point that the level finds counts by its own.
 //
-// A single level has no pyramid: its list holds tiles that are not continuous, or have one beside them that is not.
+// A single level has no pyramid: its list holds tiles that are not continuous or have such a
+// neighbour.
 #version 460
 #extension GL_EXT_scalar_block_layout : require
 #extension GL_EXT_control_flow_attributes : require
@@ -22,11 +26,13 @@ layout(local_size_x = 64) in;
 layout(scalar) readonly buffer Tiles { Tile tile[]; } tiles;
 layout(r32f) readonly uniform image2D pyramid;
 layout(r32f) readonly uniform image2D places;
-// Two words a tile: points that may be hidden; or pixels without one that the finest level has decided.
+// Points that may be hidden, or pixels without one that the finest level has decided, two words per
+// tile.
 layout(scalar) readonly buffer Candidates { uint word[]; } candidates;
-// Two words a tile: points that are known to be hidden.
+// Points that are known to be hidden, two words per tile.
 layout(scalar) readonly buffer Invisible { uint word[]; } invisible;
-// Three words a tile: two of pixels to judge, and one with a bit for each level that has to judge them.
+// Three words per tile: two of pixels to judge, and one with a bit for each level that must judge
+// them.
 layout(scalar) writeonly buffer Asked { uint word[]; } asked;
 layout(scalar) buffer Lists { uint word[]; } lists;
 
@@ -36,16 +42,16 @@ layout(constant_id = 2) const bool EMPTY = false;
 
 layout(push_constant, scalar) uniform Push {
     uvec2 size;        // pixels
-    vec2 centre;       // where the camera looks, pixels from the first
+    vec2 centre;       // principal point [px]
     uvec2 tiles;
     float px_per_unit; // perspective: focal length in pixels; orthographic: pixels per metre
     uint stride;       // words from list to list
     int levels;
-    int fewest;        // points without which a level can judge nothing
-    float own;         // slope up to which a neighbour may be of the point's own surface
-    float sparsest;    // points so many of their node's spacings apart are still of a surface
-    uint empties;      // 1: pixels without a point are judged together with points, by the finest level
-    uint all;          // 1: no tile is left out
+    int fewest;        // smallest number of points that decides anything
+    float own;         // slope of the steepest own surface
+    float sparsest;    // largest spacing on a surface, in node spacings
+    uint empties;      // 1: the finest level judges pixels without a point, too
+    uint all;          // 1: all tiles
 } push;
 
 const float FARTHEST = 3.402823466e38;
@@ -90,7 +96,7 @@ uint fine(ivec2 own) {
                 int reach = R << level;
                 uvec2 near = points & within(ivec2(dx, dy), reach);
                 bool reached = max(abs(dx), abs(dy)) <= tiles_within(reach);
-                // Beyond the picture's edge points stand for many.
+                // Edge points are repeated beyond the picture.
                 int many = at == inside ? bitCount(near.x) + bitCount(near.y) : near != uvec2(0u) ? push.fewest : 0;
                 covered[level] += reached ? many : 0;
                 continuous[level] = continuous[level] && (!reached || tile.continuous == 1u);
@@ -104,12 +110,13 @@ uint fine(ivec2 own) {
     return looks;
 }
 
-// Says whether points `spacing` pixels apart are close enough to be a surface at a level.
+// Returns whether points `spacing` pixels apart are dense enough to be a surface at a level.
 bool may_judge(int level, float spacing) {
     return float(1 << level) <= push.sparsest * spacing;
 }
 
-// Says the same of a level with cells as large as a tile or larger. A spacing of 0 leaves it to each point's own.
+// Returns the same for a level with cells as large as a tile or larger. A spacing of 0 leaves it to
+// each point's own.
 bool coarse(ivec2 own, int level, float z0, float spacing) {
     ivec2 size = ivec2(push.size);
     ivec2 cells = level_size(size, level);

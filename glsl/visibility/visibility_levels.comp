@@ -1,16 +1,25 @@
-// One level of the pyramid judges what finer ones have left open: which points are hidden, or which pixels without a point are holes.
+// One level of the pyramid judges what finer ones have left: which points are hidden, or which
+// pixels without a point are holes.
 //
-// A level looks at the nearest points of the cells in its kernel. Those that lead close cones: of a pixel with a point, those that are nearer to the camera than its own surface may be; of one without, all.
+// A level reads the nearest points of the cells in its kernel. Those in front ("leading") close
+// cones: for a pixel with a point, those nearer to the camera than its own surface may be; for one
+// without, all.
 //
-//   open     so many leading points would be expected in the open area around the pixel that its being empty is no chance:   lambda A >= `expected`
-//   closed   the cones that are left add up to less than `threshold` (Pintus et al. 2011, sec. 4), or to less than `holes`
-//   else     this level is too fine for the surface that leads here: the next coarser one judges. Where fewer points lead than can say either, no cones are looked at.
+//   open     the open area around the pixel would hold so many leading points that its being empty is
+//            no chance: lambda A >= `expected`
+//   closed   the remaining cones add up to less than `threshold` (Pintus et al. 2011, sec. 4), or to
+//            less than `holes`
+//   else     this level is too fine for the surface in front: the next coarser one judges. With too
+//            few leading points for either, cones are not computed.
 //
-// lambda is how many of them a cell holds, from the share p of the neighbours of leading cells that lead too: -ln(1 - p), which p / sqrt(1 - p) is near enough. It is the density of the surface in front alone, whatever
-// shows behind it. A is made of eight sectors, each as far as its nearest leading point, or to the rim of the kernel. So a dense surface is judged where it is dense, and its openings stay open at any size;
-// a sparse one further up, where its points are about a cell apart.
+// lambda is the number of leading points per cell, from the share p of the neighbours of leading
+// cells that lead, too: -ln(1 - p), or nearly p / sqrt(1 - p). It is the density of the surface in
+// front alone, whatever shows behind it. A is made of eight sectors, each up to its nearest leading
+// point or to the rim of the kernel. So a dense surface is judged at a fine level, and its openings
+// stay open at any size; a sparse one at a coarser level, where its points are about a cell apart.
 //
-// Cones are those of visibility.comp, which has the geometry. Sectors are told by where points lie in their cells, since a cell may lie in several.
+// Cones are those of visibility.comp, which has the geometry. Sectors follow from the places of
+// points in their cells, since a cell may lie in several.
 #version 460
 #extension GL_EXT_scalar_block_layout : require
 #extension GL_EXT_control_flow_attributes : require
@@ -25,53 +34,56 @@ layout(local_size_x = 64) in;
 layout(r32f) readonly uniform image2D depth;
 layout(r32f) readonly uniform image2D pyramid;
 layout(r32f) readonly uniform image2D places;
-// Three words a tile: two of pixels to judge, and one with a bit for each level that has to judge them.
+// Three words per tile: two of pixels to judge, and one with a bit for each level that must judge
+// them.
 layout(scalar) readonly buffer Asked { uint word[]; } asked;
 layout(r32ui) readonly uniform uimageBuffer asked_words;
 layout(scalar) readonly buffer Lists { uint word[]; } lists;
 layout(r32ui) readonly uniform uimageBuffer listed_words;
-// Tiles with invisible pixels.
+// List of tiles with invisible pixels.
 layout(scalar) buffer Holes { uint word[]; } holes;
-// Points that the levels so far have left open: pixels, 16 bits across and 16 down. Each level reads those of the one before, and leaves its own to the next.
+// Points that the levels so far have left: column, and row in the upper 16 bits. Each level reads
+// those of the one before and leaves its own to the next.
 layout(scalar) readonly buffer From { uint pixel[]; } from;
 layout(r32ui) readonly uniform uimageBuffer from_words;
 layout(scalar) writeonly buffer To { uint pixel[]; } to;
-// Four words a level: an indirect dispatch over the points that are left to it, and their number.
+// Four words per level: indirect dispatch over the points left to it, and their number.
 layout(scalar) buffer Counts { uint word[]; } counts;
-// Two words a tile and level: pixels without a point that the level has decided. Each level reads what those before it wrote.
+// Pixels without a point that the level has decided, two words per tile and level. Each level reads
+// what those before it wrote.
 layout(scalar) buffer Decided { uint word[]; } decided;
 layout(r32ui) readonly uniform uimageBuffer decided_words;
-// Two words a tile: pixels that are hidden, or holes.
+// Hidden pixels or holes, two words per tile.
 layout(scalar) buffer Invisible { uint word[]; } invisible;
-// Two words a tile: points that something leads.
+// Points with something in front, two words per tile.
 layout(scalar) buffer Led { uint word[]; } led;
-// Two words a tile: points that are led from all sides, and of which no level can tell whether they are hidden.
+// Points with points in front on all sides that no level can call hidden, two words per tile.
 layout(scalar) buffer Scattered { uint word[]; } scattered;
-// Width of the kernel that put a tile on the list of holes, pixels; 0 for other tiles.
+// Width of the kernel that put a tile on the list of holes [px]; 0 for other tiles.
 layout(scalar) buffer Kernels { uint tile[]; } kernels;
 
 layout(constant_id = 0) const uint RADIUS = 3u;
 layout(constant_id = 1) const bool PERSPECTIVE = true;
-// True where pixels without a point are judged, false for those with one.
+// Whether pixels without a point are judged.
 layout(constant_id = 2) const bool EMPTY = false;
 layout(constant_id = 3) const bool TEXELS = true;
 
 layout(push_constant, scalar) uniform Push {
     uvec2 size;        // pixels
-    vec2 centre;       // where the camera looks, pixels from the first
+    vec2 centre;       // principal point [px]
     uint tiles_across;
     int level;
     uint at;           // the list of this level
     uint stride;       // words from level to level of `decided`
     float px_per_unit;
     float closed;      // solid angle in sectors' hemispheres, below which a pixel is invisible
-    int fewest;        // leading points without which nothing can be said
+    int fewest;        // smallest number of leading points that decides anything
     float expected;    // points
-    float own_slope;   // t t up to which a neighbour may be of the point's own surface
+    float own_slope;   // t t of the steepest own surface
 } push;
 
 const float FARTHEST = 3.402823466e38;
-// Depths beyond these count as these, so that squares neither overflow nor vanish.
+// Depths are clamped to this range, so that squares neither overflow nor vanish.
 const float NEAREST_PLACE = 1e-15;
 const float FARTHEST_PLACE = 1e15;
 
@@ -87,7 +99,7 @@ int sector_of(vec2 offset) {
     return 2 * quarter + int(along.y >= along.x);
 }
 
-// Says whether a point of a cell may lie in a sector, seen from anywhere in the middle cell.
+// Returns whether a point of a cell may lie in a sector, seen from anywhere in the middle cell.
 bool may_lie(ivec2 cell, int sector) {
     int quarter = sector / 2;
     ivec2 turned = quarter == 0 ? cell : quarter == 1 ? ivec2(cell.y, -cell.x) : quarter == 2 ? -cell : ivec2(-cell.y, cell.x);
@@ -95,7 +107,8 @@ bool may_lie(ivec2 cell, int sector) {
     return turned.y + 1 >= 0 && turned.x + 1 >= max(turned.y - 1, 0);
 }
 
-// A bit beside a verdict: what leads a point does so from more than half a turn, as nothing does on a surface, however steep it is.
+// A bit beside a verdict: points in front span more than half a turn, as never on a surface,
+// however steep.
 const uint ALL_SIDES = 4u;
 const uint VERDICT = 3u;
 

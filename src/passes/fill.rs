@@ -1,14 +1,19 @@
-//! Filling: depths and colours with holes in, without out.
+//! Filling: closes holes in depth and colour.
 //!
-//! `median` (Pintus et al. 2011, sec. 5): step by step, pixels without a value take the median of their neighbours, those that have been given one the weighted mean. It works on the tiles that
-//! `visibility` has listed, goes back and forth between two images, and stops where nothing changes any more.
+//! `median` (Pintus et al. 2011, sec. 5): step by step, pixels without a value take the median of
+//! their neighbours, and filled ones the weighted mean. It works on the tiles that `visibility` has
+//! listed, alternates between two images, and stops when nothing changes.
 //!
-//! `pullpush` fills all from means of ever coarser pictures: holes of any width cost the same, and surfaces are smooth, but contours between them are less exact.
+//! `pullpush` fills from means of ever coarser pictures: holes of any width cost the same, and
+//! surfaces are smooth, but contours are less exact.
 //!
-//! `mask` (Dobrev et al. 2010, sec. 3.2 and 3.3) needs no visibility: masks tell holes from background, and hidden pixels from those that are seen.
-//! `splat` is what others are compared with. Each has a file of its own.
+//! `mask` (Dobrev et al. 2010, sec. 3.2 and 3.3) needs no visibility: masks tell holes from
+//! background, and hidden pixels from visible ones.
 //!
-//! How much of a light reaches a surface, where lighting is to come, is filled like its colour: from means by the same passes with it in the colour's place, from one point by looking that point up.
+//! `splat` is the baseline of comparisons.
+//!
+//! The visibility of a light, if lighting follows, is filled like the colour: by the same passes if
+//! they average, and looked up again for the new point if values come from one point.
 
 mod mask;
 mod pullpush;
@@ -24,38 +29,41 @@ use crate::graph::{Dispatch, Graph, Image, Kind};
 use crate::shader::{self, fill_median, fill_median_begin, fill_median_end};
 use crate::view::{Projection, View};
 
-pub const SUMMARY: &str = "fills the holes that visibility found from the surfaces around them";
+pub const SUMMARY: &str = "fills holes from the surfaces around them";
 
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct Settings {
     pub method: Method,
-    /// Of pullpush, with the picture itself.
+    /// Levels of pullpush, including the picture itself.
     pub levels: f64,
-    /// Steps at most; 0: the width of the kernel that looked for holes, and with `mask`, of either kind, one and a half of a point's spacings on the screen. `mask` counts to 127.
+    /// Largest number of steps; 0: the width of the kernel that looked for holes, or for each kind
+    /// of `mask` one and a half point spacings on the screen. `mask` counts to 127.
     pub iterations: f64,
-    /// Depths that differ by more are of different surfaces and are not averaged, metres; 0: as wide as eight cells of a level at that depth, and with `median` as 31 pixels.
+    /// Depth difference of different surfaces, which are not averaged [m]; 0: as wide as eight
+    /// cells of a level at that depth, or 31 pixels for `median`.
     pub tolerance: f64,
-    /// Background is a hole, too, where so many of its eight neighbours have a value; 9: never.
+    /// Number of filled neighbours, of eight, from which background is filled, too; 9: never.
     pub surrounded: f64,
-    /// Of splats, pixels; 0: 2.
+    /// Radius of splats [px]; 0: 2.
     pub radius: f64,
-    /// Of `mask`: what is nearer by at least this is another surface, metres; 0: the layer distance of the picture.
+    /// Layer distance of `mask` [m]: nearer points than this are another surface; 0: that of the
+    /// picture.
     pub layer: f64,
 }
 
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum, serde::Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Method {
-    /// `median` where points are dense or transparent, else pullpush ([`settled`]).
+    /// `median` if points are dense or transparent, else `pullpush` ([`settled`]).
     #[default]
     Auto,
     /// Step by step from the rim of a hole inwards.
     #[value(alias = "pintus")]
     Median,
-    /// From the nearest neighbour, where masks say that a pixel is a hole or hidden.
+    /// From the nearest neighbour, where masks find a hole or a hidden pixel.
     #[value(alias = "dobrev")]
     Mask,
-    /// Points as discs of one size; with visibility=off these are plain splats.
+    /// Discs of one size; plain splats with visibility=off.
     Splat,
     /// From means of ever coarser pictures.
     Pullpush,
@@ -109,7 +117,8 @@ impl super::Settings for Settings {
     }
 }
 
-/// As [`super::Effects::reach_px`]: a pixel a step, of two kinds with masks; and tiles wake those beside them.
+/// See [`super::Effects::reach_px`]: one pixel per step, of two kinds with masks, and tiles wake
+/// their neighbours.
 pub fn reach_px(_view: &View, settings: &Settings) -> Option<u32> {
     let steps = settings.iterations.max(WIDEST) as u32;
     match settings.method {
@@ -125,14 +134,14 @@ pub fn called_for(context: &FrameContext, asked: &Effects, before: &Decided) -> 
     match settings.method {
         Method::Auto | Method::Median => {}
         _ if context.points == 0 => {
-            return Reason { runs: false, why: "there is nothing to fill with".to_string() };
+            return Reason { runs: false, why: "there are no points".to_string() };
         }
         Method::Mask => {
             let layer_m = context.layer_m(settings.layer);
             return Reason {
                 runs: true,
                 why: format!(
-                    "masks find the holes, and what is hidden: surfaces are {} m apart at least",
+                    "masks find holes and hidden pixels; surfaces are at least {} m apart",
                     significant(layer_m)
                 ),
             };
@@ -140,15 +149,14 @@ pub fn called_for(context: &FrameContext, asked: &Effects, before: &Decided) -> 
         Method::Splat => {
             return Reason {
                 runs: true,
-                why: "splats cover the gaps between points; they need not know where gaps are"
-                    .to_string(),
+                why: "splats cover gaps without looking for them".to_string(),
             };
         }
         Method::Pullpush if before.runs(Effect::Visibility) => {}
         Method::Pullpush => {
             return Reason {
                 runs: true,
-                why: "without visibility every pixel without a point is a hole, the background too"
+                why: "without visibility, every pixel without a point is filled, also background"
                     .to_string(),
             };
         }
@@ -156,36 +164,38 @@ pub fn called_for(context: &FrameContext, asked: &Effects, before: &Decided) -> 
     match before.runs(Effect::Visibility) {
         true => Reason {
             runs: true,
-            why: "visibility leaves holes; tiles without are skipped".to_string(),
+            why: "visibility leaves holes; tiles without holes are skipped".to_string(),
         },
         false => Reason {
             runs: false,
-            why: "visibility does not run, and so nobody knows which pixels are holes".to_string(),
+            why: "holes are unknown, since visibility does not run".to_string(),
         },
     }
 }
 
-/// Pixels from point to point, of the sparsest node in view, up to which holes are filled step by step. Contours are a little more exact then; where points are farther apart both are (`study surface`), and
-/// steps leave facets that are seen, take longer, and do not reach the middle of wide holes.
+/// Spacing of the sparsest node in view up to which holes are filled step by step [px]. Contours
+/// are then slightly more exact. With larger spacings both methods are equal there (`study
+/// surface`), but steps leave visible facets, take longer, and miss the middle of wide holes.
 const STEPS_PX: f64 = 2.0;
 
-/// Levels in whose cells there are always points to fill with, however dense.
+/// Smallest number of levels: their cells always hold points to fill from.
 const LEAST_LEVELS: f64 = 4.0;
 
-/// Settings of a picture in which the sparsest points are so many pixels apart. Layers behind others begin behind the depth of a surface nearby, not behind a mean from afar, so that these are filled by steps.
+/// Returns the settings for the spacing of the sparsest points [px]. Layers behind others begin
+/// behind the depth of a nearby surface, not behind a distant mean, so these are filled by steps.
 pub fn settled(asked: &Settings, transparent: bool, floods: bool, widest_px: f64) -> Settings {
     let method = match asked.method {
         Method::Auto if transparent || widest_px <= STEPS_PX => Method::Median,
         Method::Auto => Method::Pullpush,
         asked => asked,
     };
-    // A flood goes as far as the background does.
+    // A flood reaches as far as the background.
     let enough =
         if floods { f64::INFINITY } else { visibility::levels_for(widest_px).max(LEAST_LEVELS) };
     Settings { method, levels: asked.levels.min(enough), ..*asked }
 }
 
-/// Pixels: as far as steps carry depths at most.
+/// Largest distance over which steps carry depths [px].
 pub(super) const WIDEST: f64 = 31.0;
 
 pub fn record(
@@ -231,7 +241,7 @@ pub fn record(
     GBuffer { depth, color, shadow_factor, holes: None, ..gbuffer }
 }
 
-/// Depths and colours with what steps have filled, in the form that they go back and forth in.
+/// Returns depth and colour with filled pixels, in the packed form that steps alternate between.
 fn median(
     g: &mut Graph,
     view: &View,
@@ -316,22 +326,24 @@ fn median(
     [from_depth, from_color]
 }
 
-/// Cells of a level that depths of one surface differ by at most.
+/// Largest depth difference on one surface [cells of a level].
 const MIXED_CELLS: f64 = 8.0;
 
-/// Of a level of pullpush.
+/// Returns the tolerance of a level of pullpush.
 fn tolerance(view: &View, settings: &Settings, level: u32) -> (f32, u32) {
     tolerance_px(view, settings, MIXED_CELLS * 2f64.powi(level as i32))
 }
 
-/// Difference in depth from which two surfaces are not mixed, where none is asked for so many pixels' width; and 1 where it is parts of the depth.
+/// Returns the depth difference of different surfaces, by default as wide as `px` pixels, and 1 if
+/// it is a share of the depth.
 fn tolerance_px(view: &View, settings: &Settings, px: f64) -> (f32, u32) {
     let automatic = settings.tolerance == 0.0;
     let relative = automatic && view.camera.projection == Projection::Perspective;
     (if automatic { px / view.focal_px() } else { settings.tolerance } as f32, relative as u32)
 }
 
-/// Steps until nothing changed any more, from the words of a buffer of steps (glsl/lib/tile_steps.glsl), for so many tiles, after the frame; none where there is no such buffer.
+/// Returns the number of steps until nothing changed, from a buffer of steps after the frame
+/// (glsl/lib/tile_steps.glsl); 0 without one.
 pub fn steps_taken(steps: &[u32], tiles: u32) -> u32 {
     let most = (steps.len().saturating_sub(tiles as usize) / 4).saturating_sub(2);
     (1..=most).take_while(|step| steps[4 * step + 4] > 0).count() as u32

@@ -1,7 +1,9 @@
-//! POINTS -> KEYS: one 64-bit key a pixel, `depth bits << 32 | point id`, the least of all points that fall into it.
+//! Projects points to keys: one 64-bit key per pixel, `depth bits << 32 | point id`, the smallest
+//! of all points in it.
 //!
-//! On the CPU, in f64: which nodes the view can see, from how many planes each is drawn, and each node's rows to pixels and depth.
-//! On the GPU: `project64` with 64-bit atomics, or `project32` twice (depths first, then the least id at that depth) where a device has none.
+//! The CPU computes in f64 which nodes are in view, from how many planes each is drawn, and each
+//! node's transformation to pixels and depth. On the GPU, `project64` uses 64-bit atomics. Devices
+//! without them run `project32` twice: depths first, then the smallest id at that depth.
 
 use crate::config::{CHUNKS_PER_PAGE, NEAR_M, PAGES_PER_BLOCK, POINTS_PER_CHUNK, POINTS_PER_PAGE};
 use crate::error::Result;
@@ -15,49 +17,54 @@ use crate::view::{Projection, View};
 use glam::DVec3;
 use std::collections::BTreeMap;
 
-/// The nodes that a view draws, on the GPU, grouped by the number of planes that they are drawn from.
+/// The nodes that a view draws, on the GPU, grouped by the number of planes that they are drawn
+/// from.
 pub struct Drawn {
     pub(super) nodes: Buffer,
     pub(super) chunks: Buffer,
     pub(super) pages: Vec<Buffer>,
     pub(super) groups: Vec<Group>,
-    /// Where points of opacity 0 are to be left out, what makes up opacities.
+    /// Factors of opacity, if points of opacity 0 are left out.
     opacities: Option<Buffer>,
-    /// Where points are looked at one by one, what lies in clip boxes.
+    /// Clip boxes, if points are compared with them one by one.
     within: Option<Buffer>,
     pub statistics: Statistics,
 }
 
-/// Which points of a group are not there, as bits (glsl/lib/point_constants.glsl): those of opacity 0, those that face away from the camera, those that clip boxes leave out.
+/// Reasons to leave out points of a group, as bits (glsl/lib/point_constants.glsl): opacity 0,
+/// facing away from the camera, clip boxes.
 const BY_OPACITY: u32 = 1;
 const ONE_SIDED: u32 = 2;
 const CLIPPED: u32 = 4;
 
-/// Chunks that one dispatch walks: of nodes in the same block, drawn from the same number of planes, of which points are left out for the same reasons, and that all are walked again, or none.
+/// Chunks of one dispatch: of nodes in the same block, with the same number of planes and the same
+/// reasons to leave out points, and all or none in the second walk.
 pub(super) struct Group {
     pub block: usize,
     pub planes: u32,
     pub filtered: u32,
-    /// Whether another walk, over what lies at the front, takes them too.
+    /// Whether a second walk over points at the front includes them.
     pub again: bool,
     pub first_chunk: u32,
     pub chunk_count: u32,
 }
 
 impl Group {
-    /// Exact up to 65,535 workgroups, and beyond that with less than one row too many.
+    /// Returns the dispatch: exact up to 65,535 workgroups, and beyond that less than one row too
+    /// many.
     pub fn tiles(&self) -> Dispatch<'static> {
         self.slices(1)
     }
 
-    /// The same, where so many workgroups share a chunk.
+    /// Returns the dispatch for `slices` workgroups per chunk.
     pub fn slices(&self, slices: u32) -> Dispatch<'static> {
         let rows = self.chunk_count.div_ceil(65_535);
         Dispatch::Groups([self.chunk_count.div_ceil(rows), rows, slices])
     }
 }
 
-/// What all walks over points are told (glsl/lib/point_constants.glsl, project.glsl).
+/// Push and specialisation constants of all walks over points (glsl/lib/point_constants.glsl,
+/// project.glsl).
 #[derive(Clone, Copy)]
 pub(super) struct Walk {
     pub centre: [f32; 2],
@@ -85,27 +92,27 @@ impl Walk {
     }
 }
 
-/// For `--explain`.
+/// Statistics for `--explain`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize)]
 pub struct Statistics {
     pub nodes_drawn: usize,
     pub nodes_outside: usize,
-    /// In view or not, of which clip boxes leave nothing.
+    /// Nodes, in view or not, that clip boxes remove completely.
     pub nodes_clipped: usize,
-    /// Of the nodes drawn; those on the faces of clip boxes with all their points.
+    /// Points of the nodes drawn; nodes on faces of clip boxes count with all points.
     pub points_drawn: u64,
-    /// Points that were compared with clip boxes, one by one.
+    /// Points that were compared with clip boxes one by one.
     pub points_compared: u64,
     /// Bytes of position planes read.
     pub position_bytes: u64,
-    /// The largest quantisation error of a drawn node, pixels.
+    /// Largest quantisation error of a drawn node [px].
     pub quantisation_px: f64,
 }
 
 /// Keys of one band.
 pub struct Keys {
     pub words: Buffer,
-    /// Of a layer behind others: as many bytes apart as [`KEY_BEHIND_BYTES`] says.
+    /// Whether they are of a layer behind others, [`KEY_BEHIND_BYTES`] apart.
     pub behind: bool,
 }
 
@@ -118,10 +125,10 @@ impl Keys {
 /// Bytes of a pixel's key (glsl/lib/keys.glsl).
 pub const KEY_BYTES: u64 = 8;
 
-/// The same, of a layer behind others, beside the depth that its points lie behind.
+/// Bytes of a key of a layer behind others, with the depth that its points lie behind.
 pub const KEY_BEHIND_BYTES: u64 = 16;
 
-/// A horizontal band of the picture: all of it, unless its keys would not fit one binding.
+/// A horizontal band of the picture: all of it, unless its keys exceed one binding.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Band {
     pub top: u32,
@@ -134,7 +141,7 @@ impl Band {
     }
 }
 
-/// Bands that fit into `limit` bytes with so many a pixel.
+/// Splits a picture into bands of at most `limit` bytes.
 pub fn bands(size: [u32; 2], pixel_bytes: u64, limit: u64) -> Vec<Band> {
     let rows = (limit / (pixel_bytes * size[0] as u64)).clamp(1, size[1] as u64) as u32;
     (0..size[1])
@@ -143,7 +150,7 @@ pub fn bands(size: [u32; 2], pixel_bytes: u64, limit: u64) -> Vec<Band> {
         .collect()
 }
 
-/// Chooses nodes and planes for a view and brings the list to the GPU.
+/// Chooses nodes and planes for a view and uploads the list.
 pub fn draw(
     g: &mut Graph,
     view: &View,
@@ -153,7 +160,7 @@ pub fn draw(
     draw_again(g, view, resident, precision, |_| true)
 }
 
-/// The same, where another walk over what lies at the front ([`Shallow`]) is to take these nodes alone.
+/// Does the same; a second walk over points at the front ([`Shallow`]) takes only these nodes.
 pub fn draw_again(
     g: &mut Graph,
     view: &View,
@@ -164,7 +171,7 @@ pub fn draw_again(
     list(g, view, resident, &resident.nodes.iter().collect::<Vec<_>>(), precision, again)
 }
 
-/// The same of some of the nodes.
+/// Does the same for some of the nodes.
 pub fn draw_some(
     g: &mut Graph,
     view: &View,
@@ -195,11 +202,12 @@ fn list(
         nodes.iter().filter(|node| resident.clips.left(node.bounds()) == Left::Nothing).count();
     statistics.nodes_outside = nodes.len() - statistics.nodes_clipped - seen.len();
     let opacities = resident.hides() && resident.shown.kind().is_some();
-    // Front to back, so that what lies behind finds its pixels taken. The order does not show: keys are unique.
+    // Front to back, so that hidden points find their pixels taken. The order does not change the
+    // result: keys are unique.
     seen.sort_by(|a, b| a.0.total_cmp(&b.0));
     for (distance, node) in seen {
         let is_clipped = resident.clips.left(node.bounds()) == Left::Some;
-        // Whether a point lies in a box takes all that is known of its place.
+        // Comparing a point with a box needs its full precision.
         let planes = if is_clipped {
             node.planes
         } else {
@@ -257,23 +265,26 @@ fn list(
 }
 
 impl Drawn {
-    /// Leaves out points that face away from the camera, where that is asked for; those whose normals are not known stay.
+    /// Leaves out points that face away from the camera, if `asked`; those without a known normal
+    /// stay.
     pub fn one_sided(mut self, asked: bool) -> Drawn {
         self.groups.iter_mut().filter(|_| asked).for_each(|group| group.filtered |= ONE_SIDED);
         self
     }
 
-    /// What walks for layers behind others keep of every chunk ([`Behind::alive`]), before the first.
+    /// Returns what walks for layers behind others keep for every chunk ([`Behind::alive`]),
+    /// initialised.
     pub fn alive(&self, g: &mut Graph) -> Buffer {
         self.of_every_chunk(g, "alive", 0)
     }
 
-    /// Which chunks have a point at most so far behind the front, metres, before they are looked at.
+    /// Returns a record of the chunks with a point at most `epsilon` behind the front [m],
+    /// initialised.
     pub fn shallow(&self, g: &mut Graph, epsilon: f32) -> Shallow {
         Shallow { chunks: self.of_every_chunk(g, "shallow", 0), epsilon }
     }
 
-    /// All of them, where nobody has looked.
+    /// Returns a record that marks all chunks.
     pub fn all_shallow(&self, g: &mut Graph) -> Shallow {
         Shallow { chunks: self.of_every_chunk(g, "shallow", 1), epsilon: f32::INFINITY }
     }
@@ -285,36 +296,37 @@ impl Drawn {
         words
     }
 
-    /// What a walk over points binds as their opacities; anything, where it does not look at them.
+    /// Returns the binding of opacities; any buffer if they are not read.
     pub(super) fn opacities(&self) -> &Buffer {
         self.opacities.as_ref().unwrap_or(&self.nodes)
     }
 
-    /// The same of what lies in clip boxes.
+    /// Returns the binding of clip boxes, likewise.
     pub(super) fn within(&self) -> &Buffer {
         self.within.as_ref().unwrap_or(&self.nodes)
     }
 }
 
-/// Of a layer behind others.
+/// State of a layer behind others.
 pub struct Behind<'b> {
-    /// Without points, beside the depths of the layers before; from layer to layer these only grow.
+    /// Keys without points, with the depths of the layers before, which only grow.
     pub keys: &'b mut Buffer,
-    /// Of every chunk, the last layer that it had points for; 0 before the first.
+    /// The last layer that each chunk had points for; 0 before the first.
     pub alive: &'b mut Buffer,
-    /// From 1.
+    /// Number of the layer, from 1.
     pub layer: u32,
 }
 
-/// Which chunks another walk, over what lies at the front, has to read again.
+/// The chunks that a second walk over points at the front must read.
 pub struct Shallow {
-    /// Of every chunk, 1 where a point of it is at most epsilon behind the front, or was when it was looked at.
+    /// 1 for each chunk with a point that is at most epsilon behind the front, or was when it was
+    /// tested.
     pub chunks: Buffer,
-    /// Metres.
+    /// Distance behind the front [m].
     pub epsilon: f32,
 }
 
-/// Of all points, or of those behind others where that is asked for.
+/// Projects all points, or those behind other layers.
 pub fn record(
     g: &mut Graph,
     view: &View,
@@ -333,7 +345,7 @@ pub fn record(
     Keys::nearest(words)
 }
 
-/// All points, beside those that the keys are of already.
+/// Projects all points into existing keys.
 pub fn add(g: &mut Graph, view: &View, drawn: &Drawn, band: Band, keys: &mut Buffer) {
     walk(g, view, drawn, None, None, band, keys);
 }
@@ -365,9 +377,10 @@ fn walk(
         let (tiles, &Group { block, planes, filtered, again, first_chunk, chunk_count }) =
             (group.tiles(), group);
         let (nodes, chunks, pages) = (&drawn.nodes, &drawn.chunks, &drawn.pages[block]);
-        // The keys of a single pixel without layers in front are less than a texel of four words.
+        // The keys of a single pixel without layers in front are smaller than a texel of four
+        // words.
         let front_behind = if is_behind { front } else { pages };
-        // Both kernels bind the same and are told the same.
+        // Both kernels have the same bindings and constants.
         macro_rules! run {
             ($($kernel:ident)::+, $module:ident $(, $step:ident)?) => {{
                 let push = $module::Push { centre, corner, size, near, first_chunk, chunk_count, layer, epsilon };
@@ -387,7 +400,7 @@ fn walk(
     }
 }
 
-/// The node's rows, in f64, rounded once (HARD_CASES 1.2).
+/// Returns the node's transformation, computed in f64 and rounded once (guide: numerics, case 1).
 fn record_of(
     view: &View,
     node: &ResidentNode,
@@ -396,7 +409,8 @@ fn record_of(
 ) -> Node {
     let steps = cell_steps(&node.frame, planes);
     let cell = node.lattice.step * steps;
-    // Cells drop the finer bits: their points lie half a cell further on average, less half of the finest step.
+    // Cells drop the finer bits: their points lie on average half a cell further, less half of the
+    // finest step.
     let finest = cell_steps(&node.frame, node.frame.planes);
     let middle = if planes < node.frame.planes { (steps - finest.max(1.0)) / 2.0 } else { 0.0 };
     let [x, y, z] = node.frame.origin.map(|origin| origin as f64 + middle);
@@ -413,7 +427,7 @@ fn record_of(
     let basis = &view.basis;
     let first_word =
         |word: u32| (node.first_page + node.planes + word) % PAGES_PER_BLOCK * POINTS_PER_PAGE;
-    // x and y are pixels times the depth; without perspective all sight lines are one.
+    // x and y are pixels times the depth; without perspective all view rays are parallel.
     let (across, along) =
         if view.camera.projection == Projection::Perspective { (1.0, f) } else { (0.0, 1.0) };
     Node {

@@ -1,16 +1,24 @@
-//! Shadows: a light and the resident points in, a mark for every point out that says how much of the light reaches it, and with it shaded colour (Dobrev et al. 2010, sec. 6).
+//! Shadows: how much of a light reaches each point, and with it shaded colour (Dobrev et al. 2010,
+//! sec. 6).
 //!
 //! ```text
-//!     of every place on the light, of every picture that it sees the cloud in:
-//!         project       points -> keys                the trunk's own pass, through the light's camera, of all resident nodes
-//!         light_...     keys -> limit               how deep light reaches in every texel (reach.rs)
-//!         shadow_depth  points, limits -> marks       a sample more for every point that is no deeper; or, with the same marks, index peeling (peel.rs)
-//!     shadows           marks, index, color -> color  before points that are hidden are taken out and holes are filled, so that filling fills with shaded colour; or, where Phong lighting runs, how much of
-//!                                                     the light reaches each pixel, which is filled beside the colour and takes from what that light adds: ka + m (kd + ks)
+//!     for every sample of the light, for every picture that it sees the cloud in:
+//!         project       points -> keys                    the trunk's pass, through the camera of
+//!                                                         the light, over all resident nodes
+//!         shadow_...    keys -> depth limit               depth that light reaches in each texel
+//!                                                         (depth_limit.rs)
+//!         shadow_test   points, limits -> visibility      one more sample for points no deeper;
+//!                                                         index peeling gives the same (peel.rs)
+//!     shadow_apply      visibility, index, color -> color
 //! ```
-//! A mark is a byte, by point id, and does not depend on the camera: marks are kept while the light and the nodes stay, and then of all this only the last line runs. Samples of a light can be cast over
-//! several frames, and then add up to the same marks.
-//! Points have no normals: the slope of the surface comes from the light's own depths.
+//! Colours are shaded before hidden points are removed and holes are filled, so that filling uses
+//! shaded colours. If Phong lighting runs, the visibility of each pixel is kept instead. It is
+//! filled like the colour and scales the light: ka + m (kd + ks).
+//!
+//! The visibility of a point is a byte, by point id, and does not depend on the camera. It is kept
+//! while the light and the nodes stay; then only the last pass runs. Samples of a light can be cast
+//! over several frames, with the same result. Points have no normals: the slope of a surface is
+//! measured in the light's depths.
 
 pub mod area_light_samples;
 pub mod bake_index;
@@ -35,42 +43,43 @@ use glam::DVec3;
 use invalidation::Changed;
 use std::ops::Range;
 
-pub const SUMMARY: &str = "shadows of a light: of --light, or of a sun where that is a headlight";
+pub const SUMMARY: &str = "shadows of --light, or of a sun if that is a headlight";
 
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct Settings {
     pub method: Method,
-    /// Places on the light; 1: its middle, a hard shadow.
+    /// Samples of the light; 1: its middle, hard shadows.
     pub samples: f64,
     pub pattern: area_light_samples::Pattern,
-    /// Of the light: of one far away half its angle, degrees; of one at a place, metres.
+    /// Radius of the light: half its angle if directional [degrees], else [m].
     pub radius: f64,
-    /// Texels of the longer side of the light's picture; 0: from the spacing of the points.
+    /// Longer side of the light's picture [texels]; 0: from the point spacing.
     pub size: f64,
-    /// What is left of a colour that no light reaches, where nothing else says how it is lit: Phong lighting has an ambient part of its own.
+    /// Share of the colour without light, if no lighting runs; Phong lighting has its own.
     pub ambient: f64,
-    /// How far behind the surface that the light sees a point is still of it, metres across the surface; 0: the layer distance of the picture, where one is asked for, and at least what the theorem of
-    /// HARD_CASES 13 asks for.
+    /// Distance behind the surface that the light sees within which a point belongs to it, across
+    /// the surface [m]; 0: the layer distance of the picture, and at least the bound of guide:
+    /// numerics, case 13.
     pub layer: f64,
-    /// Where `layer` is 0, it is this at least, metres: the layer distance that the picture was asked for. No setting of its own.
+    /// Lower bound if `layer` is 0 [m]: the layer distance of the picture. Set by the frame.
     #[serde(skip)]
     pub least: f64,
-    /// Gaps in the light's picture that are closed, texels.
+    /// Width of the gaps that are closed in the light's picture [texels].
     pub fill: f64,
-    /// Passes of index peeling at most; 0: until one marks nothing, 512 at most.
+    /// Largest number of passes of index peeling; 0: until one marks nothing, 512 at most.
     pub peels: f64,
-    /// The least <v, n>: beyond this cosine of the angle to the light surfaces count as no steeper.
+    /// Smallest <v, n>: steeper surfaces count as this steep.
     pub limit: f64,
 }
 
-/// How points that light reaches are found.
+/// How lit points are found.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum, serde::Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Method {
-    /// Every point is compared with the light's depth.
+    /// Compares every point with the light's depth.
     #[default]
     Depth,
-    /// Points are peeled off the light's picture, one a texel at a time.
+    /// Peels points off the light's picture, one per texel at a time.
     Index,
 }
 
@@ -92,7 +101,7 @@ impl Default for Settings {
     }
 }
 
-/// A byte counts them, also where a point is on the corner of three of a cube's pictures.
+/// Largest number of samples: a byte counts them, even if three pictures of a cube see a point.
 const MOST_SAMPLES: f64 = 64.0;
 
 impl super::Settings for Settings {
@@ -142,49 +151,51 @@ pub fn reach_px(_view: &View, _settings: &Settings) -> Option<u32> {
 
 pub fn called_for(context: &FrameContext, _asked: &Effects, _before: &Decided) -> Reason {
     let why = match context.points {
-        0 => "there is nothing to cast any",
+        0 => "there are no points",
         _ if context.lit => {
-            return Reason { runs: true, why: "they were saved, and cost nothing".into() };
+            return Reason { runs: true, why: "saved shadows cost nothing".into() };
         }
         _ => {
-            "nobody asked: they cost a walk over all points, twice, for every sample of the light; --effect shadows=on"
+            "they cost two walks over all points for every sample of the light, and run only with --effect shadows=on"
         }
     };
     Reason { runs: false, why: why.to_string() }
 }
 
-/// How much light reaches each point.
+/// Visibility of the light from each point.
 pub struct LightVisibility {
-    /// A byte a point, by its id: how many samples of the light reach it, of those that were cast.
+    /// Number of samples that reach each point, one byte by point id.
     pub counts: Buffer,
-    /// Instead of that, of every node the page with the marks that its points have brought, of which so many say that all of the light reaches a point.
+    /// If shadows are saved: the value that means fully lit; `counts` then holds the page of each
+    /// node's values.
     pub saved: Option<u32>,
-    /// Lighting comes after, and takes them into account.
+    /// Whether lighting follows and takes it into account.
     pub apart: bool,
-    /// For `--explain`.
+    /// Statistics for `--explain`.
     pub facts: Facts,
 }
 
-/// How shadows were cast.
+/// Statistics of casting.
 #[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Facts {
-    /// Once and for all, of the whole cloud: no light pass runs.
+    /// Whether shadows were saved for the whole cloud: no pass casts them.
     pub saved: bool,
     pub samples: u32,
-    /// Of these, those that marks are made of so far.
+    /// Samples that are cast so far.
     pub cast: u32,
-    /// Nodes whose points this frame has marked; the others have kept their marks.
+    /// Nodes whose points this frame has tested; the others were kept.
     pub marked: u32,
-    /// Of the light, of each sample.
+    /// Pictures of the light, over all samples.
     pub pictures: u32,
-    /// Texels of the first picture.
+    /// Size of the first picture [texels].
     pub size: [u32; 2],
-    /// How often it is halved, to close gaps in what is sparse in it.
+    /// How often it is halved to close gaps where points are sparse.
     #[serde(default)]
     pub halvings: u32,
-    /// Side of a texel, metres; in the middle of the cloud, where the light is at a place.
+    /// Side of a texel [m], in the middle of the cloud if the light has a position.
     pub texel_m: f64,
-    /// How far behind a surface that faces the light shadow begins, metres: the contact gap. On one at an angle it is as much across the surface.
+    /// Distance behind a surface that faces the light where shadow begins [m]. On a slanted surface
+    /// it is measured across the surface.
     pub layer_m: f64,
 }
 
@@ -197,7 +208,7 @@ impl Facts {
         let layer = Layer::new(first, bounds, settings);
         let middle = (bounds.0 + bounds.1) / 2.0 - first.camera.eye;
         let texel_m = layer.texel * if layer.perspective { middle.length() } else { 1.0 };
-        // Of the picture that closes gaps between points there.
+        // The picture that closes gaps between points there.
         let taken = cameras::halvings(spacing_m / texel_m, f64::INFINITY).min(*halvings);
         let layer_m = layer.metres + layer.texels * texel_m * (1u64 << taken) as f64;
         Facts {
@@ -243,7 +254,9 @@ impl std::fmt::Display for Facts {
     }
 }
 
-/// Marks of all points of the frame; none where shadows do not run. Of the light's samples `at_once` at most are added to those that are kept, and one where there are none; all, where nothing is said.
+/// Returns the visibility of the light from all points; None if shadows do not run. At most
+/// `at_once` samples are added to those that are kept, and one if there are none; None adds all.
+/// Errors if there are more nodes than the device binds.
 pub fn light_visibility(
     g: &mut Graph,
     context: &FrameContext,
@@ -279,7 +292,7 @@ fn counted(
     let bytes = resident.nodes.len() as u64 * POINTS_PER_PAGE as u64;
     if bytes.next_power_of_two() > g.binding_limit() {
         return Err(Error::Request(format!(
-            "shadows mark {} nodes at once, and this device binds the marks of {} at most; draw fewer with --point-budget, or --effect shadows=off",
+            "shadows of {} nodes are too many for this device, which binds {} at most; use a lower --point-budget or --effect shadows=off",
             resident.nodes.len(),
             g.binding_limit() / POINTS_PER_PAGE as u64
         )));
@@ -309,7 +322,7 @@ fn counted(
         .persistent_state(PLACES[place])
         .filter(|(of, _)| of.starts_with(&light))
         .map(|(of, steps)| (of.to_vec(), steps));
-    // A frame that is in a hurry does not cast many samples anew, if only for some nodes: it begins with one.
+    // If few samples are cast per frame, changed nodes start again with one sample.
     if let Some((before, kept)) = before.filter(|(before, kept)| {
         *before != made_of && settings.method == Method::Depth && (*kept == 1 || at_once != Some(0))
     }) && let sights = views(0..kept)?
@@ -369,24 +382,26 @@ fn counted(
     }))
 }
 
-/// Where marks are kept: those of other nodes go to the other one, beside those that they were made of.
+/// Names of two persistent buffers: values for changed nodes go to the other one, next to those
+/// they are copied from.
 const PLACES: [&str; 2] = ["marks", "marks beside"];
 
-/// How far in the light's pictures what one texel shows may change the limit of another, and a texel for rounding.
+/// Returns the distance in the light's pictures over which a texel may change the limit of another,
+/// and one texel for rounding [px].
 fn travel_px(settings: &Settings, sights: &[LightCamera]) -> f64 {
     let coarsest = sights.iter().map(|sight| sight.halvings).max().unwrap_or(0);
-    // Within a halved picture; one of its texels is as wide as so many.
+    // Texels of a halved picture are this wide.
     (settings.fill + 2.0) * (1u64 << coarsest) as f64
 }
 
-/// Those that points have brought, where they are of this light.
+/// Returns saved visibility that points have brought, if it is of this light.
 fn saved(
     g: &mut Graph,
     context: &FrameContext,
     resident: &Resident,
 ) -> Option<Result<LightVisibility>> {
     let (word, contents) = (resident.shown.light()?, resident.light.as_ref()?);
-    // Of an index that somebody else has written, what is not known is nothing.
+    // Unknown fields of a file from elsewhere keep their defaults.
     let facts: Facts = serde_json::from_value(contents.facts.clone()).unwrap_or_default();
     let pages = context
         .light
@@ -400,7 +415,7 @@ fn saved(
     }))
 }
 
-/// All that marks depend on but the nodes.
+/// Returns a cache key of all that the visibility depends on, except the nodes.
 fn made_of(
     context: &FrameContext,
     resident: &Resident,
@@ -412,7 +427,7 @@ fn made_of(
         Light::Direction(direction) => (1, direction),
         Light::Position(position) => (2, position),
     };
-    // Of settings, all but how dark shadows are.
+    // All settings except the darkness of shadows.
     let Settings {
         method,
         samples,
@@ -439,16 +454,16 @@ fn made_of(
         .collect()
 }
 
-/// What is counted while shadows are cast.
+/// Buffers that are filled while shadows are cast.
 pub struct Tally {
-    /// A byte a point, by its id: how many samples of the light reach it.
+    /// Number of samples that reach each point, one byte by point id.
     pub marks: Buffer,
-    /// Texels that index peeling was cut off in.
+    /// Texels where index peeling ended early.
     pub unpeeled: Buffer,
 }
 
 impl Tally {
-    /// From nothing, or beside the samples that marks are made of already.
+    /// Starts at zero, or continues with the samples that are counted already.
     pub fn new(g: &mut Graph, marks: Buffer, goes_on: bool) -> Tally {
         let mut tally = Tally { marks, unpeeled: g.buffer("unpeeled", 4) };
         if !goes_on {
@@ -459,12 +474,13 @@ impl Tally {
     }
 }
 
-/// World corners of all points.
+/// Returns the world bounds of all points.
 fn bounds(resident: &Resident) -> Option<(DVec3, DVec3)> {
     resident.nodes.iter().map(|node| node.bounds()).reduce(|(a, b), (c, d)| (a.min(c), b.max(d)))
 }
 
-/// A sample more for every point that the camera's light reaches; what the light sees, and how deep it reaches. `bounds` are those that the light sees, world corners.
+/// Adds one sample to every point that the light reaches. Returns the depth limits. `bounds` are
+/// world bounds of what the light sees.
 pub fn cast(
     g: &mut Graph,
     sight: &LightCamera,
@@ -477,7 +493,7 @@ pub fn cast(
     cast_on(g, sight, resident, [&all, &all], bounds, settings, tally)
 }
 
-/// The same for the points of some nodes, of shadows that some cast.
+/// Adds one sample to the points of `marked` nodes, with shadows cast by others.
 fn cast_on(
     g: &mut Graph,
     sight: &LightCamera,
@@ -516,7 +532,8 @@ fn cast_on(
     Ok(reached)
 }
 
-/// A sample more for every point that lies no deeper than its texel's limit, of chunks that have any which may.
+/// Adds one sample to every point no deeper than its texel's limit, in chunks that may have such
+/// points.
 fn by_depth(
     g: &mut Graph,
     camera: &View,
@@ -579,7 +596,8 @@ pub fn record(
     }
 }
 
-/// How much of the light reaches the point of each pixel, where lighting comes after: again once pixels were given other points.
+/// Looks up the visibility of each pixel's point, if lighting follows; again after pixels were
+/// given other points.
 pub fn shadow_factor(g: &mut Graph, size: [u32; 2], gbuffer: GBuffer) -> GBuffer {
     let reached = gbuffer
         .light_visibility

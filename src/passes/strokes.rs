@@ -1,24 +1,27 @@
-//! Strokes: points with normals, sizes and clusters in; a painting of them out (dos Anjos et al. 2018).
+//! Strokes: paints points that have normals, sizes and clusters (dos Anjos et al. 2018).
 //!
 //! ```text
 //!     stroke_brush   settings -> 256 brushes, kept
 //!   blend=opaque, blend=blur:
 //!     stroke_screen  points -> strokes on the screen
-//!     stroke_quads   strokes -> through the rasteriser: ground, and of each pixel the key of the nearest, in place of those that project makes
-//!     stroke_surface ground -> where a surface is
-//!     stroke_keys    keys -> keys where one is
+//!     stroke_quads   strokes, rasterised -> ground, and the key of the nearest stroke of each pixel
+//!     stroke_surface ground -> mask of surfaces
+//!     stroke_keys    keys -> keys on surfaces
 //!   blend=blur:
 //!     stroke_blur    color -> color, across and down
 //!   blend=abuffer:
-//!     stroke_screen, stroke_quads, stroke_surface   as above, but for the keys: where a surface is; read back
-//!     stroke_bins    points -> how many strokes may touch each tile; read back, since only then is it known how much room they need
-//!     stroke_bins    points -> which
-//!     strokes        strokes of a tile, where a surface is -> how many fragments each pixel has; read back; where they are many, again without those that others hide
-//!     strokes        the fragments, and keys as above; so many of each tile at a time
-//!     stroke_sort    fragments -> color, in order; over several frames, where the A-buffer is kept
+//!     stroke_screen, stroke_quads, stroke_surface   as above -> mask of surfaces; read back
+//!     stroke_bins    points -> number of strokes that may touch each tile; read back to size the lists
+//!     stroke_bins    points -> lists of these strokes
+//!     stroke_fragments  strokes of a tile, mask -> number of fragments per pixel; read back; if
+//!                    there are many, again without those hidden by others
+//!     stroke_fragments  the same -> fragments, and keys as above; a chunk of each tile at a time
+//!     stroke_sort    fragments -> color, in order; over several frames if the A-buffer is kept
 //! ```
-//! No list has a fixed size: each is as long as was counted, and where that is more than the memory allowed the picture is painted in parts, of points, or of tiles, and where a single tile has too many, of points; which changes no pixel. Points are looked for around the picture,
-//! too, as far as strokes reach: a wider view of the same camera is walked over, and the picture is its middle.
+//! No list has a fixed size: each is as long as was counted. If it exceeds the allowed memory, the
+//! picture is painted in parts of tiles, or of points if a single tile has too many, which changes
+//! no pixel. A wider view of the same camera is walked over, since strokes reach into the picture
+//! from outside.
 
 mod abuffer;
 mod blur;
@@ -50,46 +53,49 @@ use crate::view::{Projection, View};
 use abuffer::Abuffer;
 use std::ops::Range;
 
-pub const SUMMARY: &str = "every point a brush stroke along its surface, as large as points are apart there (--style strokes)";
+pub const SUMMARY: &str = "brush strokes along the surface, one per point (--style strokes)";
 
-/// As [`super::Effects::reach_px`]. Strokes and their ground are looked for as far as they reach, so only softening counts.
+/// See [`super::Effects::reach_px`]. Strokes are looked for as far as they reach, so only softening
+/// counts.
 pub fn reach_px(_view: &View, settings: &Settings) -> Option<u32> {
     Some(settings.radius.ceil() as u32)
 }
 
 pub fn called_for(_scene: &FrameContext, _asked: &Effects, _before: &Decided) -> Reason {
-    Reason { runs: false, why: "nobody asked for a painting; --style strokes".to_string() }
+    Reason { runs: false, why: "strokes run only with --style strokes".to_string() }
 }
 
-/// Half a side on the screen at least, pixels: a smaller stroke would fall between the pixels' middles.
+/// Smallest half side on the screen [px]: smaller strokes would miss pixel centres.
 pub const LEAST_PX: f32 = 1.5;
-/// Coverage that hides what is behind from the depth layer, and in z-buffered strokes.
+/// Coverage from which a stroke hides what is behind it in depth, and in z-buffered strokes.
 const HIDES: f32 = 0.5;
-/// Around the picture, largest half sides: a corner of the longest stroke, seen at an angle.
+/// Margin around the picture [largest half sides]: a corner of the longest stroke, seen at an
+/// angle.
 const MARGIN: f64 = 4.0;
 const GROUPS_A_ROW: u32 = 65_535;
-/// Where more fragments than this lie over each other, it pays to look for those that nothing can be seen of: to look at all strokes once more.
+/// Fragments per pixel from which a second pass that finds hidden ones pays.
 const MANY: u32 = 2048;
 /// Bytes of a stroke in a list, and of a fragment.
 const PLACE_BYTES: u64 = 48;
 const FRAGMENT_BYTES: u64 = 8;
 
-/// A painted picture.
+/// The result of painting.
 pub struct Painted {
     pub facts: Facts,
-    /// Where its strokes are brought into order over several frames, and these are not all of them: a word to be read after the frame, not 0 where order would still change a pixel.
+    /// If strokes are sorted over several frames and are not all sorted: a word to read after the
+    /// frame, not 0 if sorting would still change a pixel.
     pub unordered: Option<Buffer>,
 }
 
 /// A frame whose points are painted.
 pub struct Painting<'f> {
-    /// Wider than the picture by the margin, on all sides.
+    /// The view with the margin on all sides.
     wide: View,
     view: &'f View,
     resident: &'f Resident,
     request: ColorRequest,
     settings: Settings,
-    /// Fragments of a pixel that this frame brings into order beside those that are.
+    /// Fragments per pixel that this frame sorts in addition.
     at_once: Option<u32>,
     /// Blended colours of the whole picture.
     blended: Option<Image>,
@@ -97,7 +103,9 @@ pub struct Painting<'f> {
     facts: Facts,
 }
 
-/// None where points are not painted, or nothing can be seen of them. Of each pixel's fragments `at_once` at most are brought into order beside those that frames before this one have; all, where nothing is said.
+/// Begins to paint; None if strokes do not run or nothing is in view. At most `at_once` fragments
+/// of each pixel are sorted in addition to those of earlier frames; None sorts all. Errors if
+/// strokes were not computed for the points.
 pub fn begin<'f>(
     g: &mut Graph,
     view: &'f View,
@@ -110,7 +118,9 @@ pub fn begin<'f>(
         return Ok(None);
     }
     if resident.shown.strokes().is_none() {
-        return Err(Error::Request("strokes need to know how points lie, which nobody has found out for these: --style strokes".into()));
+        return Err(Error::Request(
+            "strokes were not computed for these points; use --style strokes".into(),
+        ));
     }
     let settings = effects.strokes.settings;
     let wide = widened(view, margin(view, &settings));
@@ -136,16 +146,16 @@ fn margin(view: &View, settings: &Settings) -> u32 {
     (MARGIN * settings.largest_px(view.whole)).ceil() as u32 + coverage::ENCLOSED_PX
 }
 
-/// The same camera with so many pixels more on every side.
+/// Returns the same camera with `margin` more pixels on every side.
 fn widened(view: &View, margin: u32) -> View {
     view.window(view.corner.map(|at| at - margin as i32), view.size.map(|side| side + 2 * margin))
 }
 
-/// What the passes of one submission share.
+/// Inputs that the passes of one submission share.
 struct StrokeInputs<'p> {
     drawn: Drawn,
     homes: Buffer,
-    /// Of the points of all drawn nodes.
+    /// Number of points of all drawn nodes.
     places: u32,
     canvas: Buffer,
     paint: &'p ColorLookup,
@@ -155,19 +165,21 @@ struct StrokeInputs<'p> {
     tiles: [u32; 2],
 }
 
-/// What a band's A-buffer is made of.
+/// The inputs of a band's A-buffer.
 struct Found {
-    /// Of every pixel, row by row, not 0 where a surface is.
+    /// Not 0 where a surface is, pixel by pixel.
     surface: Vec<u32>,
-    /// How many strokes may touch each tile, turn by turn.
+    /// Number of strokes that may touch each tile, for each turn.
     listed: Vec<Vec<u32>>,
 }
 
-/// Tiles in a row that are painted at once, and, tile by tile, how many fragments each of their pixels has.
+/// Consecutive tiles that are painted at once, and the fragments of each of their pixels, tile by
+/// tile.
 struct Part {
     tiles: Range<u32>,
     fragments: Vec<u32>,
-    /// Where there are many, how deep the nearest lies that covers a pixel wholly: those behind it are none of them.
+    /// If there are many: depth of the nearest fragment that covers a pixel completely; those
+    /// behind it are not stored.
     hiders: Option<Vec<u32>>,
 }
 
@@ -176,7 +188,7 @@ fn groups(tiles: u32) -> Dispatch<'static> {
 }
 
 impl Painting<'_> {
-    /// Bands that fit into `limit` bytes with what is around them.
+    /// Returns bands that fit into `limit` bytes with their surroundings.
     pub fn bands(&self, limit: u64) -> Vec<Band> {
         let [width, height] = self.view.size;
         let around = 2 * coverage::ENCLOSED_PX;
@@ -188,7 +200,8 @@ impl Painting<'_> {
         bands.into_iter().map(|band| Band { size: [width, band.size[1]], ..band }).collect()
     }
 
-    /// Keys of a band, as those of [`project::record`]; and its part of the blended colours.
+    /// Returns the keys of a band, as [`project::record`] does, and paints its part of the blended
+    /// colours.
     pub fn record(&mut self, g: &mut Graph, paint: &ColorLookup, band: Band) -> Result<Keys> {
         let words = match self.blended {
             Some(_) => self.layers(g, paint, band),
@@ -197,7 +210,7 @@ impl Painting<'_> {
         words.map(Keys::nearest)
     }
 
-    /// All strokes of a band over each other.
+    /// Paints all strokes of a band over each other.
     fn layers(&mut self, g: &mut Graph, paint: &ColorLookup, band: Band) -> Result<Buffer> {
         let made_of =
             self.at_once.filter(|_| band.size == self.view.size).map(|_| self.made_of(paint));
@@ -213,7 +226,7 @@ impl Painting<'_> {
         self.paint(g, &desk, &found, &parts, made_of.as_deref())
     }
 
-    /// What is painted at once: all, unless that takes more memory than is allowed.
+    /// Returns the parts that are painted at once: one, unless memory is short.
     fn parts(&mut self, g: &mut Graph, band: Band, found: &Found) -> Result<Vec<Part>> {
         let listed = &found.listed;
         self.facts.listed += listed.iter().map(|listed| sum(listed)).sum::<u64>();
@@ -246,14 +259,14 @@ impl Painting<'_> {
         Ok(all)
     }
 
-    /// Bytes that each of so many buffers may have.
+    /// Returns the bytes that each of `buffers` buffers may have.
     fn room(&mut self, g: &Graph, buffers: u64) -> u64 {
         let allowed = (self.settings.memory * 1048576.0) as u64 / buffers;
         self.facts.by_device = g.binding_limit() < allowed;
         allowed.min(g.binding_limit())
     }
 
-    /// Strokes in the lists, and their fragments laid over each other. What is counted for `made_of` is kept, where all of it is painted at once.
+    /// Paints parts. The A-buffer is kept as `made_of` if everything is painted at once.
     fn paint(
         &mut self,
         g: &mut Graph,
@@ -316,7 +329,7 @@ impl Painting<'_> {
         Ok(keys.expect("a picture has a part"))
     }
 
-    /// What frames before this one have painted, a few fragments more of it in order.
+    /// Continues with the A-buffer of earlier frames, and sorts a few more fragments.
     fn go_on(
         &mut self,
         g: &mut Graph,
@@ -347,7 +360,7 @@ impl Painting<'_> {
         })
     }
 
-    /// Of a band, none so far.
+    /// Returns empty keys of a band.
     fn keys(&self, g: &mut Graph, band: Band) -> Buffer {
         let mut keys = g.buffer("keys", 8 * band.size[0] as u64 * band.size[1] as u64);
         g.fill(&mut keys, u32::MAX);
@@ -364,7 +377,7 @@ impl Painting<'_> {
         }
     }
 
-    /// Blended colours in place of those of the nearest points.
+    /// Replaces colours of the nearest points by the blended ones.
     pub fn cover(self, resolved: &mut Resolved) -> Painted {
         if let Some(blended) = self.blended {
             resolved.color = blended;
@@ -378,7 +391,7 @@ impl Painting<'_> {
         band: Band,
         paint: &'p ColorLookup,
     ) -> Result<StrokeInputs<'p>> {
-        // All planes: positions are read by two passes, which have to agree.
+        // All planes, since two passes read positions and must agree.
         let drawn = project::draw(
             g,
             &self.wide,
@@ -403,7 +416,8 @@ impl Painting<'_> {
         })
     }
 
-    /// Where nodes lie on the device, and their points among those of all that are drawn: in the order of their numbers, four by four.
+    /// Returns where nodes lie on the device, and the first place of their points among all that
+    /// are drawn, in multiples of four.
     fn homes(&self) -> (u32, Vec<Home>) {
         let mut places = vec![0; self.resident.nodes.len().max(1)];
         self.resident.seen(&self.wide).for_each(|(_, node)| {
@@ -419,13 +433,13 @@ impl Painting<'_> {
         (first_place, homes)
     }
 
-    /// Over the points of a band and of what is around it.
+    /// Returns the walk over the points of a band and its surroundings.
     fn walked(&self, g: &Graph, desk: &StrokeInputs) -> Walk {
         let size = desk.band.size.map(|side| side + 2 * margin(self.view, &self.settings));
         Walk::new(g, &self.wide, Band { top: desk.band.top, size })
     }
 
-    /// Of a band, in the whole picture.
+    /// Returns the corner of a band in the whole picture [px].
     fn corner(&self, band: Band) -> [f32; 2] {
         [self.view.corner[0] as f32, (self.view.corner[1] + band.top as i32) as f32]
     }
@@ -441,7 +455,8 @@ fn sum(counts: &[u32]) -> u64 {
     counts.iter().map(|&count| count as u64).sum()
 }
 
-/// Tiles in rows whose counts stay within the most; one tile at least. They are numbered from `first`.
+/// Splits tiles, numbered from `first`, into ranges whose counts add up to at most `most`; at least
+/// one tile each.
 fn parts(counts: &[u32], most: u64, first: u32) -> Vec<Range<u32>> {
     let (mut parts, mut sum, mut start) = (Vec::new(), 0, 0);
     for (k, &count) in counts.iter().enumerate() {

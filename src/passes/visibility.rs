@@ -1,26 +1,34 @@
-//! Visibility: depths of projected points in, the same without hidden layers out, and which pixels have to be filled (Pintus et al. 2011, sec. 4).
+//! Visibility: removes hidden layers from the depths of projected points, and finds the pixels to
+//! fill (Pintus et al. 2011, sec. 4).
 //!
-//! A minimum is associative, so that the nearest points of 2 x 2 pixels, of 2 x 2 of those, and so on, are the cloud projected at every resolution. Where points are about a cell apart every surface is an
-//! easy case for one small kernel. Levels judge from the finest on; each decides what it can tell, and leaves the rest to the next coarser one (glsl/visibility/visibility_levels.comp has the rule).
+//! The nearest points of 2 x 2 pixels, of 2 x 2 of those, and so on, are the cloud projected at
+//! every resolution, since a minimum is associative. Where points are about a cell apart, every
+//! surface is an easy case for one small kernel. Levels judge from the finest on; each decides what
+//! it can, and leaves the rest to the next coarser one (rule:
+//! glsl/visibility/visibility_levels.comp).
 //!
 //! ```text
-//!     classify                   depth -> tiles                          what each tile of 8 x 8 pixels holds
-//!     pyramid                    depth -> nearest points of 2 x 2, ..    once a level
-//!     assign                     tiles, pyramid -> lists                 which tiles each level has to judge
-//!     pack_depth                 depth -> columns of four pixels a texel
-//!     visibility                 the finest level: points, and pixels without; with levels=1 the only one
-//!     visibility_levels          pyramid, lists -> hidden points         once a coarser level
-//!     assign, visibility_levels  the same of pixels without a point: those that are enclosed are holes
-//!     hide                       takes those out of the depths
-//!     all but the holes once more, where something was hidden: what was taken out hides nothing, and opens nothing
-//!     hide                       takes all that is invisible out of the layers
+//!     tile_classify        depth -> tiles              contents of each tile of 8 x 8 pixels
+//!     depth_pyramid        depth -> nearest points     once per level
+//!     visibility_assign    tiles, pyramid -> lists     tiles that each level must judge
+//!     pack_depth           depth -> columns of four pixels per texel
+//!     visibility           finest level: points and empty pixels; the only one with levels=1
+//!     visibility_levels    pyramid, lists -> hidden points       once per coarser level
+//!     visibility_assign, visibility_levels             empty pixels: enclosed ones are holes
+//!     visibility_apply     removes both from the depths
+//!     all but the holes again, if something was hidden: removed points hide and open nothing
+//!     visibility_apply     removes all invisible pixels from the G-buffer
 //! ```
-//! With `levels=1` it is the paper's own way: one kernel over the picture, of the width that is asked for.
+//! With `levels=1` it is the paper's own method: one kernel of the given width over the picture.
 //!
-//! A tile is skipped where nothing in it can be invisible. Let no two adjacent pixels of it and its neighbours differ in depth by more than `slope` pixels' width. The cotangent of the angle to a
-//! neighbour is then at most `sqrt(2) slope r.r` plus a part by which the ray leans, `r.r` = 1 + lean^2. With levels, nothing leads where that is below [`STEEPEST`]. With one level, leaning lowers one
-//! sector's solid angle and raises the opposite one's by at least as much, but for the spread of directions within a sector, less than 0.71 lean; `lead` only opens cones. So the sum of solid angles is at
-//! least 2 pi (1 - cos) at that cotangent, and `slope` is where that is `threshold`.
+//! A tile is skipped if nothing in it can be invisible. Assume that no two adjacent pixels of it
+//! and its neighbours differ in depth by more than `slope` pixel widths. The cotangent of the angle
+//! to a neighbour is then at most `sqrt(2) slope r.r` plus a share by which the ray leans, `r.r` =
+//! 1 + lean^2. With several levels, nothing is in front if that is below [`STEEPEST`]. With one
+//! level, leaning lowers the solid angle of one sector and raises the opposite one by at least as
+//! much, except for the spread of directions within a sector, less than 0.71 lean; `lead` only
+//! opens cones. So the sum of solid angles is at least 2 pi (1 - cos) at that cotangent, and
+//! `slope` is where that is `threshold`.
 
 use super::{
     Decided, Effects, FrameContext, GBuffer, Holes, LIST_HEADER, MOST_LEVELS, Reason, Scattered,
@@ -34,36 +42,38 @@ use crate::shader::{
 use crate::view::{Projection, View};
 use std::f64::consts::{PI, SQRT_2, TAU};
 
-pub const SUMMARY: &str = "removes hidden layers that shine through between points, and finds the holes, by the empty cone towards the camera";
+pub const SUMMARY: &str = "removes hidden points that shine through and finds holes, by the empty cone towards the camera";
 
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct Settings {
     /// Levels of the pyramid; 1: the picture alone.
     pub levels: f64,
-    /// Width of the neighbourhood in cells of a level, odd.
+    /// Width of the neighbourhood [cells of a level], odd.
     pub kernel: f64,
-    /// Into which the neighbourhood of a single level is divided: 4, 8 or 16.
+    /// Sectors of the neighbourhood of a single level: 4, 8 or 16.
     pub sectors: f64,
-    /// A pixel without a point is background from so much on, steradians.
+    /// Empty solid angle from which a pixel without a point is background [sr].
     pub holes: f64,
-    /// Which tiles are looked at.
+    /// Tiles that are checked.
     pub tiles: Looked,
-    /// A pixel is visible from so much empty solid angle on, steradians.
+    /// Empty solid angle from which a pixel is visible [sr].
     pub threshold: f64,
-    /// Points of the surface around that would be expected in an opening, where there are none, for it to be one.
+    /// Points that the surface around would have put into an empty area from which that is an
+    /// opening.
     pub expected: f64,
-    /// Of a single level, how far in front of a point a neighbour at the rim of a wide kernel has to be to close a cone, pixels' width; what is nearer to the ray by as much less ([`own_slope`]). 0: any,
-    /// as in the paper.
+    /// For a single level: distance in front of a point from which a neighbour at the rim of a wide
+    /// kernel closes a cone [pixel widths]; less for neighbours closer to the ray ([`own_slope`]).
+    /// 0: any, as in the paper.
     pub lead: f64,
 }
 
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum, serde::Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Looked {
-    /// Those where something can be invisible.
+    /// Tiles where something can be invisible.
     #[default]
     Needed,
-    /// All; the picture is the same.
+    /// All tiles; the picture is the same.
     All,
 }
 
@@ -109,25 +119,27 @@ impl super::Settings for Settings {
         ]
     }
 
-    /// Between points pixels become unknown.
+    /// Pixels between points become unknown.
     fn grows_px(&self, spacing_px: f64) -> f64 {
         let sparsest = (SPARSEST * spacing_px).max(1.0) * (self.kernel / 2.0).ceil();
         if is_single(self) { self.kernel } else { sparsest.min(kernel_px(self) as f64) }
     }
 }
 
-/// Of a point's own surface, towards the camera, as it is taken to be at most: 45 degrees. With more, surfaces a few pixels behind each other show through each other; with less, contours grow.
+/// Steepest slope towards the camera of a point's own surface: 45 degrees. With more, surfaces a
+/// few pixels behind each other show through; with less, contours grow.
 pub const STEEPEST: f64 = 1.0;
-/// As in glsl/lib/tile.glsl.
+/// Margin as in glsl/lib/tile.glsl [px].
 const MARGIN_PX: u32 = 8;
-/// By how much images are larger than the picture at most: whole tiles, and margins.
+/// Largest excess of images over the picture [px]: whole tiles, and margins.
 pub const BEYOND_PX: u32 = 2 * MARGIN_PX + TILE_PX;
 
-/// How often points are judged. Points of a surface in the middle are taken for openings of the one before it, until what it hides itself is gone: 2 % of the dragon's far side shows after one round, 1e-4
+/// Rounds of judging points. Points of a middle surface count as openings of the one before it
+/// until its own hidden points are gone: 2 % of the dragon's far side shows after one round, 1e-4
 /// after two, and a third changes nothing.
 const ROUNDS: u32 = 2;
 
-/// As [`super::Effects::reach_px`]: each round looks as far as the widest kernel.
+/// See [`super::Effects::reach_px`]: each round looks as far as the widest kernel.
 pub fn reach_px(_view: &View, settings: &Settings) -> Option<u32> {
     Some(match is_single(settings) {
         true => settings.kernel as u32 / 2 + 1 + 2 * TILE_PX,
@@ -135,41 +147,41 @@ pub fn reach_px(_view: &View, settings: &Settings) -> Option<u32> {
     })
 }
 
-/// The paper's own way.
+/// Returns whether it is the paper's own method.
 fn is_single(settings: &Settings) -> bool {
     settings.levels == 1.0
 }
 
-/// Pixels to either side that the coarsest level looks at.
+/// Returns the reach of the coarsest level to either side [px].
 fn kernel_px(settings: &Settings) -> u32 {
     (settings.kernel as u32 / 2 + 1) << (settings.levels as u32 - 1)
 }
 
 pub fn called_for(context: &FrameContext, asked: &Effects, _before: &Decided) -> Reason {
     match context.points {
-        0 => Reason { runs: false, why: "there is nothing to hide".to_string() },
+        0 => Reason { runs: false, why: "there are no points".to_string() },
         _ if asked.fill.switch != Switch::Off && asked.fill.settings.method == fill::Method::Mask => beside_masks(context),
         _ => Reason {
             runs: true,
-            why: "points are sparse somewhere, and what lies behind shines through; tiles without gaps are skipped".to_string(),
+            why: "hidden points shine through where points are sparse; tiles without gaps are skipped".to_string(),
         },
     }
 }
 
-/// Sparser points than the mean, which gaps are between.
+/// Spacing of the sparser points, between which gaps lie, as a multiple of the mean.
 const SPARSER: f64 = 1.4;
 
-/// Before filling by masks.
+/// Decides whether to run before filling by masks.
 fn beside_masks(context: &FrameContext) -> Reason {
     let apart_px = (SPARSER * context.sampling.spacing_px()).max(context.sampling.apart_px);
     let runs = apart_px > fill::APART_PX;
     let why = match runs {
         true => format!(
-            "sparser points are {} pixels apart, and masks close gaps only between those up to {}",
+            "sparser points are {} pixels apart, and masks only close gaps up to {}",
             significant(apart_px),
             fill::APART_PX
         ),
-        false => "filling by masks hides what is occluded".to_string(),
+        false => "filling by masks removes hidden points".to_string(),
     };
     Reason { runs, why }
 }
@@ -203,36 +215,39 @@ pub fn record(
     }
 }
 
-/// Points so many times as far apart as their node's still hide what is behind them; sparser ones are strays. With half as much, what lies behind flat parts of a mesh shows between its vertices.
+/// Spacing up to which points hide what is behind them, as a multiple of their node's; sparser ones
+/// are strays. With half as much, hidden points show between the vertices of flat parts of a mesh.
 pub const SPARSEST: f64 = 4.0;
-/// So many times as far apart, they still enclose holes. With twice as much, strays close the sky.
+/// Spacing up to which points enclose holes, likewise. With twice as much, strays close the sky.
 pub const SPARSEST_AROUND: f64 = 2.0;
-/// Layers behind others have strays where something of those in front was left over, and none of their surfaces is sparser than its node.
+/// The same for layers behind others: leftovers of the layers in front are strays, and no surface
+/// is sparser than its node.
 const SPARSEST_BEHIND: f64 = 1.0;
-/// Nor does a kernel have to be wider than so many spacings of the sparsest.
+/// Largest kernel there [spacings of the sparsest points].
 const BEHIND_SPACINGS: f64 = 5.5;
 
-/// Levels up to cells in which the points of a surface may be a cell apart, where the sparsest node's are so many pixels apart; two at least.
+/// Returns the levels up to cells in which points of a surface may be a cell apart, for the spacing
+/// of the sparsest node [px]; at least two.
 pub fn levels_for(widest_px: f64) -> f64 {
     (SPARSEST * widest_px).max(2.0).log2().floor() + 1.0
 }
 
-/// Settings of a picture in which the sparsest points are so many pixels apart.
+/// Returns the settings for the spacing of the sparsest points [px].
 pub fn settled(asked: &Settings, widest_px: f64) -> Settings {
     Settings { levels: asked.levels.min(levels_for(widest_px)), ..*asked }
 }
 
-/// Of layers behind others.
+/// Returns the settings for layers behind others.
 fn behind(asked: &Settings, spacing_px: f64) -> Settings {
     let widest = 2.0 * ((BEHIND_SPACINGS * spacing_px - 1.0) / 2.0).ceil() + 1.0;
     Settings { kernel: asked.kernel.min(widest.max(3.0)), ..*asked }
 }
 
-/// Which pixels are judged.
+/// The pixels that are judged.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Subject {
     Points,
-    /// Those without.
+    /// Pixels without a point.
     Empty,
 }
 
@@ -243,23 +258,23 @@ struct Judged<'s> {
     /// Tiles across and down.
     across: [u32; 2],
     perspective: bool,
-    /// As [`SPARSEST`].
+    /// See [`SPARSEST`].
     sparsest: f64,
-    /// What tiles hold.
+    /// Contents of tiles.
     tiles: Buffer,
-    /// Tiles with invisible pixels.
+    /// List of tiles with invisible pixels.
     holes: Buffer,
-    /// Two words a tile, a bit a pixel (glsl/lib/tile.glsl).
+    /// Invisible pixels: two words per tile, one bit per pixel (glsl/lib/tile.glsl).
     invisible: Buffer,
-    /// The same: points that may be hidden. All may be at first, and then those that enough leads.
+    /// Points that may be hidden, likewise: all at first, then those with enough points in front.
     candidates: Buffer,
-    /// The same: points that are led from all sides, and still may be seen.
+    /// Points with points in front on all sides that may still be visible, likewise.
     scattered: Buffer,
-    /// The same, for every level: pixels without a point that it has decided.
+    /// Pixels without a point that each level has decided, likewise for every level.
     decided: Buffer,
-    /// Of the picture before anything was hidden.
+    /// Pyramid of the picture before anything was hidden.
     projected: Option<Pyramid>,
-    /// Of every tile with invisible pixels the width of the kernel that has found some, pixels.
+    /// Width of the kernel that found invisible pixels, for each tile [px].
     kernels: Buffer,
 }
 
@@ -325,7 +340,7 @@ impl<'s> Judged<'s> {
         self.settings.kernel as u32 / 2
     }
 
-    /// Which pixels are to be judged, and the tiles that each level has to look at: a list a level.
+    /// Finds the pixels to judge, and the list of tiles for each level.
     fn assign(
         &self,
         g: &mut Graph,
@@ -379,7 +394,8 @@ impl<'s> Judged<'s> {
         [asked, lists]
     }
 
-    /// The picture itself: the paper's single kernel, or the finest level of a pyramid, which leaves points to the next one.
+    /// Judges the picture itself: the paper's single kernel, or the finest level, which leaves
+    /// points to the next one.
     fn picture(
         &mut self,
         g: &mut Graph,
@@ -416,7 +432,7 @@ impl<'s> Judged<'s> {
         } else {
             STEEPEST
         };
-        // Of the tiles that any level asks for.
+        // List of the tiles that any level needs.
         let at = if single { 0 } else { levels as u32 * stride(across) };
         let push = visibility::Push {
             size,
@@ -462,7 +478,7 @@ impl<'s> Judged<'s> {
         g.run(shader, Dispatch::Indirect(lists, at));
     }
 
-    /// Points, by every level of the pyramid, from the finest on.
+    /// Judges points by every level, from the finest on.
     fn points(&mut self, g: &mut Graph, depth: &Image, round: u32) {
         let pyramid = Pyramid::of(g, depth, self.settings);
         let lists = self.assign(g, &pyramid, Subject::Points, round);
@@ -484,7 +500,8 @@ impl<'s> Judged<'s> {
         self.projected.get_or_insert(pyramid);
     }
 
-    /// Pixels without a point, by the levels after the finest: what was hidden covers its pixel all the same.
+    /// Judges pixels without a point by the levels after the finest: a hidden point still covers
+    /// its pixel.
     fn empties(&mut self, g: &mut Graph, depth: &Image) {
         let Some(pyramid) = self.projected.take() else { return };
         let lists = self.assign(g, &pyramid, Subject::Empty, 0);
@@ -503,7 +520,7 @@ impl<'s> Judged<'s> {
         }
     }
 
-    /// One level of the pyramid, but the finest.
+    /// Runs one level of the pyramid, except the finest.
     #[expect(clippy::too_many_arguments, reason = "what a level reads and writes")]
     fn level(
         &mut self,
@@ -571,7 +588,7 @@ impl<'s> Judged<'s> {
         );
     }
 
-    /// Takes what is invisible out of the depths, or out of all layers.
+    /// Removes invisible pixels from the depth, or from the whole G-buffer.
     fn hide(&self, g: &mut Graph, gbuffer: &mut GBuffer, all: bool) {
         let GBuffer { depth, index, color, .. } = gbuffer;
         let push = visibility_apply::Push { tiles_across: self.across[0] };
@@ -591,23 +608,26 @@ impl<'s> Judged<'s> {
     }
 }
 
-/// Of the kernels on a pyramid.
+/// Sectors of the kernels on a pyramid.
 const SECTORS: f64 = 8.0;
 
-/// Empty solid angle below which a pixel is invisible, in hemispheres' shares of a sector: 1 is a sector without a leading point.
+/// Returns the empty solid angle below which a pixel is invisible, in sectors' hemispheres: 1 is a
+/// sector without a point in front.
 fn closed(settings: &Settings, subject: Subject) -> f64 {
     let steradians = if subject == Subject::Empty { settings.holes } else { settings.threshold };
     steradians * SECTORS / TAU
 }
 
-/// Leading points that it takes at least to say anything: those that close a pixel, one in each sector but those that may be empty; or those that are dense enough to say that it is open.
+/// Returns the smallest number of points in front that decides anything: those that close a pixel,
+/// one in each sector that may not be empty; or those dense enough to call it open.
 fn fewest(settings: &Settings, subject: Subject) -> i32 {
     let closing =
         ((SECTORS - closed(settings, subject)).floor() as i32 + 1).clamp(1, SECTORS as i32);
     closing.min(fewest_around_openings(settings))
 }
 
-/// Leading points without which no pixel is open. Of so few the largest share of neighbours lead that lie in a corner of the kernel.
+/// Returns the number of points in front without which no pixel is open. Few points cover the
+/// largest share of neighbours if they lie in a corner of the kernel.
 pub fn fewest_around_openings(settings: &Settings) -> i32 {
     const SHARES: [f64; 4] = [0.0, 2.0 / 8.0, 6.0 / 13.0, 12.0 / 21.0];
     let area = PI * (settings.kernel / 2.0).powi(2);
@@ -615,7 +635,7 @@ pub fn fewest_around_openings(settings: &Settings) -> i32 {
     SHARES.iter().position(opens).unwrap_or(SHARES.len()) as i32 + 1
 }
 
-/// Words from list to list.
+/// Returns the words of a list.
 fn stride(across: [u32; 2]) -> u32 {
     LIST_HEADER + across[0] * across[1]
 }
@@ -626,11 +646,11 @@ fn zeros(g: &mut Graph, name: &str, words: u32) -> Buffer {
     buffer
 }
 
-/// Points that are left from level to level.
+/// Points that levels leave to the next one.
 struct Left {
     from: Buffer,
     to: Buffer,
-    /// Of each level an indirect dispatch, and how many points are left to it.
+    /// Indirect dispatch and number of points left, for each level.
     counts: Buffer,
 }
 
@@ -647,13 +667,14 @@ impl Left {
         Left { from, to, counts }
     }
 
-    /// Passes what one level has left to the next.
+    /// Passes the points that a level has left to the next.
     fn turn(&mut self) {
         std::mem::swap(&mut self.from, &mut self.to);
     }
 }
 
-/// The nearest points of every level but the picture itself: depths, and where they lie (glsl/lib/depth_pyramid.glsl).
+/// Nearest points of every level except the picture itself: depths and places
+/// (glsl/lib/depth_pyramid.glsl).
 struct Pyramid {
     depth: Image,
     places: Image,
@@ -668,7 +689,7 @@ impl Pyramid {
         let room = if levels == 1 { [1, 1] } else { [first[0] + second[0], first[1].max(below)] };
         let [mut depth, mut places] =
             ["pyramid", "places"].map(|name| g.image(name, room, Kind::R32f));
-        // Levels are written one by one, and a pass that writes one reads the one before.
+        // A pass writes one level and reads the one before.
         g.clear(&mut depth);
         g.clear(&mut places);
         for level in 1..levels {
@@ -685,7 +706,7 @@ impl Pyramid {
     }
 }
 
-/// A neighbourhood of a single level.
+/// The neighbourhood of a single level.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Kernel {
     /// Neighbours to either side.
@@ -697,20 +718,23 @@ impl Kernel {
         Kernel { radius: (width / 2).max(1) }
     }
 
-    /// Pixels.
+    /// Returns the width [px].
     pub fn width(self) -> u32 {
         2 * self.radius + 1
     }
 }
 
-/// Of a single level: slope of its own surface, towards the camera, that a point is not hidden by, as a cotangent of the angle at it between the ray to the camera and a neighbour: nothing that rises less
-/// closes a cone. Without it, points of a surface that rises away from something nearer lose their cones to both, and what is nearer grows over them. It is [`STEEPEST`], and less where kernels are so
-/// wide that what lies `lead` pixels' width behind would show.
+/// Returns the slope of its own surface, towards the camera, that does not hide a point, for a
+/// single level: a cotangent of the angle at the point between the ray to the camera and a
+/// neighbour. Without it, points of a surface that rises away from a nearer one lose their cones to
+/// both, and the nearer one grows over them. It is [`STEEPEST`], or less for kernels so wide that
+/// points `lead` pixel widths behind would show.
 pub fn own_slope(settings: &Settings, kernel: Kernel) -> f64 {
     (settings.lead / kernel.radius as f64).min(STEEPEST)
 }
 
-/// How much adjacent pixels may differ in depth, in pixels' widths, so that none can be invisible; see above.
+/// Returns the depth difference of adjacent pixels below which none can be invisible [pixel
+/// widths]; see above.
 fn slope(view: &View, settings: &Settings) -> f64 {
     let lean = match view.camera.projection {
         Projection::Perspective => {
@@ -724,7 +748,8 @@ fn slope(view: &View, settings: &Settings) -> f64 {
         return ((cotangent - 0.71 * lean) / (SQRT_2 * (1.0 + lean * lean))).max(0.0);
     }
     let steepest = ((STEEPEST - lean) / (SQRT_2 * (1.0 + lean * lean))).max(0.0);
-    // Steps are parts of depths, which grow from step to step: as many as the widest level looks across whose cells are smaller than a tile, there and down.
+    // Depths grow from step to step with perspective: count the steps across the widest level with
+    // cells smaller than a tile, there and down.
     let steps = 2 * (settings.kernel as i32 / 2 + 1) * (TILE_PX as i32 / 2);
     match view.camera.projection {
         Projection::Perspective => steepest / (1.0 + steepest / view.focal_px()).powi(steps),
@@ -732,10 +757,11 @@ fn slope(view: &View, settings: &Settings) -> f64 {
     }
 }
 
-/// Tiles that each level looked at for hidden points first, as the buffer `lists` has them after a frame, by the width of the level's cells, pixels.
+/// Returns the tiles that each level checked first for hidden points, from the buffer `lists` after
+/// a frame, by the level's cell width [px].
 pub fn listed(size: [u32; 2], lists: &[u32]) -> Vec<(u32, &[u32])> {
     let stride = stride(tiles(size)) as usize;
-    // The last is of those that any level looked at.
+    // The last list is of all tiles that any level checked.
     let levels = (lists.len() / stride).saturating_sub(1);
     lists
         .chunks_exact(stride)
@@ -745,7 +771,7 @@ pub fn listed(size: [u32; 2], lists: &[u32]) -> Vec<(u32, &[u32])> {
         .collect()
 }
 
-/// Tiles of a list.
+/// Returns the tiles of a list.
 pub fn in_list(list: &[u32]) -> &[u32] {
     let length = list.get(LIST_HEADER as usize - 1).copied().unwrap_or_default() as usize;
     list.get(LIST_HEADER as usize..LIST_HEADER as usize + length).unwrap_or_default()

@@ -1,16 +1,20 @@
-//! Filling by masks: depth, index and colour of points in, of a surface out, each pixel's its own or its nearest neighbour's (Dobrev, Rosenthal and Linsen 2010, sec. 3.2 and 3.3).
+//! Filling by masks: each pixel keeps its own depth, index and colour or takes those of its nearest
+//! neighbour (Dobrev, Rosenthal and Linsen 2010, sec. 3.2 and 3.3).
 //!
 //! ```text
-//!     fill_dobrev_open     depth -> depth, and that every pixel has its own values
-//!     fill_dobrev          a step: pixels without a depth that no mask takes for background; until nothing changes
-//!     fill_dobrev          a step: pixels that no mask takes for seen; until nothing changes
-//!     fill_dobrev_close    index and colour, from where the depths were taken
+//!     fill_mask_begin    depth -> depth; every pixel is its own source
+//!     fill_mask          step: pixels without depth that no mask calls background, until no change
+//!     fill_mask          step: pixels that no mask calls visible, until no change
+//!     fill_mask_end      index and colour of the sources
 //! ```
-//! A hole n pixels wide closes in n steps at most. But steps close notches of silhouettes, too, up to the diagonal, for as long as there are steps: so a point's values go no farther than
-//! one and a half of its spacings on the screen, unless a number of steps is asked for.
+//! A hole n pixels wide closes in at most n steps. But steps also close notches of silhouettes, up
+//! to the diagonal. So the values of a point travel at most one and a half of its spacings on the
+//! screen, unless a number of steps is set.
 //!
-//! Masks see a hole where pixels with points surround it, which they do where points are no farther apart than a pixel ([`APART_PX`]). Sparser surfaces are full of pixels that masks take for background or
-//! for seen, and what lies behind shows through. There visibility looks farther around ([`super::super::visibility`]): the pixels that it has taken out are filled, too, whatever masks say of them; masks still tell what is hidden.
+//! Masks see a hole where pixels with points surround it, that is if points are at most a pixel
+//! apart ([`APART_PX`]). Sparser surfaces are full of pixels that masks call background or visible,
+//! and hidden points shine through. There visibility looks farther ([`super::super::visibility`]):
+//! the pixels that it has removed are filled whatever masks say; masks still find hidden pixels.
 
 use super::Settings;
 use crate::graph::{Dispatch, Graph, Image, Kind};
@@ -18,17 +22,22 @@ use crate::passes::{FrameContext, GBuffer, TILE_PX, shadows, tiles};
 use crate::shader::{self, fill_mask, fill_mask_begin, fill_mask_end};
 use crate::view::Projection;
 
-/// Spacings that a point's values go: with one, gaps stay open in random clouds, and with two, notches between things that stand one behind the other close.
+/// Distance that a point's values travel [point spacings]. With one, gaps stay open in random
+/// clouds; with two, notches between objects behind each other close.
 const REACH: f64 = 1.5;
 
-/// Pixels beside each other often have one point's depth, and one farther seldom do.
+/// Adjacent pixels often share a point's depth; pixels farther apart seldom do.
 const FLAT_PX: u32 = 2;
 
-/// Where points are strewn, those of one surface that are farther apart leave here and there five pixels side by side in a ring without a point: what masks take for a silhouette. Of a plane that fills the
-/// picture (300,000 and 480,000 pixels) 194 pixels stay open where the sparser ones are 1.8 pixels apart, 131 at 1.7, 37 at 1.5 and none at 1.25 (counted by hand in `depth.Z`); hidden layers still show in some pixels of nested tori at 1.25.
+/// Largest point spacing that masks close [px]. Random points farther apart on one surface leave
+/// here and there five adjacent pixels of a ring without a point, which masks take for a
+/// silhouette. On a plane that fills the picture (300,000 and 480,000 pixels) 194 pixels stay open
+/// if the sparser ones are 1.8 pixels apart, 131 at 1.7, 37 at 1.5 and none at 1.25. Hidden layers
+/// of nested tori still show in some pixels at 1.25.
 pub const APART_PX: f64 = 1.0;
 
-/// Of either kind: as many as the sparsest points need, but as with visibility no hole is wider than its widest kernel; and as many as asked for, if a pixel can count them.
+/// Returns the largest number of steps of either kind: as the sparsest points need, at most the
+/// widest kernel of visibility; or as set, if a pixel can count them.
 pub(super) fn most_steps(settings: &Settings, spacing_px: f64) -> u32 {
     match settings.iterations {
         0.0 => (REACH * spacing_px).ceil().clamp(1.0, super::WIDEST) as u32,
@@ -48,7 +57,7 @@ pub fn record(
     let mut from = ["even depth", "even source"].map(|name| image(g, name));
     let mut to = ["odd depth", "odd source"].map(|name| image(g, name));
     let [opened, source] = &mut from;
-    // As far as the widest kernel that has found holes has seen a point.
+    // As far as the widest kernel that found holes has seen a point.
     let found = gbuffer
         .holes
         .as_ref()
@@ -114,10 +123,10 @@ pub fn record(
     )
 }
 
-/// Depth, and where it is from.
+/// Depth with its source.
 type Pair = [Image; 2];
 
-/// Steps of one kind; what they leave comes first.
+/// Runs steps of one kind; returns their result first.
 fn steps(
     g: &mut Graph,
     size: [u32; 2],

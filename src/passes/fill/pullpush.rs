@@ -1,13 +1,19 @@
-//! Pull-push: depth and colour with holes in, without out, through a pyramid of means (Grossman and Dally 1998, sec. 7; Marroquim, Kraus and Cavalcanti 2008, sec. 4).
+//! Pull-push filling through a pyramid of means (Grossman and Dally 1998, sec. 7; Marroquim, Kraus
+//! and Cavalcanti 2008, sec. 4).
 //!
 //! ```text
-//!     pull    level k -> k + 1   mean of those of 2 x 2 that have a value and are of the nearest surface among them, with its place
-//!     push    level k + 1 -> k   what has no value is of the surface known nearest to it, and takes the bilinear mean of the coarser level there; what has one is carried to its cell's middle
-//!     relax   level k            what has no value takes the mean of those around it, so that coarse cells leave no corners
+//!     pull    level k -> k + 1    mean and place of the values in 2 x 2 of the nearest surface
+//!     push    level k + 1 -> k    pixels without a value belong to the nearest surface known there
+//!                                 and take the bilinear mean of the coarser level; values are
+//!                                 carried to the middle of their cell
+//!     relax   level k             pixels without a value take the mean of their neighbours, so that
+//!                                 coarse cells leave no corners
 //! ```
-//! Leaves and branches are no surface (glsl/fill/fill_scattered.comp): there colours are those of the nearest point, and none is between two of them.
+//! Leaves and branches are not surfaces (glsl/fill/fill_scattered.comp): their pixels take the
+//! colour of the nearest point, never a mixture.
 //!
-//! Where visibility ran, its holes are filled and background gives and takes nothing. Where it did not, nobody knows which empty pixels are holes: all are filled, and the background is flooded.
+//! If visibility ran, its holes are filled, and background neither gives nor takes. If not, holes
+//! are unknown: all empty pixels are filled, including the background.
 
 use super::{Settings, tolerance};
 use crate::graph::{Buffer, Dispatch, Graph, Image, Kind};
@@ -15,10 +21,11 @@ use crate::passes::{self, GBuffer, Scattered};
 use crate::shader::{self, fill_pull, fill_push, fill_relax, fill_scattered};
 use crate::view::{Projection, View};
 
-/// A step leaves blocks of coarse cells where depths curve; with two they are gone, and with more surfaces flatten between their points (a fifth more pixels on a wrong layer after four).
+/// Relaxations per level. One leaves blocks of coarse cells where depths curve, two leave none, and
+/// more flatten surfaces between their points (a fifth more pixels on a wrong layer after four).
 const RELAXATIONS: u32 = 2;
 
-/// Pixels: of every level, the coarser cells beside the one around it, and those that relaxing looks at.
+/// Reach of every level [px]: the adjacent coarser cells, and those that relaxing reads.
 pub(super) fn reach_px(settings: &Settings) -> u32 {
     (2 + RELAXATIONS) << settings.levels as u32
 }
@@ -36,7 +43,7 @@ pub fn record(
         .as_ref()
         .and_then(|holes| holes.scattered.as_ref())
         .map(|scattered| rough(g, view, scattered));
-    // Bindings want a buffer, whether it is read or not.
+    // Unread bindings need a buffer, too.
     let rough = known.as_ref().unwrap_or(&gbuffer.spacings);
     let mut pyramid = Pyramid {
         view,
@@ -54,10 +61,10 @@ pub fn record(
     GBuffer { depth, color, shadow_factor, holes: None, ..gbuffer }
 }
 
-/// The part of the points around, one in eight, from which on scattered ones say that there is no surface.
+/// Share of scattered points, one in eight, from which a neighbourhood is no surface.
 const SCATTERED_PART: u32 = 8;
 
-/// Finds the tiles whose surroundings are no surface: 1 in their words.
+/// Returns a word for each tile: 1 if its surroundings are no surface.
 fn rough(
     g: &mut Graph,
     view: &View,
@@ -74,15 +81,15 @@ fn rough(
     rough
 }
 
-/// How a picture is filled.
+/// The inputs of filling a picture.
 struct Pyramid<'s> {
     view: &'s View,
     settings: &'s Settings,
     flood: bool,
     perspective: bool,
-    /// Colours are labels, which are never mixed.
+    /// Whether colours are labels, which are never mixed.
     labels: bool,
-    /// A word for every tile of the picture: 1 where there is no surface.
+    /// A word for every tile of the picture: 1 if there is no surface.
     rough: &'s Buffer,
     is_rough_known: bool,
 }
@@ -93,7 +100,7 @@ struct Level {
     color: Image,
 }
 
-/// The same once it is filled: depths and colours; and its places before.
+/// A filled level: depth and colour, and its places before.
 struct Filled {
     filled: (Image, Image),
     places: Image,
@@ -120,7 +127,7 @@ impl Pyramid<'_> {
         self.push(g, coarser.as_ref(), depth, None, color, 0)
     }
 
-    /// The next coarser level.
+    /// Computes the next coarser level.
     fn pull(
         &self,
         g: &mut Graph,
@@ -150,7 +157,7 @@ impl Pyramid<'_> {
         level
     }
 
-    /// A level, filled from the next coarser one; without places it is the picture.
+    /// Fills a level from the next coarser one; without places it is the picture.
     fn push(
         &self,
         g: &mut Graph,
@@ -162,7 +169,7 @@ impl Pyramid<'_> {
     ) -> (Image, Image) {
         let size = color.desc.size;
         let picture = places.is_none();
-        // Bindings want an image, whether it is read or not.
+        // Unread bindings need an image, too.
         let places = places.unwrap_or(color);
         let (coarse_depth, coarse_color) =
             coarser.map_or((depth, color), |Filled { filled: (depth, color), .. }| (depth, color));

@@ -1,7 +1,9 @@
-//! Fixed-size splats: depth, index and colour of points in, of discs of one size out, the nearest in front. What every point renderer has, and so what filling is compared with.
+//! Fixed-size splats: draws each point as a disc, the nearest in front. This is the baseline that
+//! filling is compared with.
 //!
-//! It asks for no visibility: what lies behind a disc is hidden by it. Where visibility ran, discs are of what it left. One size is wrong nearly everywhere: too small where points are sparse, and
-//! silhouettes grow by the radius.
+//! It does not need visibility, since a disc hides what lies behind it. If visibility ran, discs
+//! are drawn of what it left. One size is wrong nearly everywhere: too small where points are
+//! sparse, and silhouettes grow by the radius.
 
 use super::Settings;
 use crate::graph::{Dispatch, Graph, Kind};
@@ -9,10 +11,10 @@ use crate::passes::{GBuffer, shadows};
 use crate::shader::{self, fill_splat};
 use crate::view::View;
 
-/// Where none is asked for: a fixed size is one that does not look at the points.
+/// Default radius [px]: fixed, so independent of the points.
 pub const RADIUS_PX: f64 = 2.0;
 
-/// Pixels.
+/// Returns the radius [px].
 pub fn radius(settings: &Settings) -> f64 {
     if settings.radius == 0.0 { RADIUS_PX } else { settings.radius }
 }

@@ -1,24 +1,28 @@
-//! How many samples in, places on the unit disc out: where on a light shadows are cast from (Dobrev et al. 2010, sec. 6; HARD_CASES 14).
+//! Sample positions on the unit disc, from which an area light casts shadows (Dobrev et al. 2010,
+//! sec. 6; guide: numerics, case 14).
 //!
 //! ```text
-//!     the unit square in rows of equal cells, a cell a sample -> a place in each, hashed from seed and sample -> the disc, areas kept (Shirley and Chiu 1997)
+//!     unit square in rows of equal cells, one per sample
+//!         -> a position in each, hashed from seed and sample
+//!         -> the disc, preserving areas (Shirley and Chiu 1997)
 //! ```
-//! Error of what an edge leaves visible of the disc: n^-3/4, where independent places leave n^-1/2. The same places every time: nothing here knows the hour.
+//! The error of the share of the disc that an edge leaves visible is n^-3/4; independent samples
+//! have n^-1/2. Positions are the same in every run.
 
 use std::f64::consts::FRAC_PI_4;
 
-/// How places are spread.
+/// The distribution of samples.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum, serde::Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Pattern {
-    /// One in every cell of equal area.
+    /// One sample in every cell of equal area.
     #[default]
     Stratified,
-    /// Independent, as the paper has them.
+    /// Independent samples, as in the paper.
     Random,
 }
 
-/// A single sample is the disc's centre: a hard shadow.
+/// Returns sample positions. A single one is the centre: a hard shadow.
 pub fn places(samples: u32, pattern: Pattern, seed: u32) -> Vec<[f64; 2]> {
     if samples == 1 {
         return vec![[0.0; 2]];
@@ -30,7 +34,8 @@ pub fn places(samples: u32, pattern: Pattern, seed: u32) -> Vec<[f64; 2]> {
         on_disc(match pattern {
             Pattern::Random => jitter,
             Pattern::Stratified => {
-                // Row r has the samples from r n / rows on, and is as high as it has samples.
+                // Row r holds the samples from r n / rows on; its height is proportional to their
+                // number.
                 let row = (0..rows)
                     .rfind(|row| row * samples / rows <= sample)
                     .expect("row 0 begins with sample 0");
@@ -46,11 +51,13 @@ pub fn places(samples: u32, pattern: Pattern, seed: u32) -> Vec<[f64; 2]> {
     (0..samples).map(place).collect()
 }
 
-/// The same places in another order: from the one next to the middle on each the farthest from all before it, so that those that come first are spread over the disc as well.
+/// Returns the same positions in another order: first the one nearest to the middle, then always
+/// the farthest from all before it, so that the first ones are spread over the disc as well.
 pub fn spread(mut places: Vec<[f64; 2]>) -> Vec<[f64; 2]> {
     let square = |[u, v]: [f64; 2], [x, y]: [f64; 2]| (u - x).powi(2) + (v - y).powi(2);
     for next in 0..places.len() {
-        // The least is taken: of the first the distance to the middle, of the others minus that to the nearest before.
+        // The smallest rank is taken: the distance to the middle for the first, minus the distance
+        // to the nearest one before for the others.
         let rank = |&at: &[f64; 2]| match next {
             0 => square(at, [0.0; 2]),
             _ => -places[..next]
@@ -66,7 +73,7 @@ pub fn spread(mut places: Vec<[f64; 2]>) -> Vec<[f64; 2]> {
     places
 }
 
-/// Squares around the centre become circles.
+/// Maps the square to the disc; squares around the centre become circles.
 fn on_disc(square: [f64; 2]) -> [f64; 2] {
     let [x, y] = square.map(|side| 2.0 * side - 1.0);
     let (radius, angle) = match x.abs() > y.abs() {
@@ -77,7 +84,7 @@ fn on_disc(square: [f64; 2]) -> [f64; 2] {
     [radius * angle.cos(), radius * angle.sin()]
 }
 
-/// 53 bits (the finaliser of SplitMix64: Steele, Lea and Flood 2014).
+/// Returns 53 hashed bits (the finaliser of SplitMix64: Steele, Lea and Flood 2014).
 fn hash(seed: u32, sample: u32, axis: u32) -> u64 {
     let mut bits = ((seed as u64) << 32 | (sample as u64) << 1 | axis as u64)
         .wrapping_add(1)
@@ -91,12 +98,13 @@ fn hash(seed: u32, sample: u32, axis: u32) -> u64 {
 mod tests {
     use super::*;
 
-    /// What lies to the left of x on the unit disc, as a share of its area.
+    /// Returns the share of the disc's area to the left of x.
     fn clipped(x: f64) -> f64 {
         (std::f64::consts::FRAC_PI_2 + x * (1.0 - x * x).sqrt() + x.asin()) / std::f64::consts::PI
     }
 
-    /// Root mean square error over edges in many directions and distances, and seeds.
+    /// Returns the root mean square error over edges in many directions and distances, and over
+    /// seeds.
     fn error(samples: u32, pattern: Pattern) -> f64 {
         let (mut sum, mut count) = (0.0, 0.0);
         for seed in 0..400u32 {
@@ -113,7 +121,7 @@ mod tests {
         (sum / count).sqrt()
     }
 
-    /// Of a line through log error over log samples, by least squares.
+    /// Returns the slope of log error over log samples, by least squares.
     fn slope(pattern: Pattern) -> f64 {
         let points: Vec<[f64; 2]> = [4u32, 9, 16, 36, 64, 144, 256]
             .map(|n| [(n as f64).ln(), error(n, pattern).ln()])
@@ -154,7 +162,7 @@ mod tests {
                     after[..count].iter().map(|place| place[k]).sum::<f64>() / count as f64
                 })
             };
-            // The one in the middle, and one in each quarter.
+            // One in the middle, and one in each quarter.
             assert!(
                 (5..=samples as usize).all(|count| mean(count)[0].hypot(mean(count)[1]) < 0.3),
                 "{samples}"

@@ -1,12 +1,17 @@
-//! An INDEX and a light in, marks of all of its points out: in a file beside it, with as much memory as it is told, however large the cloud.
+//! Casts shadows of all points of an index into a file beside it, with bounded memory whatever the
+//! size of the cloud.
 //!
 //! ```text
-//!     some samples of the light, as many as their pictures fit half of the memory
-//!         leaves, as many at a time as fit the other half       project: points -> keys of every picture
-//!         the same leaves again                                 light_cover .. light_limit, then shadow_depth: points, limits -> marks, which are added to those of the samples before
-//!     inner nodes, from the deepest level up                    of every sample the mean of the points that it stands for
+//!     as many samples of the light as their pictures fit half of the memory
+//!         as many leaves at a time as fit the other half
+//!             project                            points -> keys of every picture
+//!         the same leaves again
+//!             shadow_occupancy .. shadow_depth_limit, shadow_test
+//!                                                points, limits -> visibility, added to earlier samples
+//!     inner nodes, from the deepest level up     mean of the points that a sample stands for
 //! ```
-//! Marks of leaves are those that a frame with all leaves makes, but for their unit: as large a multiple of a sample as a byte holds, so that means of inner nodes are finer than a sample.
+//! Leaves get the values of a frame with all leaves, except for their unit: the largest multiple of
+//! a sample that fits a byte, so that means of inner nodes are finer than one sample.
 
 use super::cameras::LightCamera;
 use super::{Facts, Layer, Method, Settings, area_light_samples, by_depth, cameras, reach};
@@ -24,24 +29,25 @@ use crate::resident::Resident;
 use crate::view::light::Light;
 use std::path::Path;
 
-/// What was made.
+/// Statistics of what was cast.
 #[derive(Clone, Copy, Debug)]
 pub struct Summary {
     pub facts: Facts,
     pub leaves: usize,
-    /// How often all leaves were read.
+    /// Number of times that all leaves were read.
     pub readings: usize,
-    /// Of the file.
+    /// Size of the file.
     pub bytes: u64,
 }
 
-/// A picture that the light sees, and the keys of the points that are in it.
+/// A picture of the light with the keys of the points in it.
 struct Picture {
     sight: LightCamera,
     keys: RawBuffer,
 }
 
-/// Casts shadows of all points of an index, within so many bytes, and writes what they leave of the light beside it.
+/// Casts shadows of all points of an index within `memory` bytes and writes them to `path`. Errors
+/// for method=index, for an index without points, and if the file cannot be written.
 pub fn cast(
     gpu: &mut Gpu,
     index: &Index,
@@ -53,7 +59,7 @@ pub fn cast(
 ) -> Result<Summary> {
     if settings.method == Method::Index {
         return Err(Error::Request(
-            "shadows of a whole index are cast by comparing depths; leave out method=index".into(),
+            "shadows of an index are cast by comparing depths, not with method=index".into(),
         ));
     }
     let leaves: Vec<usize> =
@@ -91,7 +97,7 @@ pub fn cast(
         total: 2 * (groups.len() * batches.len()) as u64,
         progress,
     };
-    // What a point has that all of the light reaches.
+    // Value of a point that one sample reaches.
     let unit = 255 / samples;
     let mut done = 0;
     for (number, group) in groups.iter().enumerate() {
@@ -108,7 +114,7 @@ pub fn cast(
             work.mark(gpu, &mut room, &pictures, &mut done, |node, counts| {
                 let mut sums =
                     if number == 0 { vec![0; counts.len()] } else { writer.get(node)? };
-                // On the border of two of the light's pictures both may count a point.
+                // Two pictures of the light may count a point on their border.
                 let scaled =
                     |sum: u8| if last { (sum as u32).min(samples) as u8 * unit as u8 } else { sum };
                 sums.iter_mut().zip(counts).for_each(|(sum, count)| *sum = scaled(*sum + count));
@@ -128,7 +134,8 @@ pub fn cast(
     Ok(Summary { facts, leaves: leaves.len(), readings, bytes: writer.finish(&contents)? })
 }
 
-/// Samples of the light, each with the pictures that it sees the cloud in; as many at a time as their keys take so many bytes, and at least one.
+/// Groups samples, each with its pictures, so that their keys take at most `bytes`; at least one
+/// sample per group.
 fn groups(views: &[Vec<LightCamera>], bytes: u64) -> Vec<&[Vec<LightCamera>]> {
     let of = |sights: &Vec<LightCamera>| {
         sights
@@ -148,7 +155,7 @@ fn groups(views: &[Vec<LightCamera>], bytes: u64) -> Vec<&[Vec<LightCamera>]> {
     groups
 }
 
-/// Leaves that are in the room at a time, whose marks one binding holds.
+/// Splits leaves into batches that fit the room and whose values fit one binding.
 fn batches(room: &Resident, index: &Index, leaves: &[usize], binding: u64) -> Vec<Vec<usize>> {
     let (mut batches, mut rest) = (Vec::new(), leaves);
     let most = (binding / POINTS_PER_PAGE as u64).max(1) as usize;
@@ -170,7 +177,7 @@ struct Work<'w> {
 }
 
 impl Work<'_> {
-    /// Brings some leaves, where they are not there.
+    /// Uploads a batch of leaves, unless it is resident.
     fn bring(
         &self,
         gpu: &mut Gpu,
@@ -186,7 +193,7 @@ impl Work<'_> {
         room.hold(gpu, self.index, batch)
     }
 
-    /// Points of all leaves -> keys of all pictures.
+    /// Projects the points of all leaves into all pictures.
     fn see(
         &self,
         gpu: &mut Gpu,
@@ -212,7 +219,7 @@ impl Work<'_> {
         Ok(())
     }
 
-    /// How many of the pictures' samples reach each point of all leaves.
+    /// Counts, for each point of all leaves, the samples of the pictures that reach it.
     fn mark(
         &self,
         gpu: &mut Gpu,

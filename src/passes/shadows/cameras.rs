@@ -1,7 +1,9 @@
-//! A light, and a place on it, in; what it sees the whole cloud through out.
+//! Cameras of a light, for one sample position on it.
 //!
-//! A light far away has one camera without perspective. A light at a place has one with, where the cloud lies within a right angle of it; else six, the sides of a cube, of which those count that see
-//! something, each a little wider than its side, so that gaps at its borders are closed as well. Texels are square, and the longer side of a picture, or of a cube, has as many as asked for.
+//! A directional light has one orthographic camera. A light with a position has one perspective
+//! camera if the cloud lies within a right angle of it, else the sides of a cube that see
+//! something, each a little wider than its side, so that gaps at borders are closed as well. Texels
+//! are square. `size` is the longer side of a picture, or of a cube.
 
 use super::Settings;
 use crate::config::SUN;
@@ -11,24 +13,27 @@ use crate::view::light::Light;
 use crate::view::{Camera, Projection, View};
 use glam::DVec3;
 
-/// A cube's sides overlap by this part: a point on the border of two belongs to one at least.
+/// Factor by which the sides of a cube overlap: a point on a border belongs to at least one.
 const OVERLAP: f64 = 1.0 + 1.0 / (1 << 20) as f64;
 
-/// Of what the light sees.
+/// The inputs of cameras.
 #[derive(Clone, Copy, Debug)]
 pub struct Wanted {
-    /// World corners of the cloud.
+    /// World bounds of the cloud.
     pub bounds: (DVec3, DVec3),
-    /// How far apart points are, metres.
+    /// Point spacing [m].
     pub spacing_m: f64,
-    /// Of the light's disc: half its angle in degrees where it is far away, metres where it is at a place.
+    /// Radius of the light's disc: half its angle if directional [degrees], else [m].
     pub radius: f64,
-    /// Texels of the longer side of a picture; 0: as many as make a texel two spacings wide; of a light at a place, where the cloud is nearest to it, or half as near as its middle.
+    /// Longer side of a picture [texels]; 0: a texel is two spacings wide. For a light with a
+    /// position that holds where the cloud is nearest to it, or half as near as its middle.
     pub size: u32,
 }
 
 impl Wanted {
-    /// Of nodes that come and go the light sees a box and a spacing that stay as they are for a while: on a grid an eighth as wide as the box, and in quarters of an octave, so that marks of the others can be kept.
+    /// Creates the inputs. If nodes come and go, bounds are snapped to a grid of an eighth of their
+    /// width and the spacing to quarters of an octave, so that they rarely change and the
+    /// visibility of other nodes can be kept.
     pub fn around(
         resident: &Resident,
         bounds: (DVec3, DVec3),
@@ -52,22 +57,25 @@ impl Wanted {
     }
 }
 
-/// What a light sees the cloud through.
+/// A camera of the light.
 #[derive(Clone, Copy, Debug)]
 pub struct LightCamera {
     pub view: View,
-    /// Texels along its borders that belong to another side of the cube.
+    /// Width of the border that belongs to another side of the cube [texels].
     pub margin: u32,
-    /// How often the picture is halved: until points of the surface that is nearest lie [`SPARSE`] texels apart at most.
+    /// How often the picture is halved: until points of the nearest surface are at most [`SPARSE`]
+    /// texels apart.
     pub halvings: u32,
-    /// How far apart points are, metres.
+    /// Point spacing [m].
     pub spacing_m: f64,
 }
 
-/// Gaps between points that are so many texels apart are closed; wider ones in a coarser picture.
+/// Distance of points up to which gaps are closed [texels]; wider ones are closed in a coarser
+/// picture.
 pub const SPARSE: f64 = 0.75;
 
-/// The coarsest picture still has so many texels, and is not halved more often: that makes gaps 24 texels wide, and margins a seventh of a picture of 860.
+/// Smallest side of the coarsest picture [texels], and the largest number of halvings: gaps of 24
+/// texels, with margins of a seventh of a picture of 860.
 const COARSEST: f64 = 4.0;
 const MOST_HALVINGS: f64 = 5.0;
 
@@ -91,16 +99,18 @@ impl LightCamera {
     }
 }
 
-/// How deep the cloud's box begins at least, seen from a place in a picture that reaches so far to both sides, parts of the depth.
+/// Returns the smallest distance of the cloud's box from the eye along the view axis [m], for a
+/// picture with these half extents as shares of the depth.
 fn least_depth(wanted: &Wanted, eye: DVec3, [u, v]: [f64; 2]) -> f64 {
     let (min, max) = wanted.bounds;
     eye.clamp(min, max).distance(eye) / (1.0 + u * u + v * v).sqrt()
 }
 
-/// Of a picture with so many texels a side, in which points lie so far apart.
+/// Returns how often to halve a picture with sides of `side` texels and points `apart_px` texels
+/// apart.
 pub fn halvings(apart_px: f64, side: f64) -> u32 {
     let [wanted, most] = [apart_px / SPARSE, side / COARSEST].map(f64::log2);
-    // Of points without a distance there are no gaps.
+    // Points without a spacing have no gaps.
     if apart_px > 0.0 {
         wanted.ceil().min(most.floor()).clamp(0.0, MOST_HALVINGS) as u32
     } else {
@@ -108,16 +118,16 @@ pub fn halvings(apart_px: f64, side: f64) -> u32 {
     }
 }
 
-/// Texels of the coarsest picture that it is wider by on each side: gaps next to a border are closed as those in the middle.
+/// Margin of the coarsest picture [texels]: gaps at a border are closed like those in the middle.
 const BEYOND: u32 = 1;
 
-/// Half the angle of the largest light far away, degrees.
+/// Half the angle of the largest directional light [degrees].
 pub const WIDEST_DEGREES: f64 = 45.0;
 const LEAST: f64 = 16.0;
 const MOST: f64 = 4096.0;
 const SPACINGS_PER_TEXEL: f64 = 2.0;
 
-/// `place` is on the unit disc.
+/// Returns the cameras of a light for a position on the unit disc.
 pub fn cameras(light: Light, wanted: &Wanted, place: [f64; 2]) -> Result<Vec<LightCamera>> {
     let (min, max) = wanted.bounds;
     let (centre, half) = ((min + max) / 2.0, (max - min) / 2.0);
@@ -130,14 +140,14 @@ pub fn cameras(light: Light, wanted: &Wanted, place: [f64; 2]) -> Result<Vec<Lig
 
 fn texels(asked: u32, extent: f64, texel: f64) -> f64 {
     match asked {
-        // Points that are all in one place have no spacing.
+        // Coincident points have no spacing.
         0 if texel > 0.0 => (extent / texel).ceil().clamp(LEAST, MOST),
         0 => LEAST,
         size => size as f64,
     }
 }
 
-/// A camera that looks this way.
+/// Returns a camera with this view direction.
 fn looking(eye: DVec3, forward: DVec3) -> Camera {
     Camera {
         eye,
@@ -160,20 +170,21 @@ fn far(
     let tangent = wanted.radius.min(WIDEST_DEGREES).to_radians().tan();
     let forward = (middle.forward + (middle.right * u + middle.up * v) * tangent).normalize();
     let reach = |axis: DVec3| half.dot(axis.abs());
-    // Of one point there is a picture, too; and beside numbers as large as the cloud's place a light needs room.
+    // A single point has a picture, too; and large coordinates need a margin for rounding.
     let least = 1e-6 * half.length() + 1e-9 * centre.length() + f64::MIN_POSITIVE;
-    // All places on a light have pictures of one size: an axis turns by the light's half angle, twice, and its end moves by as much.
+    // All samples of a light have pictures of one size: an axis turns by the light's half angle,
+    // twice, and its end moves by as much.
     let turned = 1.5 * tangent * half.length();
     let extent = [middle.right, middle.up].map(|axis| 2.0 * (reach(axis) + turned).max(least));
     let longer = extent[0].max(extent[1]);
     let size = texels(wanted.size, longer, SPACINGS_PER_TEXEL * wanted.spacing_m);
-    // A texel to spare on either side.
+    // One spare texel on either side.
     let texel = longer / (size - 2.0).max(1.0);
     let size = extent.map(|side| (side / texel - 1e-6).ceil().max(1.0) as u32 + 2);
     let camera = Camera {
         projection: Projection::Orthographic,
         ortho_height: Some(size[1] as f64 * texel),
-        // No roll from place to place.
+        // The same roll for all samples.
         up: middle.up,
         ..looking(centre - forward * (1.01 * reach(forward) + 2.0 * least), forward)
     };
@@ -191,7 +202,7 @@ fn near(
         looking(position, if centre == position { DVec3::NEG_Z } else { centre - position })
             .basis()?;
     let eye = position + (middle.right * u + middle.up * v) * wanted.radius;
-    // From the middle of the light, so that all places on it have pictures of one size.
+    // Measured from the middle of the light, so that all samples have pictures of one size.
     let corner = |k: u32| {
         centre
             + half
@@ -206,7 +217,7 @@ fn near(
         (0..8).map(|k| tangent(corner(k) - position)).fold(0.0, f64::max)
     };
     let across = [middle.right, middle.up].map(|axis| tangents(axis).max(1e-6));
-    // What is near is sparse in the light's picture.
+    // Near points are sparse in the light's picture.
     let nearest = (position.clamp(centre - half, centre + half) - position).length();
     let distance = nearest.max((centre - position).length().max(half.length()) / 2.0);
     let texel = SPACINGS_PER_TEXEL * wanted.spacing_m / distance;
@@ -222,7 +233,7 @@ fn near(
         )]);
     }
     let side = texels(wanted.size, 2.0, texel);
-    // From the middle of the light, and then from the place on it that is nearest.
+    // From the middle of the light, then from the nearest sample.
     let nearest = least_depth(wanted, position, [2.0; 2]) - wanted.radius;
     let margin = BEYOND << halvings(wanted.spacing_m * side / 2.0 / nearest.max(0.0), side);
     let fov_y = 2.0 * (OVERLAP * (side + 2.0 * margin as f64) / side).atan().to_degrees();
@@ -241,7 +252,7 @@ fn near(
 mod tests {
     use super::*;
 
-    /// Whether a point is in the picture, and not in its margin.
+    /// Returns whether a point is in the picture and not in its margin.
     fn sees(sight: &LightCamera, p: DVec3) -> bool {
         let view = &sight.view;
         let (d, f) = (p - view.camera.eye, view.focal_px());

@@ -1,11 +1,14 @@
-//! Keys of a light's picture in, how deep light reaches in each of its texels out (Dobrev et al. 2010, sec. 6; HARD_CASES 13).
+//! Computes the depth that light reaches in each texel of its picture from its keys (Dobrev et al.
+//! 2010, sec. 6; guide: numerics, case 13).
 //!
 //! ```text
-//!     light_halve   depths -> depths     of the picture half as wide and high, and all of this for it, where some surfaces are sparse
-//!     light_cover   depths -> tiles      that hold points: those below keep to them and what lies around
-//!     light_fill    depths -> depths     closes gaps that light would fall through
-//!     light_limit   depths -> limits     depth + layer / <v, n>
-//!     light_join    coarser limits -> limits, where the coarser picture shows what is sparse in this one
+//!     shadow_downsample    depths -> depths of the half-size picture, and all of this for it, if some
+//!                          surfaces are sparse
+//!     shadow_occupancy     depths -> tiles that hold points; the passes below keep to them and
+//!                          their surroundings
+//!     shadow_close_gaps    depths -> depths with gaps closed that light would fall through
+//!     shadow_depth_limit   depths -> limits: depth + layer / <v, n>
+//!     shadow_merge_mip     limits of the half-size picture -> limits, where this one is sparse
 //! ```
 
 use super::Settings;
@@ -20,21 +23,21 @@ use crate::view::{Projection, View};
 use glam::DVec3;
 use std::f64::consts::SQRT_2;
 
-/// How far behind what the light sees a point still belongs to it.
+/// The distance behind a visible surface within which a point belongs to it.
 #[derive(Clone, Copy, Debug)]
 pub struct Layer {
     pub perspective: bool,
-    /// Side of a texel: metres, or with perspective parts of the depth.
+    /// Side of a texel [m], or as a share of the depth with perspective.
     pub texel: f64,
-    /// Across the surface: metres, and sides of a texel.
+    /// Thickness across the surface: metres, plus texels.
     pub metres: f64,
     pub texels: f64,
     /// Tangent of the steepest angle to the light.
     pub steepest: f64,
-    /// How far behind the nearest point of a texel light may reach at most, metres.
+    /// Largest distance behind the nearest point of a texel that light reaches [m].
     pub deepest: f64,
     pub fill: u32,
-    /// As of a [`Sight`].
+    /// See [`LightCamera`].
     pub margin: u32,
     pub halvings: u32,
     pub spacing_m: f64,
@@ -43,12 +46,13 @@ pub struct Layer {
 impl Layer {
     pub fn of(sight: &LightCamera, bounds: (DVec3, DVec3), settings: &Settings) -> Layer {
         let &LightCamera { ref view, margin, halvings, spacing_m } = sight;
-        // Who lets light through gaps lets it through wide ones, too.
+        // Without closing of gaps no coarser pictures are needed.
         let halvings = if settings.fill > 0.0 { halvings } else { 0 };
         Layer { margin, halvings, spacing_m, ..Layer::new(view, bounds, settings) }
     }
 
-    /// The depth up to which points of a surface lie so far apart in this picture that a coarser one closes the gaps between them, metres.
+    /// Returns the depth up to which points are so far apart that a coarser picture closes their
+    /// gaps [m].
     pub fn sparse_m(&self) -> f32 {
         let apart_px = self.spacing_m / self.texel / cameras::SPARSE;
         match self.perspective {
@@ -58,16 +62,18 @@ impl Layer {
         }
     }
 
-    /// Of a picture half as wide and high.
+    /// Returns the layer for a half-size picture.
     fn halved(&self) -> Layer {
         Layer { texel: 2.0 * self.texel, margin: 0, halvings: self.halvings - 1, ..*self }
     }
 
-    /// HARD_CASES 13: sqrt(2) sides of a texel and a quantum, twice the sides where masks fill from neighbours.
+    /// Returns the layer of guide: numerics, case 13: sqrt(2) texels and a quantum, or twice the
+    /// texels if masks fill from neighbours.
     pub fn new(camera: &View, bounds: (DVec3, DVec3), settings: &Settings) -> Layer {
         let fill = settings.fill as u32;
         let farthest = camera.depths(bounds).map_or(0.0, |(_, farthest)| farthest);
-        // A depth is eight roundings off at most, and two depths are compared; positions are quantised far below.
+        // A depth has at most eight rounding errors, and two depths are compared; position
+        // quantisation is far smaller.
         let quantum = 16.0 * f32::EPSILON as f64 * farthest;
         let perspective = camera.camera.projection == Projection::Perspective;
         let texel = 1.0 / camera.focal_px();
@@ -82,7 +88,7 @@ impl Layer {
         };
         let steepest = (1.0 / (settings.limit * settings.limit) - 1.0).max(0.0).sqrt();
         let across = across((metres, texels));
-        // Gaps are closed by what is nearer still; and two quanta for what is rounded on the way.
+        // Gaps are closed by nearer depths, and two quanta cover rounding on the way.
         let deepest = across * (1.0 + steepest * steepest).sqrt() + 2.0 * quantum;
         Layer {
             perspective,
@@ -99,24 +105,26 @@ impl Layer {
     }
 }
 
-/// Of every texel of a light's picture, f32, row by row.
+/// Depths and limits of the light's picture: f32 row by row.
 pub struct Reached {
-    /// What the light sees, gaps closed; infinite where nothing is, and anything farther from points than gaps are closed. None where nothing closes gaps: the depths of the keys.
+    /// Depths with gaps closed: infinite without points, undefined beyond the reach of closing.
+    /// None if gaps are not closed: the depths are those of the keys.
     pub filled: Option<Buffer>,
-    /// How deep it reaches; likewise.
+    /// Depth that light reaches.
     pub limit: Buffer,
-    /// The halved picture that both were joined with, and its depths.
+    /// The half-size picture that was merged, with its depths.
     pub coarser: Option<(Buffer, Box<Reached>)>,
-    /// Where they are known.
+    /// Tiles where both are defined.
     area: TileList,
 }
 
-/// Keys of the light's picture -> how deep it reaches, wherever points are and beside them.
+/// Computes the limits from the keys of the light's picture, at points and beside them.
 pub fn reach(g: &mut Graph, camera: &View, keys: &Buffer, layer: &Layer) -> Reached {
     reach_of(g, camera.size, (keys, true), layer, f32::INFINITY)
 }
 
-/// The same of depths, where that is said; wherever points are that are nearer than `within`, metres, and infinite elsewhere.
+/// Computes the limits from keys or depths, for points nearer than `within` [m]; infinite
+/// elsewhere.
 fn reach_of(
     g: &mut Graph,
     size: [u32; 2],
@@ -127,7 +135,7 @@ fn reach_of(
     let across = tiles(size);
     let (count, bytes) = (across[0] * across[1], 4 * size[0] as u64 * size[1] as u64);
     let (perspective, texels) = (layer.perspective, g.gpu.device.has_large_texel_buffers);
-    // All are told the same.
+    // All kernels have the same push constants.
     macro_rules! push {
         ($module:ident, $filled:expr) => {
             $module::Push {

@@ -1,30 +1,33 @@
-//! Nodes that marks were made of, and those that there are now, in; out: which keep their marks, and which are marked again.
+//! Finds the nodes that keep their visibility when nodes come and go, and those that must be cast
+//! again.
 //!
 //! ```text
-//!     arrived, gone          nodes of only one of the two
-//!     again                  nodes whose box lies, in some picture of the light, where that of an arrived or gone one does
-//!     casters of again       nodes whose box lies where one of those does: what else is in these texels
+//!     arrived, gone       nodes in only one of the two frames
+//!     again               nodes whose box overlaps one of those in some picture of the light
+//!     casters of again    nodes whose box overlaps one of `again`: whatever else is in these texels
 //! ```
-//! A texel's limit depends on texels a few around it, which boxes are wider by. So everything that a mark of the other nodes depends on is as it was, and marks are those that casting all anew makes, bit by bit.
+//! Boxes are enlarged, since the limit of a texel depends on a few texels around it. So all inputs
+//! of the other nodes are unchanged, and the result equals casting everything again, bit by bit.
 
 use crate::resident::{IDENTITY_WORDS, Resident, ResidentNode, bounds_of};
 use crate::view::{Projection, View};
 use glam::{DVec2, DVec3};
 use std::collections::HashMap;
 
-/// Numbers of nodes.
+/// Nodes by number.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Changed {
-    /// Of those that keep their marks: what it was, and what it is.
+    /// Nodes that keep their visibility: old and new number.
     pub stay: Vec<[u32; 2]>,
-    /// Of those that are marked again.
+    /// Nodes that are cast again.
     pub again: Vec<usize>,
 }
 
-/// More nodes than this, parts of all, are not worth telling apart.
+/// Share of nodes from which everything is cast again.
 const MOST: f64 = 0.7;
 
-/// Of pictures that depths travel so many texels in; `before` as [`Resident::nodes_identity`] was. None where all are to be marked again.
+/// Compares nodes with those `before` (see [`Resident::nodes_identity`]), in pictures where depths
+/// travel `travel_px` texels. None if all are to be cast again.
 pub fn changed(
     before: &[u64],
     resident: &Resident,
@@ -56,7 +59,7 @@ pub fn changed(
     (changed.again.len() <= most).then_some(changed)
 }
 
-/// All nodes that lie, in a picture of the light, where one of those does that are marked again.
+/// Returns the nodes that overlap one that is cast again in a picture of the light.
 pub fn casters<'r>(
     view: &View,
     resident: &'r Resident,
@@ -68,10 +71,10 @@ pub fn casters<'r>(
     resident.nodes.iter().filter(|node| marked.meet(node.bounds())).collect()
 }
 
-/// Boxes as pictures show them.
+/// Boxes projected into pictures.
 struct Boxes<'v> {
     views: &'v [View],
-    /// Of every view, corners of each, texels.
+    /// Corners of each box in every view [texels].
     seen: Vec<Vec<[DVec2; 2]>>,
     travel_px: f64,
 }
@@ -96,7 +99,8 @@ impl<'v> Boxes<'v> {
     }
 }
 
-/// What a box may cover of a picture, texels; all of the plane, where it comes too near to tell.
+/// Returns the rectangle that a box may cover in a picture [texels]; the whole plane if it is too
+/// near.
 fn on(view: &View, (min, max): (DVec3, DVec3)) -> Option<[DVec2; 2]> {
     let (near, _) = view.depths((min, max))?;
     let f = view.focal_px();

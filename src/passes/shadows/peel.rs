@@ -1,11 +1,15 @@
-//! Index peeling: how deep light reaches and points in, the same marks as by comparing depths out (Dobrev et al. 2010, sec. 6).
+//! Index peeling: the same visibility as by comparing depths (Dobrev et al. 2010, sec. 6).
 //!
 //! ```text
-//!     shadow_peel   points, limits, keys of the last peel -> keys     of each texel the nearest point within the limit that is left; twice: its depth, then its id
-//!     shadow_mark   keys -> marks, keys of the last peel, how many    again, until a peel marks nothing
+//!     shadow_peel         points, limits, keys of the last peel -> keys    nearest remaining point of
+//!                         each texel within the limit; first its depth, then its id
+//!     shadow_peel_apply   keys -> visibility, keys of the last peel, count
+//!     again until a peel marks nothing
 //! ```
-//! A peel takes one point of each texel, so there are as many as the fullest texel has points within its layer. They are recorded in blocks, and the device skips those after one that has marked nothing
-//! ([`gate`]). Whether the last still marked something is counted (HARD_CASES 15).
+//! A peel takes one point of each texel, so there are as many peels as the fullest texel has points
+//! within its layer. They are recorded in blocks; the device skips those after a block that has
+//! marked nothing ([`predicate`]). A count tells whether the last one still marked something
+//! (guide: numerics, case 15).
 
 use super::Tally;
 use crate::error::Result;
@@ -16,7 +20,7 @@ use crate::passes::project::{Band, Drawn, Group, Walk};
 use crate::shader::{self, shadow_peel, shadow_peel_apply};
 use crate::view::View;
 
-/// Peels that are recorded where no number is asked for: as many points as a texel has in hardly any scan.
+/// Recorded peels if no number is given: more points than hardly any texel has.
 const PEELS: u32 = 512;
 
 /// Peels that are skipped together.
@@ -37,7 +41,7 @@ pub fn record(
     g.fill(&mut last, 0);
     let most = if asked == 0 { PEELS } else { asked };
     let of_a_peel = 2 * drawn.groups.len() + 1;
-    // Of more groups than a gate has room for every peel is recorded to be run.
+    // More groups than fit one predicate: every peel is recorded to run.
     let is_gated = of_a_peel <= MAX_PREDICATED_PASSES;
     let of_a_block = (MAX_PREDICATED_PASSES / of_a_peel).clamp(1, BLOCK as usize) as u32;
     let mut before: Option<Buffer> = None;
@@ -46,7 +50,7 @@ pub fn record(
         g.fill(&mut peeled, 0);
         let mut block = |g: &mut Graph| {
             for peel in first..most.min(first + of_a_block) {
-                // What the last one takes may not be the end.
+                // The last peel may not be the end.
                 let counted = if peel + 1 == most { &mut tally.unpeeled } else { &mut peeled };
                 one(g, camera, drawn, limit, [&mut keys, &mut last], counted, &mut tally.marks);
             }
@@ -61,7 +65,7 @@ pub fn record(
     Ok(())
 }
 
-/// Of each texel the next point.
+/// Records a peel: the next point of each texel.
 fn one(
     g: &mut Graph,
     camera: &View,

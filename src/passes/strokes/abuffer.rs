@@ -1,7 +1,9 @@
-//! A-BUFFER: how many fragments each pixel has in, room for them out; for one frame, or kept over several, which bring them into order step by step (dos Anjos et al. 2018, sec. 3.3.3).
+//! The A-buffer: room for the counted fragments of each pixel, for one frame or kept over several,
+//! which sort it step by step (dos Anjos et al. 2018, sec. 3.3.3).
 //!
-//! Kept is what only counting and painting would bring back: the fragments, where those of each pixel begin, and the keys of the nearest strokes. All of it is of one view, the same points, and the same
-//! settings, as far as fragments depend on them; where one of these is another, it is void.
+//! The fragments, the start of those of each pixel, and the keys of the nearest strokes are kept.
+//! All of it belongs to one view, the same points, and the settings that fragments depend on;
+//! otherwise it is invalid.
 
 use super::FRAGMENT_BYTES;
 use crate::error::Result;
@@ -10,17 +12,17 @@ use std::ops::Range;
 
 /// Fragments of the pixels of some tiles.
 pub struct Abuffer {
-    /// Of every pixel, tile by tile, the first; and the one after the last of all.
+    /// First fragment of each pixel, tile by tile, and the end of all.
     pub starts: Buffer,
     pub fragments: Buffer,
-    /// How many of each pixel's, from the nearest on, are in order, and how many shall be.
+    /// Number of sorted fragments per pixel, from the nearest on, before and after this frame.
     pub ordered: Range<u32>,
-    /// Later frames go on with it.
+    /// Whether later frames continue with it.
     pub kept: bool,
 }
 
 impl Abuffer {
-    /// For a frame.
+    /// Creates an A-buffer for one frame.
     pub fn new(g: &mut Graph, per_pixel: &[u32], most: u32) -> Result<Abuffer> {
         let starts = sums(per_pixel);
         let fragments = g.buffer("fragments", bytes(starts[per_pixel.len()] as u64));
@@ -33,15 +35,15 @@ impl Abuffer {
     }
 }
 
-/// Bytes of so many fragments.
+/// Returns the bytes of `fragments` fragments.
 pub fn bytes(fragments: u64) -> u64 {
     FRAGMENT_BYTES * fragments.max(1)
 }
 
-/// Where the keys, the starts and the fragments are kept.
+/// Names of the persistent keys, starts and fragments.
 const PLACES: [&str; 3] = ["kept keys", "kept starts", "kept fragments"];
 
-/// What is kept of a whole picture: of so many pixels, and of as many in tiles.
+/// Size of a kept A-buffer.
 pub struct Size {
     pub pixels: u64,
     pub in_tiles: u64,
@@ -53,13 +55,13 @@ impl Size {
         [8 * self.pixels, 4 * (self.in_tiles + 1), bytes(self.fragments)]
     }
 
-    /// Whether a device can bind it; kept buffers are as large as the next power of two.
+    /// Returns whether a device can bind it; persistent buffers are rounded up to a power of two.
     pub fn fits(&self, limit: u64) -> bool {
         self.bytes().iter().all(|bytes| bytes.next_power_of_two() <= limit)
     }
 }
 
-/// What was noted behind `made_of` when frames before this one kept an A-buffer of that, if all of it is still there.
+/// Returns the notes stored behind `made_of` if an A-buffer of it is kept completely.
 pub fn held<const N: usize>(g: &Graph, made_of: &[u64]) -> Option<[u64; N]> {
     let (whole, _) = g.persistent_state(PLACES[2])?;
     let notes = whole.strip_prefix(made_of)?.try_into().ok()?;
@@ -69,7 +71,8 @@ pub fn held<const N: usize>(g: &Graph, made_of: &[u64]) -> Option<[u64; N]> {
         .then_some(notes)
 }
 
-/// Keys, and an A-buffer, that outlive the frame; `next` says how many fragments shall be in order when so many are, which are none where it has just been counted.
+/// Returns keys and an A-buffer that outlive the frame. `next` maps the number of sorted fragments,
+/// 0 if just counted, to the number after this frame.
 pub fn keep(
     g: &mut Graph,
     made_of: &[u64],
@@ -91,7 +94,7 @@ pub fn keep(
     Ok((keys, Abuffer { starts, fragments, ordered: ordered..next(ordered), kept: true }))
 }
 
-/// Of every one the sum of those before it; then that of all.
+/// Returns prefix sums: for each count the sum of those before it, then the total.
 pub fn sums(counts: &[u32]) -> Vec<u32> {
     let before = counts.iter().scan(0, |sum, count| {
         *sum += count;

@@ -1,11 +1,11 @@
-//! Z-buffered strokes in, softened ones out (dos Anjos et al. 2018, sec. 3.3.3): across, then down.
+//! Softens z-buffered strokes (dos Anjos et al. 2018, sec. 3.3.3): across, then down.
 
 use super::settings::{Blend, Settings};
 use crate::graph::{Dispatch, Graph, Kind};
 use crate::passes::{FrameContext, GBuffer};
 use crate::shader::{self, stroke_blur};
 
-/// Softens z-buffered strokes, where that is asked for.
+/// Softens strokes with blend=blur.
 pub fn record(
     g: &mut Graph,
     context: &FrameContext,

@@ -1,4 +1,4 @@
-//! Brushes: the numbers of the paper's equation 1, and the three of its figure 4 by name.
+//! Brushes: the parameters of the paper's equation 1, and the three of its figure 4 by name.
 
 use super::Painting;
 use super::settings::Settings;
@@ -6,13 +6,14 @@ use crate::error::Result;
 use crate::graph::{Buffer, Dispatch, Graph};
 use crate::shader::{self, stroke_brush};
 
-/// As glsl/strokes/stroke_brush.comp: 256 brushes of 32 x 32 words.
+/// Size as in glsl/strokes/stroke_brush.comp: 256 brushes of 32 x 32 words.
 const WORDS: u32 = 256 * 32 * 32;
 
-/// How far from its point a stroke may lie on the surface, radii: less leaves holes, more stands out.
+/// Distance from its point within which a stroke counts as lying on the surface [radii]: less
+/// leaves holes, more stands out.
 const GROUND_RADII: f64 = 0.85;
 
-/// A named brush; its numbers may be set one by one.
+/// A named brush, whose parameters may be overridden one by one.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum, serde::Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Brush {
@@ -25,29 +26,32 @@ pub enum Brush {
     Ribbons,
 }
 
-/// What a stroke is like, all numbers known. Lengths are parts of a stroke's side.
+/// All parameters of a stroke. Lengths are shares of a stroke's side.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct Bristles {
-    /// Half a side, radii of the point.
+    /// Half a side [radii of the point].
     pub size: f64,
     pub amplitude: f64,
     pub gamma: f64,
     pub sigma_x: f64,
     pub sigma_y: f64,
-    /// Between the grid's columns, and between its rows.
+    /// Distance between the grid's columns, and between its rows.
     pub dev: f64,
-    /// 6 to 9, of 3 x 3.
+    /// Number of Gaussians, 6 to 9, of 3 x 3.
     pub gaussians: u32,
 }
 
 impl Brush {
-    /// How far from its middle a stroke may lie on the surface (`ground`), parts of a side. Farther out, on crests and claws, it stands in the air: what only such ends cover is not painted. Strokes that are asked
-    /// for larger than the brush's own take their ground with them.
+    /// Returns the distance from its middle within which a stroke lies on the surface (`ground`),
+    /// as a share of a side. Farther out, on crests and claws, it stands in the air, and what only
+    /// such ends cover is not painted. Strokes larger than the brush's own take their ground with
+    /// them.
     pub fn ground(self) -> f64 {
         GROUND_RADII / (2.0 * self.bristles().size)
     }
 
-    /// Dabs fade towards their ends: they are so large that one hides what is behind it to where the next is over it.
+    /// Dabs fade towards their ends: they are large enough that one hides what is behind it until
+    /// the next covers it.
     fn bristles(self) -> Bristles {
         match self {
             Brush::Dabs => Bristles {
@@ -82,7 +86,7 @@ impl Brush {
 }
 
 impl Bristles {
-    /// Of what is not 0 the number asked for, else the brush's own.
+    /// Returns the parameters: those of the settings, or those of the brush where 0.
     pub fn of(settings: &Settings) -> Bristles {
         let own = settings.brush.bristles();
         let or = |asked: f64, own: f64| if asked == 0.0 { own } else { asked };
@@ -97,9 +101,10 @@ impl Bristles {
         }
     }
 
-    /// How far from its middle a brush, turned by so much noise, covers this much or more: parts of a side, half of one at most.
+    /// Returns the distance from its middle within which a brush, turned by `noise_degrees`, covers
+    /// at least `least`: shares of a side, at most one half.
     pub fn reach(&self, least: f64, noise_degrees: f64) -> [f64; 2] {
-        // No more than all Gaussians at their middles would together.
+        // An upper bound: all Gaussians at their middles together.
         let sigmas = (2.0 * (self.gaussians as f64 * self.amplitude / least).max(1.0).ln())
             .powf(1.0 / self.gamma);
         // The third column is turned twice more.
@@ -110,7 +115,8 @@ impl Bristles {
         [across.max(along / 1.5).min(0.5), along.max(across / 1.5).min(0.5)]
     }
 
-    /// A bit for each place of the grid, row by row: the middle row, the one above, the one below.
+    /// Returns a bit for each used place of the grid, row by row: the middle row, the one above,
+    /// the one below.
     pub fn places(&self) -> u32 {
         [3, 4, 5, 0, 1, 2, 7, 6, 8]
             .into_iter()
@@ -120,7 +126,8 @@ impl Bristles {
     }
 }
 
-/// Cosines and sines that the device turns strokes by: 16 of whole strokes, 4 from column to column, both between bounds; 256 of half a circle.
+/// Returns cosines and sines of rotations: 16 of whole strokes and 4 from column to column, both
+/// between bounds; 256 over half a circle.
 pub fn turns(noise_degrees: f64) -> Vec<[f32; 2]> {
     let turn = |radians: f64| [radians.cos() as f32, radians.sin() as f32];
     let spread = |count: u32, bound: f64| {
@@ -132,7 +139,7 @@ pub fn turns(noise_degrees: f64) -> Vec<[f32; 2]> {
 }
 
 impl Painting<'_> {
-    /// The words of all brushes, made where the kept ones are others.
+    /// Returns the words of all brushes, computed if the kept ones differ.
     pub(super) fn brushes(&self, g: &mut Graph, turns: &Buffer) -> Result<Buffer> {
         let bristles = Bristles::of(&self.settings);
         let made_of = [

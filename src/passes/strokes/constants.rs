@@ -1,4 +1,4 @@
-//! View, settings and cloud in; what all strokes of a frame share out, and the numbers by which a kept A-buffer is known again.
+//! Constants that all strokes of a frame share, and the cache key of a kept A-buffer.
 
 use super::brush::Bristles;
 use super::coverage::{NEARER, NEARER_PX};
@@ -16,7 +16,7 @@ impl Painting<'_> {
         let (bristles, ground) = (Bristles::of(&self.settings), brush.ground());
         let basis = &self.view.basis;
         let axes = self.resident.axes.0.map(|axis| axis.as_vec3().to_array());
-        // What covers less leaves no trace.
+        // Smaller coverage leaves no trace.
         let least = if blend == Blend::Abuffer { 0.4 / 255.0 } else { HIDES as f64 };
         Canvas {
             size: band.size,
@@ -48,7 +48,7 @@ impl Painting<'_> {
         }
     }
 
-    /// All that fragments depend on.
+    /// Returns all that fragments depend on.
     pub(super) fn made_of(&self, paint: &ColorLookup) -> Vec<u64> {
         let Settings {
             brush,

@@ -1,7 +1,10 @@
-//! GROUND in, where a surface is out, for both ways of blending.
+//! Finds where a surface is, from the ground of strokes, for both ways of blending.
 //!
-//! A stroke's ends stand out from crests and claws: what only they cover is not painted. Near its own point a stroke lies on its surface: that is near ground. Farther out ([`Brush::ground`](super::brush::Brush::ground))
-//! it does where near ground is close by in half of all directions: gaps between strokes are closed, while outlines do not grow, nor do notches and holes that one sees through.
+//! Ends of strokes stand out from crests and claws; what only they cover is not painted. Near its
+//! own point a stroke lies on the surface: near ground. Farther out
+//! ([`Brush::ground`](super::brush::Brush::ground)) it counts only if near ground is close by in
+//! half of all directions. So gaps between strokes are closed, but outlines do not grow, and
+//! notches and holes stay open.
 
 use super::Painting;
 use super::quads::Quads;
@@ -11,15 +14,18 @@ use crate::passes::project::Band;
 use crate::passes::resolve;
 use crate::shader::{self, stroke_surface};
 
-/// How far near ground is looked for.
+/// Distance within which near ground is looked for [px].
 pub const ENCLOSED_PX: u32 = 2;
-/// In so many of eight directions it is to be found.
+/// Number of the eight directions in which it must be found.
 pub const DIRECTIONS: u32 = 4;
-/// How much less far near ground reaches than all ground does: parts of what is more than a pixel, so that small strokes have pixels, and pixels at most, so that large ones have no gaps wider than are closed.
+/// How much less far near ground reaches than all ground: a share of what exceeds a pixel, so that
+/// small strokes have pixels; and at most this many pixels, so that large ones have no gaps wider
+/// than are closed.
 pub const NEARER: f64 = 0.6;
 pub const NEARER_PX: f64 = 4.0;
 
-/// Of every pixel of a band 1 where a surface is, else 0; of ground around it, too.
+/// Returns 1 for every pixel of a band where a surface is, else 0, from the ground of the band and
+/// its surroundings.
 pub fn surface(g: &mut Graph, ground: &Buffer, band: Band) -> Buffer {
     let [width, height] = band.size;
     let mut surface = g.buffer("surface", 4 * width as u64 * height as u64);
@@ -32,7 +38,7 @@ pub fn surface(g: &mut Graph, ground: &Buffer, band: Band) -> Buffer {
 }
 
 impl Painting<'_> {
-    /// The same, before the frame.
+    /// Returns the same, computed before the frame.
     pub(super) fn surface(&mut self, g: &mut Graph, band: Band) -> Result<Vec<u32>> {
         let mut before = g.preceding();
         let paint = resolve::paint(&mut before, self.resident, &self.request)?;

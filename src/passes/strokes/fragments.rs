@@ -1,4 +1,5 @@
-//! Strokes of tiles in, so many of each at a time; the nearest of each pixel out, and its fragments or how many they are.
+//! Evaluates the strokes of tiles, a chunk of each tile at a time: the nearest of each pixel, and
+//! its fragments or their number.
 
 use super::settings::Order;
 use super::tile_binning::Bins;
@@ -10,11 +11,12 @@ use crate::passes::resolve;
 use crate::shader;
 use std::ops::Range;
 
-/// Strokes of each tile that a pass looks at, as in glsl/strokes/stroke_fragments.comp.
+/// Strokes of each tile per pass, as in glsl/strokes/stroke_fragments.comp.
 const STROKES_AT_ONCE: usize = 8192;
 
 impl Painting<'_> {
-    /// Of every pixel of some tiles, tile by tile, how many fragments it has, before hiders that are known; and how deep the nearest of them lies that covers it wholly.
+    /// Returns the number of fragments of every pixel of some tiles, tile by tile, before known
+    /// hiders, and the depth of the nearest that covers the pixel completely.
     pub(super) fn count(
         &mut self,
         g: &mut Graph,
@@ -61,7 +63,7 @@ impl Painting<'_> {
         Ok((counts, hiders))
     }
 
-    /// Strokes of some tiles, turn by turn, and of a turn so many of each tile at a time.
+    /// Evaluates the strokes of some tiles turn by turn, a chunk of each tile at a time.
     pub(super) fn strokes(
         &self,
         g: &mut Graph,

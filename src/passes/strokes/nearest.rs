@@ -1,4 +1,4 @@
-//! Points in, of each pixel the nearest stroke out: z-buffered, where a surface is.
+//! Draws the nearest stroke of each pixel, z-buffered, where a surface is.
 
 use super::Painting;
 use super::coverage::{self, ENCLOSED_PX};
@@ -10,7 +10,7 @@ use crate::passes::resolve::ColorLookup;
 use crate::shader::{self, stroke_keys};
 
 impl Painting<'_> {
-    /// Keys of a band.
+    /// Returns the keys of a band.
     pub(super) fn nearest(
         &mut self,
         g: &mut Graph,

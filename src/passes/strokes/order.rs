@@ -1,4 +1,4 @@
-//! Fragments in, the colours that they give in order out: as many passes as it takes.
+//! Sorts fragments and blends their colours, in as many passes as needed.
 
 use super::abuffer::Abuffer;
 use super::settings::Sort;
@@ -9,11 +9,12 @@ use crate::passes::project::Band;
 use crate::shader::{self, stroke_sort};
 use std::ops::Range;
 
-/// How often all loops of an invocation together may go round on lavapipe, less a margin.
+/// Loop iterations per invocation that lavapipe allows, less a margin.
 const ROUNDS: u32 = 60_000;
 
 impl Painting<'_> {
-    /// Fragments of some tiles, so many in a pixel at most -> the colours that they give when as many are in order as shall be.
+    /// Sorts the fragments of some tiles, at most `deepest` per pixel, and blends them when enough
+    /// are in order.
     pub(super) fn blend(
         &mut self,
         g: &mut Graph,
@@ -26,7 +27,7 @@ impl Painting<'_> {
         let Some(color) = &mut self.blended else { return Ok(()) };
         let Abuffer { starts, mut fragments, ordered, kept } = abuffer;
         let wanted = ordered.end.min(deepest);
-        // Where there are no more nobody asks whether they are in order.
+        // If all are sorted, the flag is not read.
         let is_last = !kept || wanted == self.settings.last().min(deepest);
         let mut unordered =
             if is_last { g.buffer("unordered", 4) } else { g.readback("unordered", 4) };
@@ -55,21 +56,22 @@ impl Painting<'_> {
     }
 }
 
-/// Fragments of a pixel that each pass brings into order, of so many at most: all of them, but on lavapipe, where a pass ends too early that would walk over them too often.
+/// Returns the ranges of fragments that each pass sorts: all at once, except on lavapipe, which
+/// ends a pass with too many iterations early. Errors if a pixel has too many fragments for it.
 fn steps(wanted: Range<u32>, deepest: u32, is_cpu: bool) -> Result<Vec<Range<u32>>> {
     if !is_cpu {
         return Ok(vec![wanted]);
     }
     if deepest > ROUNDS - 2 {
         return Err(Error::Request(format!(
-            "{deepest} strokes lie over each other in one pixel, and a software device brings {} into order at most; look at them from nearer, or with --effect strokes=blend=opaque",
+            "{deepest} strokes overlap in one pixel, but a software device sorts at most {}; move closer, or use --effect strokes=blend=opaque",
             ROUNDS - 2
         )));
     }
     let mut steps = Vec::new();
     let mut start = wanted.start;
     loop {
-        // Those in order are walked over once, the others once for each, and a round more.
+        // Sorted ones are passed once, each other one once per step, and one more round.
         let more = ROUNDS.saturating_sub(start) / (deepest.saturating_sub(start) + 2);
         let end = start.saturating_add(more.max(1)).min(wanted.end);
         steps.push(start..end);

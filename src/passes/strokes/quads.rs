@@ -1,6 +1,8 @@
-//! Points in; their strokes through the rasteriser out: where ground is, and of each pixel the nearest stroke.
+//! Rasterises strokes: ground, and the nearest stroke of each pixel.
 //!
-//! Vertices are pulled from strokes on the screen, which a compute pass leaves in the order of their points: of strokes of the same depth the first one drawn stays, which is that of the lowest number, in every picture and in all its pieces.
+//! Vertices are pulled from strokes on the screen, which a compute pass writes in the order of
+//! their points. Of strokes at the same depth the first one drawn stays, which has the lowest
+//! number, in every picture and all its pieces.
 
 use super::coverage::ENCLOSED_PX;
 use super::{Painting, StrokeInputs};
@@ -9,21 +11,21 @@ use crate::graph::{Buffer, Graph, Image, ImageDesc, Vertices};
 use crate::passes::project;
 use crate::shader::{self, Canvas, stroke_quads, stroke_screen};
 
-/// Of a stroke on the screen.
+/// Bytes of a stroke on the screen.
 pub const STROKE_BYTES: u64 = 64;
 
-/// Of a band, and of as many pixels around it as enclosure looks.
+/// Results for a band and its surroundings.
 pub struct Quads {
-    /// Two words a pixel.
+    /// Two words per pixel.
     pub ground: Buffer,
-    /// Keys, where strokes are painted.
+    /// Keys, if strokes are painted.
     pub nearest: Image,
     /// Strokes drawn at once.
     pub at_once: u32,
 }
 
 impl Painting<'_> {
-    /// All strokes of a band; `painted`: not only their ground.
+    /// Draws all strokes of a band; only their ground unless `painted`.
     pub(super) fn draw(
         &mut self,
         g: &mut Graph,
@@ -35,7 +37,7 @@ impl Painting<'_> {
             band.size.map(|side| side + 2 * ENCLOSED_PX),
             band.corner.map(|at| at - ENCLOSED_PX as f32),
         );
-        // A brush that ends before its ground does has that all the same.
+        // A brush smaller than its ground still has that ground.
         let reach =
             band.reach.map(|reach| if painted { reach.max(band.ground) } else { band.ground });
         let canvases = g.upload("canvas", &[Canvas { size, corner, reach, ..band }])?;
@@ -67,7 +69,7 @@ impl Painting<'_> {
         Ok(Quads { ground, nearest, at_once })
     }
 
-    /// Strokes of points by their places, from one to before another.
+    /// Projects the strokes of points in a range of places.
     fn on_screen(
         &self,
         g: &mut Graph,

@@ -1,4 +1,4 @@
-//! What a user may say of strokes.
+//! Settings of strokes.
 
 use super::super::{Setting, Value};
 use super::brush::Brush;
@@ -10,7 +10,7 @@ pub struct Settings {
     pub sort: Sort,
     pub order: Order,
     pub tangents: Tangents,
-    /// Of the brush where 0: see [`Brush`].
+    /// Parameters of the brush; 0: those of the named [`Brush`].
     pub size: f64,
     pub amplitude: f64,
     pub gamma: f64,
@@ -18,58 +18,60 @@ pub struct Settings {
     pub sigma_y: f64,
     pub dev: f64,
     pub gaussians: f64,
-    /// Strokes are turned from their tangents by so much at most, degrees.
+    /// Largest rotation of a stroke from its tangent [degrees].
     pub noise: f64,
-    /// How much longer strokes are on clusters that are twice as long as wide.
+    /// Lengthening of strokes on clusters twice as long as wide.
     pub long: f64,
-    /// How opaque the second, smaller stroke is that lies over those of small clusters.
+    /// Opacity of the second, smaller stroke on small clusters.
     pub detail: f64,
-    /// Half a stroke's side on the screen, at most, parts of the picture's longer side.
+    /// Largest half side on the screen, as a share of the picture's longer side.
     pub largest: f64,
-    /// Passes of sort=bubble; 0: until everything is in order.
+    /// Passes of sort=bubble; 0: until everything is sorted.
     pub passes: f64,
-    /// Of lists and fragments, MiB.
+    /// Memory of lists and fragments [MiB].
     pub memory: f64,
-    /// Radius of blend=blur, pixels.
+    /// Radius of blend=blur [px].
     pub radius: f64,
 }
 
-/// What strokes that lie over each other look like.
+/// How overlapping strokes are blended.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum, serde::Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Blend {
-    /// Each shows through those before it as far as they leave it uncovered.
+    /// All strokes, each through what those before it leave uncovered.
     #[default]
     Abuffer,
-    /// The nearest is all there is; softened.
+    /// The nearest stroke, softened.
     Blur,
-    /// The nearest is all there is.
+    /// The nearest stroke.
     Opaque,
 }
 
-/// How the fragments of a pixel are brought into order.
+/// How the fragments of a pixel are sorted.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum, serde::Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Sort {
     #[default]
     Exact,
-    /// A fragment a pass, as a picture that stands still is refined.
+    /// One fragment per pass, as a still picture is refined.
     Bubble,
 }
 
-/// What the fragments of a pixel are ordered by.
+/// The sort key of fragments.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum, serde::Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Order {
-    /// Their own depths: strokes that lie askew run through each other (the paper's second limitation).
+    /// Their own depth: slanted strokes run through each other (the paper's second limitation).
     #[default]
     Pixel,
-    /// Those of their strokes' points: a stroke is over another one everywhere.
+    /// The depth of the stroke's point: a stroke is above another everywhere.
     Stroke,
 }
 
-/// What strokes are painted along. All but the last take the normal alone, in the cloud's own axes (`index::attributes::axes`): in those of its file the same surface, turned there, would be painted along other lines
-/// (52 degrees away in the mean on a torus that is turned by a quarter). The paper turns the tangents with the cloud instead, which takes someone who knows that it was turned.
+/// The direction of strokes. All but the last follow from the normal alone, in the axes of the
+/// cloud (`index::attributes::axes`). In the axes of the file, the same surface turned there would
+/// be painted along other lines (52 degrees away on average on a torus turned by a quarter). The
+/// paper turns tangents with the cloud instead, which needs to know the rotation.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum, serde::Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Tangents {
@@ -77,7 +79,7 @@ pub enum Tangents {
     Householder,
     Eberly,
     Squareplate,
-    /// Where a point's neighbours spread most.
+    /// The direction in which a point's neighbours spread most.
     Covariance,
 }
 
@@ -163,12 +165,12 @@ impl super::super::Settings for Settings {
 }
 
 impl Settings {
-    /// Half a stroke's side on the screen, at most, pixels of a picture so large.
+    /// Returns the largest half side on the screen [px].
     pub fn largest_px(&self, size: [u32; 2]) -> f64 {
         self.largest * size[0].max(size[1]) as f64
     }
 
-    /// Fragments of a pixel that are brought into order before the rest is left out.
+    /// Returns the number of fragments per pixel that are sorted before the rest is left out.
     pub fn last(&self) -> u32 {
         match (self.sort, self.passes as u32) {
             (Sort::Exact, _) | (Sort::Bubble, 0) => u32::MAX,

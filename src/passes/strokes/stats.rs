@@ -1,37 +1,38 @@
-//! What painting took, in numbers and in words.
+//! Statistics of painting.
 
-/// What painting took, for `--explain`.
+/// Statistics of painting, for `--explain`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize)]
 pub struct Facts {
-    /// Strokes in the lists of tiles; one that touches two tiles counts twice. Of z-buffered strokes, which need none, all that went to the rasteriser.
+    /// Strokes in the lists of tiles, once per tile; for z-buffered strokes all that were
+    /// rasterised.
     pub listed: u64,
-    /// Of the A-buffer.
+    /// Fragments in the A-buffer.
     pub fragments: u64,
-    /// That are not in it, because they lie behind one that covers its pixel wholly; no others are left out.
+    /// Fragments left out because another covers their pixel completely; no others are.
     pub hidden: u64,
-    /// In one pixel, at most.
+    /// Largest number of fragments in one pixel.
     pub deepest: u32,
-    /// In which the picture was painted, because all lists together would have been larger than the memory allowed.
+    /// Parts in which the picture was painted, because of the allowed memory.
     pub parts: u32,
-    /// Not the memory allowed, but what the device binds at once is the bound.
+    /// Whether the device's binding limit was the bound, not the allowed memory.
     pub by_device: bool,
-    /// Of the largest part.
+    /// Memory of the largest part.
     pub bytes: u64,
-    /// On the device, of what was counted beforehand, milliseconds.
+    /// Device time of counting beforehand [ms].
     pub counting_ms: f64,
 }
 
 impl Facts {
-    /// Of an A-buffer that is kept, what later frames say of it.
+    /// Returns the numbers that later frames report about a kept A-buffer.
     pub fn notes(&self) -> [u64; 5] {
         [self.listed, self.fragments, self.hidden, self.deepest as u64, self.bytes]
     }
 
-    /// Where the memory allowed was reached, or the device's own bound.
+    /// Returns a note if the picture was painted in parts.
     pub fn note(&self) -> Option<String> {
         let why = match self.by_device {
             true => "the device binds no more at once",
-            false => "the memory allowed was reached; more, and fewer parts, with --abuffer-memory",
+            false => "the memory allowed was reached; a larger --abuffer-memory needs fewer parts",
         };
         (self.parts > 1).then(|| {
             format!("painted in {} parts, because {why}; the picture is the same", self.parts)
@@ -55,10 +56,10 @@ impl std::fmt::Display for Facts {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         let Facts { listed, fragments, hidden, deepest, .. } = self;
         match fragments + hidden {
-            0 => write!(f, "{listed} drawn, of each pixel the nearest")?,
+            0 => write!(f, "{listed} drawn, the nearest of each pixel")?,
             _ => write!(
                 f,
-                "{listed} in the lists of tiles; {fragments} fragments, {deepest} in a pixel at most, none left out but {hidden} wholly behind others"
+                "{listed} in the lists of tiles; {fragments} fragments, at most {deepest} in a pixel; {hidden} left out, completely behind others"
             )?,
         }
         write!(

@@ -1,17 +1,18 @@
-//! Normals in, the tangents that strokes are painted along out: by the functions that stroke_bins calls, for the study that times them and for the test against their f64 twin (HARD_CASES 19).
+//! Computes tangents of normals by the functions that `stroke_bins` calls, for the study that times
+//! them and the test against their f64 twin (guide: numerics, case 19).
 
 use super::Tangents;
 use crate::error::Result;
 use crate::graph::{Dispatch, Gpu, Graph};
 use crate::shader::{self, Direction};
 
-/// What the device finds, as strokes are painted; and how long it takes, milliseconds.
+/// Returns the tangents and the device time [ms].
 pub fn on_device(
     gpu: &mut Gpu,
     way: Tangents,
     directions: &[Direction],
 ) -> Result<(Vec<[f32; 3]>, f64)> {
-    /// Workgroups in a row, as many as every device takes.
+    /// Workgroups in a row that every device allows.
     const ROW: u32 = 65_535;
     let count = directions.len() as u32;
     let mut g = Graph::new(gpu);

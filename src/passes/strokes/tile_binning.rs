@@ -1,4 +1,4 @@
-//! Points in, which strokes may touch each tile out: how many first, since only then is it known how much room they need.
+//! Finds the strokes that may touch each tile: first their number, which sizes the lists.
 
 use super::{PLACE_BYTES, Painting, StrokeInputs};
 use crate::error::Result;
@@ -8,19 +8,20 @@ use crate::passes::resolve;
 use crate::shader::{self, stroke_bins};
 use std::ops::Range;
 
-/// Workgroups that share a chunk there, so that 16 points one after the other may touch thousands of tiles each.
+/// Workgroups that share a chunk, so that 16 consecutive points may touch thousands of tiles each.
 const SLICES: u32 = 32;
 
-/// Tiles in a row, and the list of their strokes.
+/// Consecutive tiles with the list of their strokes.
 pub struct Bins {
     pub part: Buffer,
     pub strokes: Buffer,
-    /// Strokes of one of the tiles, at most.
+    /// Largest number of strokes of a tile.
     pub longest: u32,
 }
 
 impl Painting<'_> {
-    /// Of every tile of a band, how many strokes may touch it; in several turns, each of some of the points, where those of a single tile are more than a list may hold.
+    /// Returns the number of strokes that may touch each tile of a band, in several turns over
+    /// parts of the points if a single tile has more than a list may hold.
     pub(super) fn listed(&mut self, g: &mut Graph, band: Band) -> Result<Vec<Vec<u32>>> {
         let room = self.room(g, 2) / PLACE_BYTES;
         let mut turns = 1;
@@ -32,12 +33,12 @@ impl Painting<'_> {
             if most <= room || turns as u64 > most {
                 return Ok(listed);
             }
-            // Turns are about as long as each other.
+            // Turns are of about equal length.
             turns = (turns + 1).max((turns as u64 * most * 9 / 8).div_ceil(room) as u32);
         }
     }
 
-    /// Of every tile of a band, how many strokes may touch it.
+    /// Returns the number of strokes of one turn that may touch each tile of a band.
     fn tally(&mut self, g: &mut Graph, band: Band, turn: [u32; 2]) -> Result<Vec<u32>> {
         let mut counting = g.preceding();
         let paint = resolve::paint(&mut counting, self.resident, &self.request)?;
@@ -58,7 +59,7 @@ impl Painting<'_> {
         Ok(counts)
     }
 
-    /// Which strokes may touch each of some tiles, of a turn.
+    /// Lists the strokes of one turn that may touch each of some tiles.
     pub(super) fn bins(
         &self,
         g: &mut Graph,
