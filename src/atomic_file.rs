@@ -195,9 +195,9 @@ fn unfinished() -> std::sync::MutexGuard<'static, Vec<PathBuf>> {
     UNFINISHED.lock().unwrap_or_else(|poisoned| poisoned.into_inner())
 }
 
-/// Longest file name that file systems allow [bytes].
+/// Longest file name that file systems allow `[bytes]`.
 const NAME_BYTES: usize = 255;
-/// Length of ".partial-" and a process id [bytes].
+/// Length of ".partial-" and a process id `[bytes]`.
 const PARTIAL_BYTES: usize = 19;
 
 fn shortened(name: &str, bytes: usize) -> &str {

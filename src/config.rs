@@ -27,7 +27,7 @@ pub const PAGES_PER_BLOCK: u32 = 256;
 pub const POINTS_PER_CHUNK: u32 = 4096;
 pub const CHUNKS_PER_PAGE: u32 = POINTS_PER_PAGE / POINTS_PER_CHUNK;
 
-/// Largest quantisation of positions [px], a fifth of the error of f32 arithmetic (guide: numerics,
+/// Largest quantisation of positions `[px]`, a fifth of the error of f32 arithmetic (guide: numerics,
 /// case 1.2). A node is drawn from as few planes as keep it.
 pub const QUANTISATION_PX: f64 = 1.0 / 4096.0;
 
@@ -39,7 +39,7 @@ pub const BUDGET_PER_PIXEL: f64 = 4.0;
 /// up a small picture's budget.
 pub const BUDGET_LEAST: u64 = 16 * POINTS_PER_PAGE as u64;
 
-/// Projected error [px] at which refinement ends: finer samples would fall into the same pixels.
+/// Projected error `[px]` at which refinement ends: finer samples would fall into the same pixels.
 pub const LOD_PX: f64 = 1.0;
 
 /// Most bytes of pages waiting for the loader. It bounds what one frame uploads, and what a turn of
@@ -76,7 +76,7 @@ pub const DECOMPRESSION: u64 = 4;
 /// Memory for points being indexed: 100 million points then take one pass through a temporary file.
 pub const INDEX_MEMORY: u64 = 2 << 30;
 
-/// Default size of a picture [px].
+/// Default size of a picture `[px]`.
 pub const SIZE: [u32; 2] = [1920, 1080];
 
 /// Default background, sRGB: dark enough for bright scans, light enough for dark ones.

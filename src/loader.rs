@@ -169,7 +169,7 @@ impl Loader {
     }
 }
 
-/// Returns the file in which Linux reports this thread's processor time [ns], the first number of
+/// Returns the file in which Linux reports this thread's processor time `[ns]`, the first number of
 /// three.
 fn cpu_time_file() -> Option<PathBuf> {
     let thread = std::fs::read_link("/proc/thread-self").ok()?;

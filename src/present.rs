@@ -69,7 +69,7 @@ struct Swapchain {
     size: [u32; 2],
     /// The screen buffer: a u32 per pixel of the window; a smaller picture uses the first ones.
     screen: RawBuffer,
-    /// Size of the picture in the screen buffer [px]; 0 if none has been written.
+    /// Size of the picture in the screen buffer `[px]`; 0 if none has been written.
     picture: [u32; 2],
     /// Image that a smaller picture is scaled from, and its memory.
     small: Option<(RawImage, Block)>,
@@ -126,7 +126,7 @@ impl Present {
         Ok(present)
     }
 
-    /// Recreates the swapchain if it does not fit the window's size [px]. Returns false if nothing
+    /// Recreates the swapchain if it does not fit the window's size `[px]`. Returns false if nothing
     /// can be shown, as in a minimised window or one that is gone.
     pub fn fit(&mut self, gpu: &mut Gpu, [width, height]: [u32; 2]) -> Result<bool> {
         let mut asked = self.capabilities(gpu);
@@ -169,7 +169,7 @@ impl Present {
         self.swapchain.as_ref().is_none_or(|swapchain| swapchain.picture == [0, 0])
     }
 
-    /// Returns the size of the swapchain [px]; 0 before [`Present::fit`].
+    /// Returns the size of the swapchain `[px]`; 0 before [`Present::fit`].
     pub fn size(&self) -> [u32; 2] {
         self.swapchain.as_ref().map_or([0, 0], |swapchain| swapchain.size)
     }
@@ -180,7 +180,7 @@ impl Present {
         &self.swapchain.as_ref().expect("fit was true").screen
     }
 
-    /// Declares that a picture of this size [px] has been written to the screen buffer.
+    /// Declares that a picture of this size `[px]` has been written to the screen buffer.
     pub fn set_picture_size(&mut self, gpu: &mut Gpu, picture: [u32; 2]) -> Result<()> {
         let swapchain = self.swapchain.as_mut().expect("fit was true");
         let desc = (picture != swapchain.size)

@@ -1,7 +1,7 @@
 //! The camera, in world coordinates, f64; camera paths and the light.
 //!
 //! Pixel (0, 0) is top left and pixel i covers [i, i + 1). Depth is the planar view-space distance
-//! [m], positive in front of the camera, for both projections.
+//! `[m]`, positive in front of the camera, for both projections.
 
 pub mod camera_path;
 pub mod light;
@@ -25,12 +25,12 @@ pub struct Camera {
     pub target: DVec3,
     #[serde(default = "z_up")]
     pub up: DVec3,
-    /// Vertical field of view of a perspective camera [degrees].
+    /// Vertical field of view of a perspective camera `[degrees]`.
     #[serde(default = "default_fov_y")]
     pub fov_y: f64,
     #[serde(default = "perspective")]
     pub projection: Projection,
-    /// Height of the picture in the world of an orthographic camera [m].
+    /// Height of the picture in the world of an orthographic camera `[m]`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub ortho_height: Option<f64>,
 }
@@ -85,9 +85,9 @@ impl Camera {
 #[derive(Clone, Copy, Debug)]
 pub struct View {
     pub camera: Camera,
-    /// Size of the window [px].
+    /// Size of the window `[px]`.
     pub size: [u32; 2],
-    /// Size of the whole picture [px].
+    /// Size of the whole picture `[px]`.
     pub whole: [u32; 2],
     /// Top left pixel of the window in the whole picture.
     pub corner: [i32; 2],
@@ -127,7 +127,7 @@ impl View {
         self.window([0, 0], self.whole)
     }
 
-    /// Returns the principal point [px], from the window's top left.
+    /// Returns the principal point `[px]`, from the window's top left.
     pub fn centre(&self) -> [f64; 2] {
         [0, 1].map(|axis| self.whole[axis] as f64 / 2.0 - self.corner[axis] as f64)
     }
@@ -172,7 +172,7 @@ impl View {
         })
     }
 
-    /// Returns the least planar depth [m] of a world box in front of the camera; `None` if no point
+    /// Returns the least planar depth `[m]` of a world box in front of the camera; `None` if no point
     /// of the box is in view.
     pub fn least_depth(&self, bounds: (DVec3, DVec3)) -> Option<f64> {
         self.depths(bounds).map(|(least, _)| least)

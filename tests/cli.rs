@@ -740,7 +740,9 @@ fn settings_that_change_nothing_are_said() {
     assert!(!there.contains("note:") && picture != plain, "{there}");
     let (drop, ..) = said("--light direction:0.3,0.8,-0.8 --effect phong=backfaces=drop");
     assert!(
-        drop.contains("note: phong=backfaces=drop has no effect: the files have no oriented normals"),
+        drop.contains(
+            "note: phong=backfaces=drop has no effect: the files have no oriented normals"
+        ),
         "{drop}"
     );
     let (unused, same, _) = said(

@@ -670,7 +670,11 @@ fn hard_24_colour_depth_is_decided_over_the_whole_file() {
             rgb.iter().zip(values).all(|(color, v)| color[0] as u16 == v.min(255)),
             "wide at {wide_at}"
         );
-        assert!(one.notes.iter().any(|note| note.contains("except those of 1 of 199")), "{:?}", one.notes);
+        assert!(
+            one.notes.iter().any(|note| note.contains("except those of 1 of 199")),
+            "{:?}",
+            one.notes
+        );
         let values = (0..count)
             .map(|i| if usize::abs_diff(i, wide_at) < count / 5 { 256 } else { (i % 256) as u16 });
         let wide = read_bytes("wide.las", &las(&colors(values.clone()))).unwrap();

@@ -1,4 +1,4 @@
-//! HARD_CASES.md, one test a case, named after it. What each promises, and why, stands there; a tolerance that is not there is derived beside its use.
+//! guide: numerics, one test a case, named after it. What each promises, and why, stands there; a tolerance that is not there is derived beside its use.
 
 mod gpu;
 

@@ -102,7 +102,7 @@ fn square(count: usize, half: f64, u: DVec3, v: DVec3, seed: u64) -> impl Iterat
     (0..count).map(move |_| u * random.within(-half, half) + v * random.within(-half, half))
 }
 
-/// HARD_CASES 13: with a layer of sqrt(2) texels' sides and a quantum no plane shades itself, at any angle up to the limit; where masks fill from neighbours, with twice as much.
+/// guide: numerics, case 13: with a layer of sqrt(2) texels' sides and a quantum no plane shades itself, at any angle up to the limit; where masks fill from neighbours, with twice as much.
 ///
 /// The slope is taken from neighbours, and the theorem needs the one across the lower corner of a texel: without filling, the plane's rim, which has none there, is left out.
 #[test]
@@ -467,7 +467,7 @@ fn shadows_take_what_phong_adds_and_leave_its_ambient_part() {
     }
 }
 
-/// HARD_CASES 14: behind a half plane a point sees of the light what each of its samples says, but for those whose ray passes the edge within texels.
+/// guide: numerics, case 14: behind a half plane a point sees of the light what each of its samples says, but for those whose ray passes the edge within texels.
 #[test]
 fn hard_14_behind_an_edge_every_sample_is_the_ray_to_its_place() {
     let floor = square(300_000, 1.5, DVec3::X, DVec3::Y, 3);

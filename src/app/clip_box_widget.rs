@@ -14,10 +14,10 @@ const REACH: f64 = 0.25;
 /// Margin of a new box around several places, as a share of their diagonal.
 const BEYOND: f64 = 0.05;
 
-/// Diameter of a handle [points].
+/// Diameter of a handle `[points]`.
 const HANDLE: f32 = 12.0;
 
-/// Length of a drag that moves a number by the box's length [points].
+/// Length of a drag that moves a number by the box's length `[points]`.
 const TRAVEL: f64 = 200.0;
 
 /// Returns a new box around the picked points, or else around the middle of the picture, with
@@ -167,7 +167,7 @@ fn handle(ui: &Ui, id: (usize, usize), clip: &mut Clip, view: &View, color: Colo
     }
 }
 
-/// Returns how far a point at `p` moves along an axis [m] to follow a drag [px]; 0 if the axis is
+/// Returns how far a point at `p` moves along an axis `[m]` to follow a drag `[px]`; 0 if the axis is
 /// seen end on.
 fn along(view: &View, p: DVec3, axis: DVec3, [x, y]: [f64; 2]) -> f64 {
     let step = 1e-3 * p.distance(view.camera.eye);

@@ -55,7 +55,7 @@ impl FrameSample {
     }
 }
 
-/// Median, 99th percentile and maximum of times [ms].
+/// Median, 99th percentile and maximum of times `[ms]`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Spread {
     pub median: f64,
@@ -86,7 +86,7 @@ impl std::fmt::Display for Spread {
     }
 }
 
-/// The report of `--timings`; times are wall-clock [ms].
+/// The report of `--timings`; times are wall-clock `[ms]`.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Summary {
     pub device: String,
@@ -156,7 +156,7 @@ const CAUSES: [&str; 7] = [
 /// Index of the loader in [`CAUSES`].
 const LOADER: usize = 1;
 
-/// The time from one frame to the next [ms], and its parts.
+/// The time from one frame to the next `[ms]`, and its parts.
 struct Step {
     ms: f64,
     by_cause: [f64; CAUSES.len()],
@@ -185,7 +185,7 @@ impl Step {
     }
 }
 
-/// Counts the frames slower than `slow` [ms] by cause, the most frequent cause first.
+/// Counts the frames slower than `slow` `[ms]` by cause, the most frequent cause first.
 fn slow_by(steps: &[Step], slow: f64) -> Vec<(String, usize)> {
     let usual: Vec<f64> = (0..CAUSES.len())
         .map(|cause| Spread::of(steps.iter().map(|step| step.by_cause[cause]).collect()).median)

@@ -15,13 +15,13 @@ use winit::keyboard::KeyCode;
 /// Longest time between the clicks of a double click.
 const DOUBLE: Duration = Duration::from_millis(400);
 
-/// Farthest that the mouse moves during a click [px].
+/// Farthest that the mouse moves during a click `[px]`.
 const CLICK_PX: f64 = 4.0;
 
 /// State of the mouse and of the modifier keys.
 #[derive(Default)]
 pub(super) struct Mouse {
-    /// Position of the cursor [px].
+    /// Position of the cursor `[px]`.
     pub cursor: DVec2,
     pub modifiers: Modifiers,
     /// Time and position of the last click.

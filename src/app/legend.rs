@@ -5,7 +5,7 @@ use crate::cloud::colormap;
 use crate::cloud::system::Reference;
 use egui::{Color32, Rect, Sense, Ui, pos2, vec2};
 
-/// Side of a swatch and height of a ramp [points].
+/// Side of a swatch and height of a ramp `[points]`.
 const SIDE: f32 = 12.0;
 /// Rectangles that a ramp is drawn of.
 const PARTS: u32 = 64;

@@ -5,7 +5,7 @@ use crate::view::light::Light;
 use egui::{Color32, DragValue, Sense, Slider, Stroke, Ui, Vec2, vec2};
 use glam::DVec3;
 
-/// Radius of the ball [points].
+/// Radius of the ball `[points]`.
 const RADIUS: f32 = 34.0;
 
 /// Chooses the kind of light and its direction or position. A new lamp stands at `eye` (world).

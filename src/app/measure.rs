@@ -90,7 +90,7 @@ impl Measure {
         self.ends().map_or(0.0, |[first, last]| (last - first).truncate().length())
     }
 
-    /// Returns the angle at the last point but one [degrees]; None if points coincide.
+    /// Returns the angle at the last point but one `[degrees]`; None if points coincide.
     pub fn angle(&self) -> Option<f64> {
         let &[.., a, b, c] = &self.places()[..] else { return None };
         let to = |other: DVec3| (other - b).try_normalize();

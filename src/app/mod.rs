@@ -113,7 +113,7 @@ struct App {
     options: Options,
     events: EventLoopProxy<Event>,
     window: Option<Arc<Window>>,
-    /// Size of the window [px], as last reported: asking a window that another program has
+    /// Size of the window `[px]`, as last reported: asking a window that another program has
     /// destroyed would end this one.
     size: [u32; 2],
     render_thread: Option<RenderThread>,
@@ -177,7 +177,7 @@ impl App {
         })
     }
 
-    /// Returns the window's size [px], at least 1 x 1.
+    /// Returns the window's size `[px]`, at least 1 x 1.
     fn size(&self) -> [u32; 2] {
         self.size.map(|side| side.max(1))
     }

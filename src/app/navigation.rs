@@ -105,7 +105,7 @@ pub enum Input {
     },
     Look {
         from: Preset,
-        /// Width of the window's left part that is covered [px]; the subject is framed beside it.
+        /// Width of the window's left part that is covered `[px]`; the subject is framed beside it.
         covered_px: f64,
     },
     Project {
@@ -132,7 +132,7 @@ pub struct Subject {
     /// Points that a camera should frame (world).
     pub core: Arc<Vec<DVec3>>,
     pub centre: DVec3,
-    /// Half of the diagonal [m].
+    /// Half of the diagonal `[m]`.
     pub radius: f64,
 }
 
@@ -175,7 +175,7 @@ struct Drag {
 /// Share of the distance that a notch of the wheel leaves.
 const NOTCH: f64 = 0.8;
 
-/// Farthest that the mouse moves while its wheel turns [px].
+/// Farthest that the mouse moves while its wheel turns `[px]`.
 const STAYS_PX: f64 = 8.0;
 
 /// Least and largest distances that the wheel reaches, in radii of the subject.
@@ -203,7 +203,7 @@ pub struct Navigation {
     /// Speed of flight [m/s].
     pub speed: f64,
     subject: Subject,
-    /// Size of the window [px].
+    /// Size of the window `[px]`.
     size: [u32; 2],
     drag: Option<Drag>,
     held: Vec<Direction>,
@@ -413,7 +413,7 @@ impl Navigation {
         (point - self.camera.eye).dot(self.basis().forward)
     }
 
-    /// Returns the least distance to a point [m], no less than coordinates resolve.
+    /// Returns the least distance to a point `[m]`, no less than coordinates resolve.
     fn nearest(&self) -> f64 {
         (NEAREST * self.subject.radius).max(1e-12 * self.subject.centre.length())
     }

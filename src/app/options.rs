@@ -23,7 +23,7 @@ pub struct Options {
     /// View if there is no camera.
     pub preset: Preset,
     pub camera: Option<Camera>,
-    /// Size of the window [px].
+    /// Size of the window `[px]`.
     pub size: [u32; 2],
     pub style: NavigationStyle,
     /// Size of saved pictures.

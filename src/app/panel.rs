@@ -49,7 +49,7 @@ pub struct UiState {
     pub at_most: bool,
     pub latency: Duration,
     pub took: Duration,
-    /// Device time of every pass [ms].
+    /// Device time of every pass `[ms]`.
     pub passes: Vec<(String, f64)>,
     pub decided: Decided,
     pub shown: Option<DisplayAttribute>,
@@ -70,7 +70,7 @@ pub struct UiState {
     pub measure: Measure,
     /// Size of saved pictures.
     pub save_size: SaveSize,
-    /// Width of profiles [m]; 0: by their length.
+    /// Width of profiles `[m]`; 0: by their length.
     pub width: f64,
     pub profile: Option<Profile>,
     /// The camera path.
@@ -101,7 +101,7 @@ impl UiState {
 pub enum SaveSize {
     /// A multiple of the window's size.
     Times(u32),
-    /// A size [px].
+    /// A size `[px]`.
     To([u32; 2]),
 }
 
@@ -112,7 +112,7 @@ impl Default for SaveSize {
 }
 
 impl SaveSize {
-    /// Returns the size [px] for a window of this size.
+    /// Returns the size `[px]` for a window of this size.
     pub fn of(self, window: [u32; 2]) -> [u32; 2] {
         match self {
             SaveSize::Times(times) => window.map(|side| side * times),
@@ -140,16 +140,16 @@ pub struct EventResponse {
 /// The panel, and its state in egui.
 pub struct Panel {
     input: egui_winit::State,
-    /// Position of the cursor [px].
+    /// Position of the cursor `[px]`.
     cursor: egui::Pos2,
     /// Whether a drop-down list was open at the last layout.
     list_open: bool,
-    /// Width of the window's left part that the panel covers [px], at the last layout; 0 if it lies
+    /// Width of the window's left part that the panel covers `[px]`, at the last layout; 0 if it lies
     /// elsewhere or is folded.
     covers_px: f64,
 }
 
-/// Width of the panel [points].
+/// Width of the panel `[points]`.
 const WIDTH: f32 = 250.0;
 
 /// Least share of the frame time that a pass needs to be listed.
@@ -214,7 +214,7 @@ impl Panel {
         layer.is_some_and(|layer| layer.order != egui::Order::Background)
     }
 
-    /// Returns the width of the window's left part that the panel covers [px].
+    /// Returns the width of the window's left part that the panel covers `[px]`.
     pub fn covers_px(&self, hidden: bool) -> f64 {
         if hidden { 0.0 } else { self.covers_px }
     }
@@ -432,7 +432,7 @@ fn save_size_row(ui: &mut Ui, save_size: &mut SaveSize, view: Option<&View>) {
 }
 
 fn color(ui: &mut Ui, state: &UiState, scene: &mut Scene) {
-    /// Height of the list of attributes [points].
+    /// Height of the list of attributes `[points]`.
     const LIST: f32 = 300.0;
     let automatic =
         || state.shown.map_or("auto".into(), |shown| format!("auto: {}", shown.attribute.name()));
@@ -543,7 +543,7 @@ fn effect(ui: &mut Ui, listed: Listed, decided: &Decided) {
     }
 }
 
-/// Edits the layer distance [m] of all effects; 0: automatic.
+/// Edits the layer distance `[m]` of all effects; 0: automatic.
 fn layer_distance(ui: &mut Ui, layer_m: &mut f64) {
     let said = |layer_m: f64, _| {
         if layer_m == 0.0 { "automatic".to_string() } else { format!("{layer_m} m") }
@@ -746,7 +746,7 @@ fn measure_overlay(ui: &Ui, measure: &Measure, view: &View) {
     let per_point = ui.ctx().pixels_per_point();
     let seen =
         |place: DVec3| view.pixel(place).map(|[x, y]| egui::pos2(x as f32, y as f32) / per_point);
-    /// Distance of a label above its line or point [points]; that of the area is below.
+    /// Distance of a label above its line or point `[points]`; that of the area is below.
     const ABOVE: f32 = 14.0;
     let stroke = egui::Stroke::new(2.0, Color32::YELLOW);
     let label = |place: DVec3, above: f32, text: String| {

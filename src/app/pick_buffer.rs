@@ -7,13 +7,13 @@ use glam::{DVec2, DVec3};
 /// Depth and point ids of the last frame.
 pub struct PickBuffer {
     pub view: View,
-    /// Planar depth [m]; not finite where nothing is.
+    /// Planar depth `[m]`; not finite where nothing is.
     pub depth: Vec<f32>,
     /// Point ids; none where a surface hides the point.
     pub index: Vec<u32>,
 }
 
-/// Largest distance from the cursor to a picked pixel [px].
+/// Largest distance from the cursor to a picked pixel `[px]`.
 const MISS_PX: i64 = 6;
 
 impl PickBuffer {

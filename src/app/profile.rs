@@ -10,7 +10,7 @@ use crate::resident::slab_query::{Slab, SlabPoint, SlabPoints};
 use egui::{Color32, ColorImage, RichText, TextureHandle, TextureOptions, Ui, Vec2};
 use glam::{DVec2, DVec3};
 
-/// Size of the picture [px].
+/// Size of the picture `[px]`.
 const SIZE: [usize; 2] = [520, 220];
 
 /// Default width of a profile, as a share of its length.

@@ -172,7 +172,7 @@ struct RenderLoop {
     gpu: Gpu,
     /// None once the thread has ended.
     present: Option<Present>,
-    /// Size of the window [px], as last reported.
+    /// Size of the window `[px]`, as last reported.
     window: [u32; 2],
     inbox: Inbox,
     report: Box<dyn Fn(RenderEvent) + Send + Sync>,

@@ -152,7 +152,7 @@ fn of(
     Ok(rows)
 }
 
-/// Returns the time of all passes of a frame [ms].
+/// Returns the time of all passes of a frame `[ms]`.
 fn draw(
     gpu: &mut Gpu,
     view: &View,

@@ -34,10 +34,10 @@ pub struct Row {
     pub bench: &'static str,
     pub points: u64,
     pub size: String,
-    /// Median of a frame [ms].
+    /// Median of a frame `[ms]`.
     pub without_ms: f64,
     pub with_ms: f64,
-    /// Time of the luminance passes, and of the walk that finds the front [ms].
+    /// Time of the luminance passes, and of the walk that finds the front `[ms]`.
     pub luminance_ms: f64,
     pub project_ms: f64,
     /// Share of frames per second lost.
@@ -128,7 +128,7 @@ pub fn run(options: &DeviceOptions, plan: &Plan, progress: &dyn Progress) -> Res
     Ok(rows)
 }
 
-/// Returns the time of all passes, of the luminance passes, and of projecting [ms].
+/// Returns the time of all passes, of the luminance passes, and of projecting `[ms]`.
 fn draw(
     gpu: &mut Gpu,
     view: &View,

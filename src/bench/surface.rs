@@ -43,7 +43,7 @@ pub struct Row {
     pub ms_q3: f64,
     /// Multiples of the plain pass, between medians.
     pub plain_passes: f64,
-    /// Times of its passes in the last round [ms].
+    /// Times of its passes in the last round `[ms]`.
     pub passes: BTreeMap<String, f64>,
     /// The target in plain passes.
     pub target: f64,
@@ -181,7 +181,7 @@ pub fn run(options: &DeviceOptions, plan: &Plan, progress: &dyn Progress) -> Res
     Ok(WAYS.into_iter().zip(times).zip(parts).map(row).collect())
 }
 
-/// Returns the times of the counted passes by name [ms].
+/// Returns the times of the counted passes by name `[ms]`.
 fn draw(
     gpu: &mut Gpu,
     view: &View,

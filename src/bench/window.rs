@@ -29,7 +29,7 @@ pub struct Plan {
     /// A further index.
     pub index: Option<PathBuf>,
     pub sizes: Vec<[u32; 2]>,
-    /// Duration of each flight [s].
+    /// Duration of each flight `[s]`.
     pub seconds: u64,
     /// Further arguments of `view`: device, pool, budget.
     pub options: Vec<OsString>,

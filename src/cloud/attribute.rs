@@ -77,7 +77,7 @@ impl Attribute {
 #[derive(Clone, Copy, Debug)]
 pub struct DisplayAttribute {
     pub attribute: Attribute,
-    /// World heights of the whole cloud without strays, for elevation [m].
+    /// World heights of the whole cloud without strays, for elevation `[m]`.
     heights: [f64; 2],
     /// The words at both ends of the ramp.
     pub stretch: [u32; 2],
@@ -319,7 +319,7 @@ impl DisplayAttribute {
         }
     }
 
-    /// Returns the values at the ends of the ramp, if any: heights [m] or 16-bit intensities.
+    /// Returns the values at the ends of the ramp, if any: heights `[m]` or 16-bit intensities.
     pub fn ends(&self) -> Option<[f64; 2]> {
         let [bottom, top] = self.heights;
         match self.attribute {

@@ -40,7 +40,7 @@ pub struct Record {
     pub source: Option<u16>,
     /// Unit normal.
     pub normal: Option<[f64; 3]>,
-    /// GPS time as in the file [s].
+    /// GPS time as in the file `[s]`.
     pub gps_time: Option<f64>,
     /// Fields only LAS has.
     pub extras: Extras,

@@ -16,7 +16,7 @@ use std::ops::Range;
 
 /// Numbers in each line of a scan's head.
 const HEAD: [usize; 10] = [1, 1, 3, 3, 3, 3, 4, 4, 4, 4];
-/// Longest head [bytes].
+/// Longest head `[bytes]`.
 const HEAD_BYTES: u64 = 8 << 10;
 
 /// The head of a scan.

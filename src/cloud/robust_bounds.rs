@@ -81,7 +81,7 @@ fn near(mut samples: Vec<(DVec3, u32)>) -> Vec<(DVec3, u32)> {
 struct Certain {
     low: DVec3,
     high: DVec3,
-    /// The longest side [m].
+    /// The longest side `[m]`.
     size: f64,
 }
 
@@ -97,7 +97,7 @@ impl Certain {
         Certain { low, high, size: (high - low).max_element() }
     }
 
-    /// Returns the largest distance outside the box along an axis [m].
+    /// Returns the largest distance outside the box along an axis `[m]`.
     fn beyond(&self, p: DVec3) -> f64 {
         (p - p.clamp(self.low, self.high)).abs().max_element()
     }

@@ -37,7 +37,7 @@ pub struct Source {
 enum Contents {
     Las {
         las: Box<Las>,
-        /// Length of the file when opened [bytes].
+        /// Length of the file when opened `[bytes]`.
         length: u64,
     },
     Part(Box<Part>),

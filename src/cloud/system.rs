@@ -189,7 +189,7 @@ impl System {
         self.unit.clone().unwrap_or_default()
     }
 
-    /// Returns longitude and latitude of a world position [degrees], if the projection is known.
+    /// Returns longitude and latitude of a world position `[degrees]`, if the projection is known.
     pub fn lonlat(&self, place: DVec3) -> Option<[f64; 2]> {
         if let Some(plane) = &self.plane {
             return Some(plane.lonlat(place));
@@ -306,7 +306,7 @@ impl Reference {
         place * DVec3::new(horizontal, horizontal, self.height_unit().metres)
     }
 
-    /// Returns longitude, latitude and height [m].
+    /// Returns longitude, latitude and height `[m]`.
     pub fn on_earth(&self, place: DVec3) -> Option<[f64; 3]> {
         let [lon, lat] = self.system.as_ref()?.lonlat(place)?;
         Some([round(lon, 9), round(lat, 9), round(self.metres(place).z, 4)])

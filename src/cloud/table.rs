@@ -187,7 +187,7 @@ pub struct Table {
     pub source: Source,
     /// Number of points in a line of its own before the first row.
     pub count: Option<u64>,
-    /// Beginning of the first row [bytes], and the number of lines before it.
+    /// Beginning of the first row `[bytes]`, and the number of lines before it.
     pub body_at: usize,
     pub lines_before: u64,
     /// A comment that seems to name other columns.

@@ -56,7 +56,7 @@ pub struct Device {
     /// Most workgroups of a pass over a list whose entries may need no work. Few on a CPU, where
     /// each workgroup runs through its code even if there is nothing to do.
     pub max_workgroups: u32,
-    /// Largest allocation [bytes].
+    /// Largest allocation `[bytes]`.
     pub max_allocation: u64,
     pub labels: Option<ext::debug_utils::Device>,
     messenger: Option<(ext::debug_utils::Instance, vk::DebugUtilsMessengerEXT)>,
@@ -435,7 +435,7 @@ fn queue_family(instance: &ash::Instance, physical: vk::PhysicalDevice) -> Optio
     families.iter().position(|family| family.queue_flags.contains(needed)).map(|index| index as u32)
 }
 
-/// Returns the driver's name and version, and the largest allocation [bytes].
+/// Returns the driver's name and version, and the largest allocation `[bytes]`.
 fn driver(instance: &ash::Instance, physical: vk::PhysicalDevice) -> (String, u64) {
     let mut driver = vk::PhysicalDeviceDriverProperties::default();
     let mut limits = vk::PhysicalDeviceMaintenance3Properties::default();
@@ -458,7 +458,7 @@ mod tests {
     use super::*;
     use vk::MemoryPropertyFlags as Flags;
 
-    /// Builds memory properties from heap sizes [MiB] and, for each type, its heap and flags.
+    /// Builds memory properties from heap sizes `[MiB]` and, for each type, its heap and flags.
     fn memory(heaps: &[u64], types: &[(u32, Flags)]) -> vk::PhysicalDeviceMemoryProperties {
         let mut memory = vk::PhysicalDeviceMemoryProperties::default();
         (memory.memory_heap_count, memory.memory_type_count) =

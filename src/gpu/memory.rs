@@ -38,7 +38,7 @@ pub struct BufferDesc {
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct ImageDesc {
-    /// Width and height [px].
+    /// Width and height `[px]`.
     pub size: [u32; 2],
     pub format: vk::Format,
 }

@@ -48,7 +48,7 @@ impl Timing {
         };
     }
 
-    /// Returns the time of each pass [ms] once the submission has completed.
+    /// Returns the time of each pass `[ms]` once the submission has completed.
     pub fn read(&self) -> Result<Vec<f64>> {
         let mut ticks = vec![0u64; 2 * self.passes as usize];
         if ticks.is_empty() {

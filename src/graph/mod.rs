@@ -153,7 +153,7 @@ pub(crate) enum Work {
     Clear {
         image: ResourceId,
     },
-    /// Source offset, destination offset and length of each part [bytes].
+    /// Source offset, destination offset and length of each part `[bytes]`.
     CopyParts {
         from: ResourceId,
         to: ResourceId,
@@ -415,7 +415,7 @@ impl<'g> Graph<'g> {
         ResourceId(self.resources.len() - 1)
     }
 
-    /// Returns the largest storage buffer binding [bytes].
+    /// Returns the largest storage buffer binding `[bytes]`.
     pub fn binding_limit(&self) -> u64 {
         self.gpu.device.limits.max_storage_buffer_range as u64
     }
@@ -593,7 +593,7 @@ impl<'g> Graph<'g> {
         to
     }
 
-    /// Records copies between buffers: source offset, destination offset and length [bytes].
+    /// Records copies between buffers: source offset, destination offset and length `[bytes]`.
     pub fn copy_parts(&mut self, name: &str, from: &Buffer, to: &mut Buffer, parts: Vec<[u64; 3]>) {
         if !parts.is_empty() {
             let uses = vec![(from.id, Access::Read), (to.id, Access::Modify)];
@@ -737,7 +737,7 @@ impl<'g> Graph<'g> {
 /// A completed submission.
 pub struct CompletedSubmission {
     pub plan: Plan,
-    /// Name and GPU time [ms] of each pass, in order.
+    /// Name and GPU time `[ms]` of each pass, in order.
     pub passes: Vec<(String, f64)>,
     downloads: Vec<(ResourceId, RawBuffer)>,
 }
@@ -760,7 +760,7 @@ impl CompletedSubmission {
         }
     }
 
-    /// Returns the GPU time of all passes whose name starts with `prefix` [ms].
+    /// Returns the GPU time of all passes whose name starts with `prefix` `[ms]`.
     pub fn ms(&self, prefix: &str) -> f64 {
         self.passes.iter().filter(|(name, _)| name.starts_with(prefix)).map(|(_, ms)| ms).sum()
     }

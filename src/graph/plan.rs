@@ -68,7 +68,7 @@ pub struct Plan {
     text: String,
 }
 
-/// Plans the passes; `max_block` is the largest block [bytes].
+/// Plans the passes; `max_block` is the largest block `[bytes]`.
 pub fn plan(
     passes: &[Pass],
     resources: &[Resource],
@@ -524,7 +524,7 @@ mod tests {
         );
     }
 
-    /// Plans buffers of these sizes [bytes], used by the passes `from..=to`.
+    /// Plans buffers of these sizes `[bytes]`, used by the passes `from..=to`.
     fn buffers(lifetimes: &[(u64, usize, usize)]) -> Plan {
         let resources: Vec<_> = (lifetimes.iter().enumerate())
             .map(|(i, &(bytes, ..))| Resource {

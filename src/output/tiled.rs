@@ -27,7 +27,7 @@ use std::path::{Path, PathBuf};
 /// A larger picture is drawn in pieces: a frame takes a hundred bytes a pixel and more.
 const WHOLE_PIXELS: u64 = 3 << 23;
 
-/// Size of a piece [px]. A picture takes two gigabytes with it, since buffers of the smaller
+/// Size of a piece `[px]`. A picture takes two gigabytes with it, since buffers of the smaller
 /// windows at the edges stay in the pool beside the others.
 const PIECE: [u32; 2] = [4096, 1024];
 
@@ -42,7 +42,7 @@ pub struct Pieces {
     border: u32,
 }
 
-/// A part of the picture, and the wider window that is drawn for it: corners and sizes [px].
+/// A part of the picture, and the wider window that is drawn for it: corners and sizes `[px]`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Piece {
     pub corner: [u32; 2],

@@ -175,7 +175,7 @@ struct Next<'b> {
     alive: &'b mut Buffer,
     /// Number of the layer, from 1.
     layer: u32,
-    /// Distance from its points within which a layer may show something [px].
+    /// Distance from its points within which a layer may show something `[px]`.
     grows_px: f64,
 }
 

@@ -48,7 +48,7 @@ struct Words {
     budget: Option<u64>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     lod: Option<f64>,
-    /// Layer distance as after `--layer` [m].
+    /// Layer distance as after `--layer` `[m]`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     layer: Option<f64>,
     #[serde(default)]

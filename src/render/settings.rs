@@ -114,9 +114,9 @@ pub struct FrameConfig {
     pub strokes_at_once: Option<u32>,
     /// Point density of the whole picture; its parts use the same.
     pub sampling: PointDensity,
-    /// Layer distance as in [`RenderSettings`] [m].
+    /// Layer distance as in [`RenderSettings`] `[m]`.
     pub layer_m: f64,
-    /// Depth resolution at the farthest depth in view [m] (guide: numerics, case 4).
+    /// Depth resolution at the farthest depth in view `[m]` (guide: numerics, case 4).
     pub quantum_m: f64,
     /// Tiles where luminance is corrected.
     pub overlap: Arc<StationOverlap>,
@@ -168,7 +168,7 @@ impl FrameConfig {
         }
     }
 
-    /// Returns how far effects look [px], as [`Effects::reach_px`] times the layers, since each
+    /// Returns how far effects look `[px]`, as [`Effects::reach_px`] times the layers, since each
     /// layer depends on those before it.
     pub fn reach_px(&self, view: &View) -> Option<u32> {
         self.effects.reach_px(view, &self.decided).map(|reach| reach * self.layers())
@@ -232,7 +232,7 @@ fn settled(asked: &Effects, widest_px: f64, transparent: bool) -> Effects {
     effects
 }
 
-/// Returns the resolution of f32 at the farthest depth in view [m].
+/// Returns the resolution of f32 at the farthest depth in view `[m]`.
 fn quantum_m(view: &View, resident: &Resident) -> f64 {
     let farthest =
         resident.seen(&view.entire()).map(|((_, farthest), _)| farthest).fold(0.0, f64::max) as f32;

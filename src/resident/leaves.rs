@@ -29,7 +29,7 @@ fn frame(record: &NodeRecord) -> Frame {
     }
 }
 
-/// Returns the point spacing of a node from the words of its coarsest plane [m].
+/// Returns the point spacing of a node from the words of its coarsest plane `[m]`.
 fn spacing_m(index: &Index, record: &NodeRecord, coarse: &[u32]) -> f64 {
     in_metres(spacing(coarse.len(), |i| coarse[i]), &index.lattice(record), &frame(record))
 }
@@ -57,7 +57,7 @@ impl Resident {
         }
     }
 
-    /// Returns the point spacing [m], as [`Resident::spacing_m`], from the leaves or a sample of
+    /// Returns the point spacing `[m]`, as [`Resident::spacing_m`], from the leaves or a sample of
     /// them.
     pub fn spacing_of(index: &Index, leaves: &[usize]) -> Result<f64> {
         let asked = leaves.len().min(ASKED);

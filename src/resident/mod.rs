@@ -57,7 +57,7 @@ pub struct ResidentNode {
     /// Resident position planes, at least one; fewer than `frame.planes` if no more are needed, or
     /// not yet loaded.
     pub planes: u32,
-    /// Point spacing [m].
+    /// Point spacing `[m]`.
     pub spacing: f64,
     /// Station of all its points, if it is one and known.
     pub station: Option<u32>,
@@ -115,7 +115,7 @@ pub struct Resident {
     /// Points of the whole cloud.
     pub points: u64,
     pub stations: Vec<Station>,
-    /// Spacing of a cloud that is resident as a whole [m].
+    /// Spacing of a cloud that is resident as a whole `[m]`.
     spacing_m: Option<f64>,
     /// Histograms of the whole cloud, if they were computed and points have kinds.
     pub counts: Option<Histograms>,

@@ -2,7 +2,7 @@
 
 use crate::config::{PAGES_PER_BLOCK, POINTS_PER_PAGE};
 
-/// Size of a page [bytes].
+/// Size of a page `[bytes]`.
 pub const PAGE_BYTES: u64 = 4 * POINTS_PER_PAGE as u64;
 
 /// Occupancy of pages, without memory.

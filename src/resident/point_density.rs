@@ -7,14 +7,14 @@ use crate::view::{Projection, View};
 /// Density of a view, from its visible nodes.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct PointDensity {
-    /// Point spacing [m], see [`Resident::spacing_m`].
+    /// Point spacing `[m]`, see [`Resident::spacing_m`].
     pub spacing_m: f64,
-    /// Pixel size [m] at the centre of the node of the median point, from near nodes to far ones; 0
+    /// Pixel size `[m]` at the centre of the node of the median point, from near nodes to far ones; 0
     /// if there are none.
     pub pixel_m: f64,
     /// Points per pixel at the median point, from sparse nodes to dense ones; 0 if there are none.
     pub density: f64,
-    /// Point spacing on the screen [px] that 90% of the covered area does not exceed; 0 if there
+    /// Point spacing on the screen `[px]` that 90% of the covered area does not exceed; 0 if there
     /// are none.
     pub apart_px: f64,
 }
@@ -37,7 +37,7 @@ impl PointDensity {
         }
     }
 
-    /// Returns the point spacing on the screen [px] at the median point; 0 if there are none.
+    /// Returns the point spacing on the screen `[px]` at the median point; 0 if there are none.
     pub fn spacing_px(&self) -> f64 {
         if self.pixel_m > 0.0 { self.spacing_m / self.pixel_m } else { 0.0 }
     }
@@ -48,7 +48,7 @@ struct Node {
     count: u64,
     /// Metres.
     pixel_m: f64,
-    /// Point spacing [px].
+    /// Point spacing `[px]`.
     apart: f64,
     /// Pixels.
     covered: f64,

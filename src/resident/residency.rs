@@ -238,7 +238,7 @@ impl Residency {
         self.here(node).is_some()
     }
 
-    /// Returns size and used part of the pool [bytes].
+    /// Returns size and used part of the pool `[bytes]`.
     pub fn pool_bytes(&self) -> [u64; 2] {
         [self.resident.pool.pages.budget, self.resident.pool.pages.used]
             .map(|pages| PAGE_BYTES * pages as u64)

@@ -17,9 +17,9 @@ pub struct Slab {
     start: DVec3,
     /// Unit vector on the map.
     along: DVec2,
-    /// Length on the map [m].
+    /// Length on the map `[m]`.
     pub length: f64,
-    /// Full width [m].
+    /// Full width `[m]`.
     pub width: f64,
 }
 
@@ -29,7 +29,7 @@ pub struct SlabPoint {
     pub point: Point,
     /// Value shown ([`crate::cloud::attribute::DisplayAttribute::word`]).
     pub shown: u32,
-    /// Distance from the start along the slab, and to its left [m].
+    /// Distance from the start along the slab, and to its left `[m]`.
     pub place: DVec2,
 }
 

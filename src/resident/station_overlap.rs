@@ -5,7 +5,7 @@ use crate::view::View;
 use glam::DVec3;
 use std::ops::Range;
 
-/// Side of a tile [px] (glsl/luminance/luminance.comp).
+/// Side of a tile `[px]` (glsl/luminance/luminance.comp).
 pub const OVERLAP_PX: u32 = 64;
 
 /// Tiles of a whole picture that may show points of several stations, regardless of depth.
@@ -46,7 +46,7 @@ impl Resident {
 }
 
 impl StationOverlap {
-    /// Returns an overlap of several stations everywhere in a picture of this size [px].
+    /// Returns an overlap of several stations everywhere in a picture of this size `[px]`.
     pub fn everywhere(size_px: [u32; 2]) -> StationOverlap {
         let size = tiles_of(size_px);
         let several = vec![true; (size[0] * size[1]) as usize];
@@ -91,7 +91,7 @@ fn tiles(view: &View, size: [u32; 2], node: &ResidentNode) -> impl Iterator<Item
     })
 }
 
-/// Returns the bounding rectangle of a box on the screen [px]; `None` if part of it is behind the
+/// Returns the bounding rectangle of a box on the screen `[px]`; `None` if part of it is behind the
 /// camera.
 fn extent_px(view: &View, (min, max): (DVec3, DVec3)) -> Option<([f64; 2], [f64; 2])> {
     let corner = |k: usize| {

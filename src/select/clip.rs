@@ -26,7 +26,7 @@ pub enum Keeps {
     Off,
 }
 
-/// One box, written `KIND:X0,Y0,Z0,X1,Y1,Z1`: two opposite corners, world [m].
+/// One box, written `KIND:X0,Y0,Z0,X1,Y1,Z1`: two opposite corners, world `[m]`.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Clip {
     pub keeps: Keeps,

@@ -24,13 +24,13 @@ use std::ops::Range;
 pub struct Detail {
     /// Most points of a cut; only the roots may exceed it.
     pub budget: u64,
-    /// Least projected error [px] at which nodes are refined.
+    /// Least projected error `[px]` at which nodes are refined.
     pub lod_px: f64,
     pub precision: Precision,
 }
 
 impl Detail {
-    /// Returns the default for a picture of this size [px].
+    /// Returns the default for a picture of this size `[px]`.
     pub fn of(size: [u32; 2]) -> Detail {
         let budget =
             ((size[0] as f64 * size[1] as f64 * BUDGET_PER_PIXEL) as u64).max(BUDGET_LEAST);
@@ -46,7 +46,7 @@ pub struct LodOptions {
 }
 
 impl LodOptions {
-    /// Returns the limits for a picture of this size [px].
+    /// Returns the limits for a picture of this size `[px]`.
     pub fn of(self, size: [u32; 2]) -> Detail {
         let usual = Detail::of(size);
         Detail {
@@ -61,12 +61,12 @@ impl LodOptions {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CutNode {
     pub node: usize,
-    /// Projected error [px].
+    /// Projected error `[px]`.
     pub error_px: f64,
-    /// Projected error of its parent [px], which may stand in for it: the greater, the sooner the
+    /// Projected error of its parent `[px]`, which may stand in for it: the greater, the sooner the
     /// node is needed. Infinite for a root.
     pub gain_px: f64,
-    /// Least planar depth of its box [m].
+    /// Least planar depth of its box `[m]`.
     pub distance: f64,
 }
 
@@ -76,7 +76,7 @@ pub struct Cut {
     /// Nodes in order of need, most needed first.
     pub nodes: Vec<CutNode>,
     pub points: u64,
-    /// Largest projected error of the nodes [px]; 0 if all are leaves.
+    /// Largest projected error of the nodes `[px]`; 0 if all are leaves.
     pub largest_error_px: f64,
     /// Visited nodes outside the view.
     pub nodes_outside: usize,
@@ -212,7 +212,7 @@ pub enum Precision {
 }
 
 impl Precision {
-    /// Returns the number of planes to draw a node with, given its least depth [m].
+    /// Returns the number of planes to draw a node with, given its least depth `[m]`.
     pub fn planes(self, view: &View, lattice: &Lattice, frame: &Frame, distance: f64) -> u32 {
         match self {
             Precision::Planes(most) => most.clamp(1, frame.planes),
@@ -231,7 +231,7 @@ pub fn cell_steps(frame: &Frame, planes: u32) -> f64 {
     (2f64).powi(frame.bits as i32 - (BITS_PER_PLANE * planes) as i32)
 }
 
-/// Returns a bound [px] on how far quantisation may displace a drawn point, at the node's least
+/// Returns a bound `[px]` on how far quantisation may displace a drawn point, at the node's least
 /// depth. With perspective, a displacement d moves a point's pixel by at most |d| f / depth, times
 /// the secant of its angle from the axis: f (dx - tan dz) / depth, by Cauchy and Schwarz.
 pub fn quantisation_px(

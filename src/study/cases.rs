@@ -67,7 +67,7 @@ const GAP: f64 = 0.1;
 const PILOT: u64 = 200_000;
 const FRAMED_BY: u64 = 5_000;
 
-/// Angle between the near view and the whole one [degrees].
+/// Angle between the near view and the whole one `[degrees]`.
 const ASIDE: f64 = 115.0;
 
 /// Distance of the near view relative to the whole one: the picture is full, and a fifteenth of the
@@ -76,7 +76,7 @@ const NEAR: f64 = 0.75;
 
 #[derive(Clone, Debug)]
 pub struct Options {
-    /// Size of the pictures [px].
+    /// Size of the pictures `[px]`.
     pub size: [u32; 2],
     pub seed: u64,
     /// Densities that need more points of a scene, seen or not, are skipped.

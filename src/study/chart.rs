@@ -44,7 +44,7 @@ const LEFT: i32 = 92;
 const TOP: i32 = 92;
 const RIGHT: i32 = 24;
 const BOTTOM: i32 = 56;
-/// Height of the line of zeros above the bottom of the plot [px].
+/// Height of the line of zeros above the bottom of the plot `[px]`.
 const ZERO_LIFT: i32 = 14;
 const LINE_HEIGHT: i32 = 14;
 

@@ -256,7 +256,7 @@ fn draw(
     Ok(drawing)
 }
 
-/// Returns the time of the passes after the last one with a name in `after` [ms].
+/// Returns the time of the passes after the last one with a name in `after` `[ms]`.
 fn time(
     gpu: &mut Gpu,
     view: &View,

@@ -25,7 +25,7 @@ pub const PIXELS_PER_DEGREE: f64 = 67.0206;
 const SENSITIVITY: [[(f64, f64); 2]; 3] =
     [[(1.0, 0.0047), (0.0, 1e-5)], [(1.0, 0.0053), (0.0, 1e-5)], [(34.1, 0.04), (13.5, 0.025)]];
 
-/// Width of an edge or point feature [degrees].
+/// Width of an edge or point feature `[degrees]`.
 const FEATURE_DEGREES: f64 = 0.082;
 
 const COLOR_POWER: f64 = 0.7;

@@ -185,7 +185,7 @@ fn leaves(index: &Index) -> Result<Vec<Kept>> {
     Ok(points)
 }
 
-/// Returns the distance between every point and its drawn position [m], with this many planes.
+/// Returns the distance between every point and its drawn position `[m]`, with this many planes.
 fn moved<'a>(
     scan: &'a Scan,
     points: &'a [Kept],
@@ -229,7 +229,7 @@ fn bytes_per_point(index: &Index, planes: u32) -> f64 {
     bytes as f64 / index.directory.contents.points as f64
 }
 
-/// Returns the time to copy and check this many position planes of every leaf [ms].
+/// Returns the time to copy and check this many position planes of every leaf `[ms]`.
 fn read(index: &Index, planes: u32) -> Result<f64> {
     let began = Instant::now();
     let mut bytes = Vec::new();
@@ -274,7 +274,7 @@ struct Level {
     nodes: usize,
     samples: usize,
     points: u64,
-    /// Least and largest cell [m].
+    /// Least and largest cell `[m]`.
     cells: [f64; 2],
     /// Distances between samples and the means of their points [m and cells].
     away: Vec<[f64; 2]>,

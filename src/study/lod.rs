@@ -326,7 +326,7 @@ pub struct Drawing {
     pub picture: Vec<[f32; 4]>,
     pub depth: Vec<f32>,
     pub index: Vec<u32>,
-    /// Time of clearing and projecting [ms].
+    /// Time of clearing and projecting `[ms]`.
     pub ms: f64,
 }
 

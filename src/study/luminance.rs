@@ -80,7 +80,7 @@ struct Sight {
     truth: Vec<f64>,
     station: Vec<[u32; 4]>,
     depth: Vec<f32>,
-    /// Layer distance [m].
+    /// Layer distance `[m]`.
     layer_m: f64,
 }
 
@@ -256,7 +256,7 @@ fn render_settings(luminance: &str) -> Result<RenderSettings> {
 struct Drawn {
     color: Vec<[f32; 4]>,
     depth: Vec<f32>,
-    /// Time of the luminance passes [ms].
+    /// Time of the luminance passes `[ms]`.
     ms: f64,
 }
 

@@ -23,7 +23,7 @@ use std::path::Path;
 pub const SUMMARY: &str = "the same for vertices of meshes, whose density is uneven";
 
 /// Names of views; the eye from the middle of the bounding box, in its diagonals; field of view
-/// [degrees].
+/// `[degrees]`.
 const VIEWS: [(&str, DVec3, f64); 2] =
     [("whole", DVec3::new(0.1, 0.15, 1.3), 45.0), ("near", DVec3::new(0.3, 0.35, 0.9), 30.0)];
 

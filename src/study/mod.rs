@@ -51,7 +51,7 @@ pub struct Plan {
     pub seed: u64,
     /// Timed rounds.
     pub repeat: usize,
-    /// Size of the pictures [px].
+    /// Size of the pictures `[px]`.
     pub size: [u32; 2],
     /// Names of `cases` for studies of surfaces; each study's own if empty.
     pub scenes: Vec<String>,
@@ -66,7 +66,7 @@ pub struct Row {
     pub value: String,
     pub metric: &'static str,
     pub error: f64,
-    /// Lower quartile, median, upper quartile [ms].
+    /// Lower quartile, median, upper quartile `[ms]`.
     pub ms: [f64; 3],
     pub n: usize,
     /// Whether it is the renderer's default.

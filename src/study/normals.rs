@@ -185,7 +185,7 @@ fn planes(leaf: &Leaf, places: &[usize], fit: Fit) -> Result<Vec<Option<DVec3>>>
     places.iter().map(normal).collect()
 }
 
-/// Returns the sorted errors of known normals [degrees], and the share of unknown ones. `truth`
+/// Returns the sorted errors of known normals `[degrees]`, and the share of unknown ones. `truth`
 /// takes a place in steps.
 fn compare(
     leaf: &Leaf,

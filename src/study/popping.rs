@@ -21,7 +21,7 @@ use crate::select::lod::{self, Cut, Detail};
 use crate::view::{Camera, View};
 use std::collections::HashSet;
 
-/// Movement between frames [px].
+/// Movement between frames `[px]`.
 pub const STEP_PX: f64 = 0.1;
 /// Frames that together move by a pixel.
 const APART: usize = 10;
@@ -39,7 +39,7 @@ pub struct Popping {
     pub median: f64,
     /// The median between frames that have moved by one pixel, without a level change between them.
     pub moved: f64,
-    /// Device time of each frame's projecting [ms].
+    /// Device time of each frame's projecting `[ms]`.
     pub ms: Vec<f64>,
 }
 

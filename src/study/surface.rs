@@ -178,7 +178,7 @@ pub(super) fn render_settings(words: &[&str]) -> Result<RenderSettings> {
 pub(super) struct Drawing {
     pub depth: Vec<f32>,
     index: Vec<u32>,
-    /// Time of all passes [ms].
+    /// Time of all passes `[ms]`.
     pub ms: f64,
 }
 

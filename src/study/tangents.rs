@@ -31,7 +31,7 @@ const WAYS: [(&str, Tangents); 4] = [
     ("covariance", Tangents::Covariance),
 ];
 
-/// Scenes, their noise [m], and the outward direction at a place relative to the centre.
+/// Scenes, their noise `[m]`, and the outward direction at a place relative to the centre.
 type Outward = fn(DVec3) -> DVec3;
 const SCENES: [(&str, SceneKind, f64, Outward); 4] = [
     ("sphere", SceneKind::Sphere, 0.0, |p| p),
@@ -190,7 +190,7 @@ fn beside(tree: &KdTree) -> Vec<Vec<u32>> {
     (0..tree.len()).into_par_iter().map(of).collect()
 }
 
-/// Returns the sorted angles between lines [degrees].
+/// Returns the sorted angles between lines `[degrees]`.
 fn angles(tangents: &[Option<DVec3>], beside: &[Vec<u32>]) -> Vec<f64> {
     let pairs = tangents.iter().zip(beside).flat_map(|(own, beside)| {
         beside.iter().map(move |&other| (*own, tangents[other as usize]))

@@ -28,7 +28,7 @@ pub trait Surface: Sync {
     }
 }
 
-/// Planar depths [m] and masks, one value per pixel, row by row.
+/// Planar depths `[m]` and masks, one value per pixel, row by row.
 pub struct Truth {
     pub view: View,
     /// Depth at pixel centres; infinite where empty.
@@ -160,7 +160,7 @@ impl Truth {
         }
     }
 
-    /// Returns a pixel's side at a depth [m].
+    /// Returns a pixel's side at a depth `[m]`.
     pub fn pixel_m(&self, depth: f64) -> f64 {
         match self.view.camera.projection {
             Projection::Perspective => depth / self.view.focal_px(),

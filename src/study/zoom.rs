@@ -34,7 +34,7 @@ const STYLES: [(&str, &[&str]); 3] = [
 
 const METRICS: [&str; 2] = ["flip_max", "flip_median"];
 
-/// Point spacing at the beginning [px]; four times as much at the end.
+/// Point spacing at the beginning `[px]`; four times as much at the end.
 const APART_PX: f64 = 1.0;
 
 /// Final width of the view relative to the first.
@@ -136,7 +136,7 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
     })
 }
 
-/// Returns the picture, its coverage, and the device time of all passes [ms].
+/// Returns the picture, its coverage, and the device time of all passes `[ms]`.
 fn draw(
     gpu: &mut Gpu,
     view: &View,

@@ -25,7 +25,7 @@ pub struct Pulse {
     pub source: u16,
     pub returns: (u8, u8),
     pub gps_time: f64,
-    /// Angle from straight down [degrees], as LAS's scan angle rank.
+    /// Angle from straight down `[degrees]`, as LAS's scan angle rank.
     pub scan_angle: i8,
 }
 
@@ -43,9 +43,9 @@ pub struct Chunk {
     pub source: Vec<u16>,
     /// Return number and number of returns of the pulse.
     pub returns: Vec<(u8, u8)>,
-    /// Time [s].
+    /// Time `[s]`.
     pub gps_time: Vec<f64>,
-    /// Angle from straight down [degrees]; 0 for scanners on the ground.
+    /// Angle from straight down `[degrees]`; 0 for scanners on the ground.
     pub scan_angle: Vec<i8>,
 }
 

@@ -73,7 +73,7 @@ pub enum Material {
     Land,
 }
 
-/// Returns the brick or block in running bond, and the distance from the nearest joint [m].
+/// Returns the brick or block in running bond, and the distance from the nearest joint `[m]`.
 fn bond(u: f64, v: f64, length: f64, height: f64) -> (i64, i64, f64) {
     let row = (v / height).floor();
     let shifted = u / length + 0.5 * (row.rem_euclid(2.0));
@@ -113,7 +113,7 @@ fn masonry(wall: Wall, color: DVec3, u: f64, v: f64, salt: u64) -> DVec3 {
     }
 }
 
-/// Returns plane coordinates on a surface of any direction: along and up [m].
+/// Returns plane coordinates on a surface of any direction: along and up `[m]`.
 fn unrolled(p: DVec3, n: DVec3) -> (f64, f64) {
     let a = n.abs();
     if a.z > 0.8 {

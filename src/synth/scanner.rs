@@ -27,7 +27,7 @@ pub trait Scanner: Sync {
 /// last station.
 const AIM: f64 = 0.97;
 
-/// Passes exactly `points` points to `sink`. `noise` is the standard deviation of the range [m]
+/// Passes exactly `points` points to `sink`. `noise` is the standard deviation of the range `[m]`
 /// (along the normal if there is no ray).
 pub fn scan(
     world: &World,

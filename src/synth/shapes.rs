@@ -33,7 +33,7 @@ impl Pose {
         Pose { origin, x, y: z.cross(x), z }
     }
 
-    /// Returns a pose turned about the vertical [degrees], counter-clockwise from above.
+    /// Returns a pose turned about the vertical `[degrees]`, counter-clockwise from above.
     pub fn turned(origin: DVec3, degrees: f64) -> Pose {
         let (sin, cos) = degrees.to_radians().sin_cos();
         Pose { origin, x: DVec3::new(cos, sin, 0.0), y: DVec3::new(-sin, cos, 0.0), z: DVec3::Z }

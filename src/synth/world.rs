@@ -69,9 +69,9 @@ pub struct Viewpoint {
 }
 
 pub struct World {
-    /// Added to all output: the position of the scene in its map projection [m].
+    /// Added to all output: the position of the scene in its map projection `[m]`.
     pub offset: DVec3,
-    /// Lattice that output coordinates are rounded to [m].
+    /// Lattice that output coordinates are rounded to `[m]`.
     pub step: f64,
     pub method: Method,
     pub light: Light,

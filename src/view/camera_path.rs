@@ -12,7 +12,7 @@ use glam::DVec3;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 
-/// A camera at a time [s].
+/// A camera at a time `[s]`.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Key {
@@ -34,7 +34,7 @@ fn frames_per_second() -> f64 {
     25.0
 }
 
-/// Default time between two keys [s].
+/// Default time between two keys `[s]`.
 pub const STEP: f64 = 2.0;
 
 const MIXED: &str = "all keys of a camera path must have the same projection";
@@ -96,7 +96,7 @@ impl CameraPath {
         Ok(())
     }
 
-    /// Returns the time from the first key to the last [s].
+    /// Returns the time from the first key to the last `[s]`.
     pub fn duration(&self) -> f64 {
         self.keys.last().map_or(0.0, |last| last.time - self.keys[0].time)
     }
@@ -112,7 +112,7 @@ impl CameraPath {
         self.camera(number as f64 / self.frames_per_second)
     }
 
-    /// Returns the camera after this time [s]; that of the first or last key outside the path.
+    /// Returns the camera after this time `[s]`; that of the first or last key outside the path.
     pub fn camera(&self, seconds: f64) -> Camera {
         let time = self.keys[0].time + seconds;
         let next = self.keys.partition_point(|key| key.time <= time);

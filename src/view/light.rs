@@ -12,7 +12,7 @@ pub enum Light {
     Headlight,
     /// At infinity: the direction in which it travels, world, any length but 0.
     Direction(DVec3),
-    /// At a place, world [m].
+    /// At a place, world `[m]`.
     Position(DVec3),
 }
 

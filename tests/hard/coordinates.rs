@@ -1,4 +1,4 @@
-//! Where points are: huge nodes, extreme lattices, coordinates that are no numbers (HARD_CASES 1, 30).
+//! Where points are: huge nodes, extreme lattices, coordinates that are no numbers (guide: numerics, case 1, case 30).
 
 use crate::gpu::{Layers, Random, Way, bare, cloud, draw, orthographic, part, perspective};
 use glam::DVec3;
@@ -60,7 +60,7 @@ fn hard_02_camera_in_a_huge_node() {
     let layers = agrees(&cloud, &view);
     assert_eq!(layers.nodes.len(), 1);
 
-    // HARD_CASES 1.2: 12 u f, beyond the quantisation that was chosen. Every drawn point truly lies in its pixel, or nearer to it than that.
+    // guide: numerics, case 2: 12 u f, beyond the quantisation that was chosen. Every drawn point truly lies in its pixel, or nearer to it than that.
     let exact = draw(
         Way::Compute64,
         &cloud,

@@ -1,4 +1,4 @@
-//! Which point a pixel shows, which colour it has, and at which sizes (HARD_CASES 1.4 to 1.6, 24, 25).
+//! Which point a pixel shows, which colour it has, and at which sizes (guide: numerics, case 4 to 6, case 24, case 25).
 
 use crate::gpu::{Random, WAYS, Way, bare, bumpy, cloud, draw, orthographic, part, perspective};
 use glam::DVec3;

@@ -1,4 +1,4 @@
-//! What a cut that mixes levels shows of a plane, and what one sees when levels change (HARD_CASES 31).
+//! What a cut that mixes levels shows of a plane, and what one sees when levels change (guide: numerics, case 31).
 
 use crate::gpu::{Random, Way, perspective, with};
 use glam::DVec3;

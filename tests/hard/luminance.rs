@@ -1,4 +1,4 @@
-//! Colour and sums (HARD_CASES 22, 23, 25).
+//! Colour and sums (guide: numerics, case 22, case 23, case 25).
 
 use crate::gpu::{
     Random, WAYS, Way, bare, bumpy, cloud, draw, orthographic, part, perspective, with,

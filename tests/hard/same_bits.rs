@@ -1,4 +1,4 @@
-//! Metamorphic oracles (HARD_CASES 0.4): what must not change a single bit.
+//! Metamorphic oracles (guide: numerics, rule 4): what must not change a single bit.
 
 use crate::gpu::{Random, WAYS, Way, bumpy, cloud, draw, orthographic, part, perspective};
 use glam::DVec3;

@@ -1,4 +1,4 @@
-//! Silhouettes, small filters, and light on the screen (HARD_CASES 0, 12, 17, 26).
+//! Silhouettes, small filters, and light on the screen (guide: numerics, the rules, case 12, case 17, case 26).
 
 use crate::gpu::{CANVAS_POINTS, Random, canvas, effects, random_keys, views};
 use glam::DVec3;
@@ -106,7 +106,7 @@ fn hard_26_small_filters() {
     });
 }
 
-/// HARD_CASES 0.5: whatever the depths, the settings and the light, no NaN, and no infinity but the background's depth.
+/// guide: numerics, rule 5: whatever the depths, the settings and the light, no NaN, and no infinity but the background's depth.
 #[test]
 fn hard_00_light_and_filters_leave_nothing_that_is_no_number() {
     let random = &mut Random(0x1165);

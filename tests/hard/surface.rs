@@ -1,4 +1,4 @@
-//! Hidden layers, holes, and shade (HARD_CASES 7 to 11), and what of them must not change a single bit: where tiles begin, and which of them are looked at.
+//! Hidden layers, holes, and shade (guide: numerics, case 7 to 11), and what of them must not change a single bit: where tiles begin, and which of them are looked at.
 
 use crate::gpu::{
     CANVAS_POINTS, Canvas, Layers, Random, Stage, Way, canvas, draw, effects, perspective,
@@ -460,7 +460,7 @@ fn hard_11_omega() {
     });
 }
 
-/// HARD_CASES 0.5 over all that the chain leaves: whatever the depths and the settings, no NaN, nothing unknown, and no infinity but the background's depth.
+/// guide: numerics, rule 5 over all that the chain leaves: whatever the depths and the settings, no NaN, nothing unknown, and no infinity but the background's depth.
 #[test]
 fn hard_00_nothing_that_is_no_number() {
     let random = &mut Random(0);

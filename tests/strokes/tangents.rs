@@ -37,7 +37,7 @@ fn hard_19_tangents_of_the_device_agree_with_f64_over_the_sphere_and_up_to_its_p
     let directions: Vec<Direction> =
         normals.into_iter().zip(turns).map(|(normal, turn)| Direction { normal, turn }).collect();
 
-    // As HARD_CASES 19 has it.
+    // As guide: numerics, case 19 has it.
     let most = 6.0 * 2f64.powi(-23);
     for way in
         [Tangents::Householder, Tangents::Eberly, Tangents::Squareplate, Tangents::Covariance]

@@ -32,7 +32,7 @@ pub enum Message {
         /// Time of the input that changed it.
         asked: Instant,
     },
-    /// The window has another size [px], or was uncovered.
+    /// The window has another size `[px]`, or was uncovered.
     Exposed([u32; 2]),
     /// Sets what is drawn over the picture.
     Panel(Box<Overlay>),
@@ -101,7 +101,7 @@ pub struct FrameReport {
     pub statistics: Statistics,
     /// Whether filters or clip boxes may leave some of its points out.
     pub leaves_out: bool,
-    /// Device time of every pass [ms].
+    /// Device time of every pass `[ms]`.
     pub passes: Vec<(String, f64)>,
     /// Whether it has the window's size and all points of the view, and no other cloud is being
     /// uploaded.
@@ -127,7 +127,7 @@ pub struct Loading {
     pub nodes: usize,
     /// Nodes of the cut that are being loaded, or have planes that are.
     pub awaited: usize,
-    /// Largest distance on the screen between samples that are drawn [px].
+    /// Largest distance on the screen between samples that are drawn `[px]`.
     pub largest_error_px: f64,
     /// Size of the pool, and bytes in use.
     pub pool_bytes: [u64; 2],

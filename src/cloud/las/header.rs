@@ -33,7 +33,7 @@ pub struct Layout {
     pub header: Header,
 }
 
-/// Smallest record of each point format [bytes].
+/// Smallest record of each point format `[bytes]`.
 const RECORD_BYTES: [u16; 11] = [20, 28, 26, 34, 57, 63, 30, 36, 38, 59, 67];
 
 const VLR_HEADER_BYTES: u64 = 54;

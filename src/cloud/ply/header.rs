@@ -141,7 +141,7 @@ impl Scalar {
     }
 }
 
-/// Longest header [bytes].
+/// Longest header `[bytes]`.
 const HEADER_BYTES: u64 = 1 << 20;
 
 pub fn read(input: &Input) -> Result<Layout> {

@@ -10,7 +10,7 @@ use glam::DVec3;
 use serde::{Deserialize, Serialize};
 use std::fmt;
 
-/// The tangent point [degrees], and the length of a degree there.
+/// The tangent point `[degrees]`, and the length of a degree there.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Plane {
     pub longitude: f64,
@@ -18,7 +18,7 @@ pub struct Plane {
     pub metres_per_degree: [f64; 2],
 }
 
-/// The ellipsoid WGS 84: equatorial radius [m] and flattening.
+/// The ellipsoid WGS 84: equatorial radius `[m]` and flattening.
 const RADIUS: f64 = 6_378_137.0;
 const FLATTENING: f64 = 1.0 / 298.257_223_563;
 

@@ -101,7 +101,7 @@ impl KdTree {
         self.points.is_empty()
     }
 
-    /// Returns its size in memory [bytes].
+    /// Returns its size in memory `[bytes]`.
     pub fn bytes(&self) -> u64 {
         (size_of_val(&*self.points) + size_of_val(&*self.boxes)) as u64
     }
@@ -115,17 +115,17 @@ impl KdTree {
         self.points[place].at
     }
 
-    /// Returns the vector between two places [m].
+    /// Returns the vector between two places `[m]`.
     pub fn between(&self, from: usize, to: usize) -> DVec3 {
         self.steps_between(self.query(from).at, to) * self.step
     }
 
-    /// Returns the vector from a position to a point [steps].
+    /// Returns the vector from a position to a point `[steps]`.
     pub fn steps_between(&self, from: DVec3, to: usize) -> DVec3 {
         difference(from, self.points[to].at)
     }
 
-    /// Returns the step along each axis [m].
+    /// Returns the step along each axis `[m]`.
     pub fn step(&self) -> DVec3 {
         self.step
     }

@@ -32,7 +32,7 @@ pub struct KnnQuery<'s> {
     own: &'s Leaf,
     leaf_cache: Option<(&'s LeafCache<'s>, usize)>,
     of_any_lattice: bool,
-    /// Leaves within `covered` [m] of the own leaf's box.
+    /// Leaves within `covered` `[m]` of the own leaf's box.
     near: Vec<Near>,
     covered: f64,
     /// Bytes of leaves held.
@@ -73,7 +73,7 @@ impl<'s> KnnQuery<'s> {
         self.own
     }
 
-    /// Returns the vector from a point to a neighbour on the same lattice [steps].
+    /// Returns the vector from a point to a neighbour on the same lattice `[steps]`.
     pub fn steps_to(&self, place: usize, neighbour: &Neighbour) -> DVec3 {
         let at = self.own.tree.query(place).at;
         match neighbour.tree {

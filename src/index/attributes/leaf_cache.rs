@@ -36,7 +36,7 @@ impl Leaf {
         Leaf { tree, colors, origin }
     }
 
-    /// Returns its size in memory [bytes].
+    /// Returns its size in memory `[bytes]`.
     pub fn bytes(&self) -> u64 {
         self.tree.bytes() + size_of_val(&*self.colors) as u64
     }
@@ -80,7 +80,7 @@ pub struct LeafCache<'f> {
     /// Bytes of leaves that each searching thread should hold, about.
     pub hold: u64,
     kept: Mutex<Kept>,
-    /// Diagonal of the cloud [m].
+    /// Diagonal of the cloud `[m]`.
     pub diagonal: f64,
 }
 
@@ -196,7 +196,7 @@ impl<'f> LeafCache<'f> {
         Ok(leaf)
     }
 
-    /// Returns all other leaves within `reach` [m] of a leaf's box, nearest first; those of the
+    /// Returns all other leaves within `reach` `[m]` of a leaf's box, nearest first; those of the
     /// same lattice, or of any.
     pub fn beside(&self, leaf: usize, reach: f64, of_any_lattice: bool) -> Vec<Near> {
         let own = self.record(leaf);

@@ -53,7 +53,7 @@ pub const FIT: Fit = Fit { near: NEAREST, reach: 3.0 };
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Patch {
     /// Mean distance to the nearest others plus its standard deviation, at least half a step;
-    /// larger if that leaves a gap to surrounding points [m].
+    /// larger if that leaves a gap to surrounding points `[m]`.
     pub radius_m: f64,
     /// Isolated, relative to the density of its neighbours: a bird above the ground, not a surface.
     pub lonely: bool,

@@ -262,7 +262,7 @@ fn radius_bits(radius_m: f64) -> u32 {
     (radius_m as f32).to_bits().saturating_add(!RADIUS_BITS) & RADIUS_BITS
 }
 
-/// Returns the radius of a brush word [m].
+/// Returns the radius of a brush word `[m]`.
 pub fn radius_m(brush: u32) -> f32 {
     f32::from_bits(brush & RADIUS_BITS)
 }

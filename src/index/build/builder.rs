@@ -19,7 +19,7 @@ use std::sync::{Arc, Mutex};
 /// Options of a build.
 #[derive(Clone, Copy, Debug)]
 pub struct Options {
-    /// Memory limit beside the program itself [bytes].
+    /// Memory limit beside the program itself `[bytes]`.
     pub memory: u64,
     pub threads: usize,
     pub wanted: ColumnSet,
@@ -63,7 +63,7 @@ impl Options {
     }
 
     /// Returns the memory for buckets: what building chunks leaves, or a good part of the total if
-    /// memory is short [bytes].
+    /// memory is short `[bytes]`.
     pub(super) fn bucket_bytes(&self) -> u64 {
         let chunks =
             2 * self.threads as u64 * self.chunk_points() * CHUNK_BYTES_PER_POINT + FIXED_BYTES;
@@ -74,7 +74,7 @@ impl Options {
 /// Bytes per point of a chunk that a thread needs: record, sorting, planes.
 const CHUNK_BYTES_PER_POINT: u64 = 96;
 
-/// Memory of the program, readers, and planes to be written [bytes].
+/// Memory of the program, readers, and planes to be written `[bytes]`.
 const FIXED_BYTES: u64 = 192 << 20;
 const CHUNK_POINTS: std::ops::RangeInclusive<u64> = (1 << 17)..=(1 << 19);
 
@@ -96,7 +96,7 @@ pub(super) struct Builder<'a> {
     pub roots: Vec<u32>,
     /// Roots of trees of strays.
     pub far_roots: Vec<u32>,
-    /// Corner of the tree of every lattice [steps].
+    /// Corner of the tree of every lattice `[steps]`.
     pub corners: Vec<[i64; 3]>,
     /// Station numbers by part and source.
     pub numbers: BTreeMap<(u16, u16), u16>,

@@ -78,7 +78,7 @@ pub struct Summary {
     /// Memory that grows with the cloud, beyond `Options::memory`: node records are held until all
     /// are known.
     pub held_bytes_per_point: f64,
-    /// Peak memory of this process so far [MiB], on Linux.
+    /// Peak memory of this process so far `[MiB]`, on Linux.
     pub peak_mib: f64,
     pub notes: Vec<String>,
 }
@@ -178,7 +178,7 @@ pub fn build(
     })
 }
 
-/// Returns "VmHWM" of /proc/self/status [MiB].
+/// Returns "VmHWM" of /proc/self/status `[MiB]`.
 fn peak_mib() -> f64 {
     let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
     let kib = status.lines().find_map(|line| {

@@ -164,7 +164,7 @@ impl Index {
             .map(|steps| steps as i64)
     }
 
-    /// Returns the length of the file [bytes].
+    /// Returns the length of the file `[bytes]`.
     pub fn bytes(&self) -> u64 {
         self.map.len()
     }

@@ -30,7 +30,7 @@ impl Map {
         Ok(Map { path: path.to_owned(), file, map })
     }
 
-    /// Returns the length when it was opened [bytes].
+    /// Returns the length when it was opened `[bytes]`.
     pub fn len(&self) -> u64 {
         self.map.len() as u64
     }

@@ -99,7 +99,7 @@ pub struct NodeRecord {
     pub points: u64,
     /// File offset of its first plane.
     pub at: u64,
-    /// Longest side of the merged cells [m]; 0 for a leaf, which has every point.
+    /// Longest side of the merged cells `[m]`; 0 for a leaf, which has every point.
     pub spacing: f64,
     /// Inclusive, in the same steps as `origin`.
     pub extent: [u32; 3],
@@ -162,12 +162,12 @@ impl NodeRecord {
         }
     }
 
-    /// Returns the unpacked size of a plane [bytes].
+    /// Returns the unpacked size of a plane `[bytes]`.
     pub fn unpacked_bytes(&self, plane: Plane) -> u64 {
         plane.bytes_per_point() * self.count as u64
     }
 
-    /// Returns offset and stored size of a plane [bytes].
+    /// Returns offset and stored size of a plane `[bytes]`.
     pub fn range(&self, plane: Plane) -> (u64, u64) {
         let stored = |plane| match plane {
             Plane::Station if self.single_station().is_some() => 0,
@@ -180,7 +180,7 @@ impl NodeRecord {
         (self.at + before.map(|(p, _)| stored(*p)).sum::<u64>(), stored(plane))
     }
 
-    /// Returns the stored size of all its planes [bytes].
+    /// Returns the stored size of all its planes `[bytes]`.
     pub fn bytes(&self) -> u64 {
         PLANES
             .iter()
@@ -363,7 +363,7 @@ impl Axes {
     }
 }
 
-/// Largest exposure correction [stops].
+/// Largest exposure correction `[stops]`.
 pub const MAX_STOPS: f64 = 4.0;
 
 /// Gains that give all stations one exposure.

@@ -20,7 +20,7 @@ const MOST_SHARE: f64 = 0.93;
 /// A pixel, or the nearest point of a cell.
 #[derive(Clone, Copy, Debug)]
 struct Cell {
-    /// Depth and position [px].
+    /// Depth and position `[px]`.
     point: Option<(f64, [f64; 2])>,
     /// Whether the kernels certainly have the same.
     sure: bool,
@@ -79,7 +79,7 @@ enum Subject {
     Empty,
 }
 
-/// Returns the verdicts of all pixels, row by row, for points with this spacing [m].
+/// Returns the verdicts of all pixels, row by row, for points with this spacing `[m]`.
 pub fn verdicts(view: &View, settings: &Settings, spacing_m: f64, depth: &[f32]) -> Vec<Verdict> {
     let size = view.size.map(i64::from);
     let place = |i: usize| [(i as i64 % size[0]) as f64 + 0.5, (i as i64 / size[0]) as f64 + 0.5];
@@ -135,7 +135,7 @@ struct Spacings {
 }
 
 impl Spacings {
-    /// Computes the spacings for points with this spacing [m].
+    /// Computes the spacings for points with this spacing `[m]`.
     fn of(view: &View, spacing_m: f64, depth: &[f32]) -> Spacings {
         let [width, height] = view.size.map(|side| side as usize);
         let across = [width, height].map(|side| side.div_ceil(TILE));

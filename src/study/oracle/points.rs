@@ -35,7 +35,7 @@ impl Points {
         Points(points)
     }
 
-    /// Returns the position of a point id relative to the eye [m].
+    /// Returns the position of a point id relative to the eye `[m]`.
     pub fn relative(&self, id: u32, eye: DVec3) -> DVec3 {
         let after = self.0.partition_point(|node| node.first_point <= id);
         let node = &self.0[after - 1];

@@ -29,7 +29,7 @@ use crate::view::{Projection, View};
 use glam::DVec3;
 use rayon::prelude::*;
 
-/// Displacements of points before the kernel, per axis [m].
+/// Displacements of points before the kernel, per axis `[m]`.
 #[derive(Clone, Copy, Debug)]
 pub struct Source {
     /// The lattice's step: all planes together are no coarser.
@@ -104,9 +104,9 @@ fn two_sum(a: f64, b: f64) -> (f64, f64) {
 /// The possible positions of a drawn point.
 #[derive(Clone, Copy, Debug)]
 pub struct Footprint {
-    /// Exact position [px].
+    /// Exact position `[px]`.
     pub at: [f64; 2],
-    /// Planar depth [m].
+    /// Planar depth `[m]`.
     pub depth: f64,
     /// Least and greatest pixel positions and depth that the kernel may find.
     pub x: [f64; 2],

@@ -308,7 +308,7 @@ impl<'v> Easel<'v> {
         (found, sure)
     }
 
-    /// Returns the fragments at a place of the picture [px], and whether they are sure.
+    /// Returns the fragments at a place of the picture `[px]`, and whether they are sure.
     fn fragments(&self, x: f64, y: f64) -> (Vec<Fragment>, bool) {
         let Easel { view, order, bristles, detail, turns, painted, .. } = self;
         let (origin, direction) = view.ray(x, y);

@@ -70,7 +70,7 @@ pub fn reach(view: &View, z: Bounded) -> Bounded {
     }
 }
 
-/// Returns the distance from the principal point [px], exact: halves.
+/// Returns the distance from the principal point `[px]`, exact: halves.
 pub fn from_centre(view: &View, i: usize) -> [Bounded; 2] {
     let [columns, rows] = view.size.map(|side| side as usize);
     [(i % columns, columns), (i / columns, rows)]

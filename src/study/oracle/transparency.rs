@@ -6,7 +6,7 @@ use crate::view::View;
 /// A surface hit by a ray.
 #[derive(Clone, Copy, Debug)]
 pub struct Surface {
-    /// Planar depth [m].
+    /// Planar depth `[m]`.
     pub depth: f64,
     /// ASPRS class.
     pub class: u8,
@@ -15,7 +15,7 @@ pub struct Surface {
 /// Distance below which surfaces are one [m]: no ray of a study grazes two.
 const APART: f64 = 1e-9;
 
-/// Returns the surfaces on the ray through a position of the picture [px].
+/// Returns the surfaces on the ray through a position of the picture `[px]`.
 pub fn surfaces(world: &World, view: &View, x_px: f64, y_px: f64) -> Vec<Surface> {
     let (origin, direction) = view.ray(x_px, y_px);
     let beyond =

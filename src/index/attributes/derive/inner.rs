@@ -18,7 +18,7 @@ use crate::index::format::{NodeRecord, Plane};
 use glam::DVec3;
 use std::ops::Range;
 
-/// Derives a node's attributes. `corners` has the corner of the tree of every lattice [steps].
+/// Derives a node's attributes. `corners` has the corner of the tree of every lattice `[steps]`.
 pub fn node(
     leaf_cache: &LeafCache,
     node: usize,

@@ -35,7 +35,7 @@ pub struct Options {
     pub threads: usize,
 }
 
-/// Derives the planes. `corners` has the corner of the tree of every lattice [steps].
+/// Derives the planes. `corners` has the corner of the tree of every lattice `[steps]`.
 pub fn derive(
     directory: &mut Directory,
     writer: &Writer,

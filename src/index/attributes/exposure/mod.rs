@@ -50,7 +50,7 @@ const MAX_DOUBLINGS: u32 = 4;
 const MIN_POINTS: u32 = 4;
 /// Fewest common cells of two stations.
 const MIN_CELLS: usize = 16;
-/// Visible step [stops], and tolerance in standard errors.
+/// Visible step `[stops]`, and tolerance in standard errors.
 const UNEVEN_STOPS: f64 = 0.25;
 const SIGMAS: f64 = 3.0;
 
@@ -96,7 +96,7 @@ impl StationStats {
 struct SharedCell {
     /// Difference of V, second minus first.
     step: f64,
-    /// Ratio of the first's light to the second's, and its standard error [stops].
+    /// Ratio of the first's light to the second's, and its standard error `[stops]`.
     stops: f64,
     error: f64,
 }
@@ -166,7 +166,7 @@ fn of_points(points: &[Point], stations: &[Station]) -> Option<Balance> {
     Some(Balance { gains, uneven })
 }
 
-/// Returns the median of the differences [stops].
+/// Returns the median of the differences `[stops]`.
 fn median(cells: &[SharedCell]) -> f64 {
     let mut stops: Vec<f64> = cells.iter().map(|shared| shared.stops).collect();
     stops.sort_by(f64::total_cmp);
