@@ -748,7 +748,7 @@ fn settings_that_change_nothing_are_said() {
     let (unused, same, _) = said(
         "--effect shadows=samples=4,radius=2 --effect smooth=iterations=3 --effect edl=off,radius=3",
     );
-    assert!(unused.contains("note: shadows: samples and radius has no effect, since the effect does not run: they cost"), "{unused}");
+    assert!(unused.contains("note: shadows: samples and radius have no effect, since the effect does not run: they cost"), "{unused}");
     assert!(
         unused.contains("note: smooth: iterations has no effect")
             && !unused.contains("edl")

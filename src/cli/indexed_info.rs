@@ -256,7 +256,7 @@ impl Report<'_> {
         if self.stations.len() > LISTED {
             line("", format!("and {} more; --json lists them all", self.stations.len() - LISTED));
         }
-        self.strays.said().into_iter().for_each(|said| line("strays", said));
+        self.strays.note().into_iter().for_each(|said| line("strays", said));
         self.notes.iter().for_each(|note| line("note", note.clone()));
         out.truncate(out.trim_end().len());
         out

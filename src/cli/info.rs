@@ -296,7 +296,7 @@ impl<'a> Report<'a> {
                 ),
             );
         }
-        self.strays.said().into_iter().for_each(|said| line("strays", said));
+        self.strays.note().into_iter().for_each(|said| line("strays", said));
         for note in self.notes {
             line("note", note.clone());
         }

@@ -443,7 +443,7 @@ pub fn read(paths: &[PathBuf], options: &ReadOptions, progress: &dyn Progress) -
                 let own = self::title(part.name.as_deref(), path);
                 cloud.notes.extend(
                     part.strays()
-                        .said()
+                        .note()
                         .map(|said| format!("{own}: {said}; hidden by --strays hide")),
                 );
                 if !part.hide_strays() {

@@ -26,10 +26,10 @@ const BLOCK: usize = 64;
 /// The treatment of strays.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
 pub enum Treatment {
-    /// They are drawn where they lie.
+    /// Draws strays where they lie
     #[default]
     Show,
-    /// They are left out.
+    /// Leaves strays out
     Hide,
 }
 
@@ -283,7 +283,7 @@ impl Strays {
     }
 
     /// Returns a note for the user, if there are strays.
-    pub fn said(&self) -> Option<String> {
+    pub fn note(&self) -> Option<String> {
         let first = self.places.first()?.map(number).join(" ");
         Some(match self.points {
             1 => format!("1 point lies far outside, at {first}"),

@@ -181,7 +181,7 @@ impl Source {
     pub fn notes(&self, wanted: ExtraAttributes) -> Vec<String> {
         match self {
             Source::Files(cloud) => {
-                cloud.notes.iter().cloned().chain(cloud.strays().said()).collect()
+                cloud.notes.iter().cloned().chain(cloud.strays().note()).collect()
             }
             Source::Index(index) => {
                 let lacks = wanted.strokes && !index.has(Plane::Brush);
@@ -191,7 +191,7 @@ impl Source {
                         self.index_again(indexed_files(index), "--strokes")
                     )
                 };
-                let strays = strays(index).said().map(|said| match index.hidden {
+                let strays = strays(index).note().map(|said| match index.hidden {
                     Some(_) => format!("{said}; hidden by --strays hide"),
                     None => said,
                 });

@@ -72,9 +72,10 @@ impl FrameConfig {
                 let why = self.decided.reason(own.effect).map_or("", |reason| reason.why.as_str());
                 (!chosen.is_empty()).then(|| {
                     format!(
-                        "{}: {} has no effect, since the effect does not run: {why}",
+                        "{}: {} {} no effect, since the effect does not run: {why}",
                         own.effect.name(),
-                        chosen.join(" and ")
+                        chosen.join(" and "),
+                        if chosen.len() == 1 { "has" } else { "have" }
                     )
                 })
             })
