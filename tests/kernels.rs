@@ -8,12 +8,12 @@ mod gpu;
 mod antialias;
 #[path = "kernels/ao.rs"]
 mod ao;
-#[path = "kernels/dobrev.rs"]
-mod dobrev;
 #[path = "kernels/encode.rs"]
 mod encode;
 #[path = "kernels/exposure.rs"]
 mod exposure;
+#[path = "kernels/fill_mask.rs"]
+mod fill_mask;
 #[path = "kernels/luminance.rs"]
 mod luminance;
 #[path = "kernels/phong.rs"]

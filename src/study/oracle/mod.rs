@@ -8,10 +8,10 @@
 
 pub mod antialias;
 pub mod ao;
-pub mod dobrev;
 pub mod edl;
 pub mod exposure;
 pub mod fill;
+pub mod fill_mask;
 pub mod levels;
 pub mod luminance;
 pub mod phong;

@@ -51,7 +51,7 @@ fn fill_as_the_twin_does(visibility: &str) -> (usize, usize) {
                             steps
                         }
                     };
-                    let twin = oracle::dobrev::fill(
+                    let twin = oracle::fill_mask::fill(
                         size,
                         &raw.depth,
                         layer as f32,
