@@ -86,7 +86,7 @@ impl super::Settings for Settings {
 /// seven to ten).
 const ENOUGH: f64 = 7.0;
 
-/// As [`super::Effects::reach_px`].
+/// See [`super::Effects::reach_px`].
 pub fn reach_px(_view: &View, settings: &Settings) -> Option<u32> {
     let of_one = settings.neighbourhood == 1.0;
     Some(!of_one as u32)

@@ -109,7 +109,7 @@ impl super::Settings for Settings {
     }
 }
 
-/// As [`super::Effects::reach_px`].
+/// See [`super::Effects::reach_px`].
 pub fn reach_px(_view: &View, settings: &Settings) -> Option<u32> {
     Some(settings.radius as u32 + 1)
 }

@@ -144,7 +144,7 @@ impl super::Settings for Settings {
     }
 }
 
-/// As [`super::Effects::reach_px`].
+/// See [`super::Effects::reach_px`].
 pub fn reach_px(_view: &View, _settings: &Settings) -> Option<u32> {
     Some(0)
 }

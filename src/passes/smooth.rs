@@ -131,7 +131,7 @@ fn chosen(settings: &Settings, spacing_px: f64) -> (Filter, u32) {
     (filter, if settings.iterations > 0.0 { settings.iterations as u32 } else { often(filter) })
 }
 
-/// As [`super::Effects::reach_px`].
+/// See [`super::Effects::reach_px`].
 pub fn reach_px(_view: &View, settings: &Settings) -> Option<u32> {
     Some(if settings.iterations > 0.0 { settings.iterations } else { MOST / 2.0 } as u32)
 }
