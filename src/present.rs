@@ -42,7 +42,7 @@ use winit::window::Window;
 /// Presentations in flight: one is shown while the next is drawn. More would only add latency.
 pub const FRAMES_IN_FLIGHT: usize = 2;
 
-/// Longest wait for an image [ns]: compositors may hand out none while the window is not visible.
+/// Longest wait for an image `[ns]`: compositors may hand out none while the window is not visible.
 const ACQUIRE_TIMEOUT_NS: u64 = 100_000_000;
 
 /// Commands and synchronisation of one presentation in flight.

@@ -59,7 +59,7 @@ pub struct Arguments {
     /// Frames of the flight
     #[arg(long, default_value_t = 300, help_heading = "Flight", value_parser = clap::value_parser!(u64).range(1..=1_000_000))]
     pub frames: u64,
-    /// Length of the flights [s]
+    /// Length of the flights, in seconds
     #[arg(long, default_value_t = 10, help_heading = "Window", value_parser = clap::value_parser!(u64).range(1..=3600))]
     pub seconds: u64,
     #[command(flatten)]

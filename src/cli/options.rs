@@ -61,7 +61,7 @@ pub struct PictureOptions {
     /// How points are drawn
     #[arg(long, value_enum, default_value_t)]
     pub style: Style,
-    /// Light: headlight; direction:X,Y,Z in which it travels; position:X,Y,Z [m]; world coordinates
+    /// Light: headlight; direction:X,Y,Z in which it travels; position:X,Y,Z in metres; world coordinates
     #[arg(long, value_name = "KIND[:X,Y,Z]", default_value_t, allow_hyphen_values = true)]
     pub light: Light,
     /// Layer distance: surfaces nearer to each other than this are one surface, for

@@ -69,7 +69,7 @@ pub struct Arguments {
     /// Print which passes run and why: to standard error, or as JSON to standard output
     #[arg(long, value_name = "json", num_args = 0..=1, require_equals = true, default_missing_value = "text", value_parser = ["text", "json"])]
     pub explain: Option<String>,
-    /// Print how long every stage and pass took [ms]
+    /// Print how long every stage and pass took, in ms
     #[arg(long)]
     pub timings: bool,
     /// Refuse a truncated, inconsistent or damaged file instead of keeping what is readable

@@ -35,11 +35,11 @@ impl std::fmt::Display for Bytes {
     }
 }
 
-/// A picture's size [px], as WIDTHxHEIGHT.
+/// A picture's size `[px]`, as WIDTHxHEIGHT.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Size(pub [u32; 2]);
 
-/// The longest side of a picture [px]: a row of it takes a megabyte.
+/// The longest side of a picture `[px]`: a row of it takes a megabyte.
 const LARGEST_SIDE: u32 = 262_144;
 
 impl std::str::FromStr for Size {

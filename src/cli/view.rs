@@ -45,7 +45,7 @@ pub struct Arguments {
     /// Size of the pictures that the window saves: a multiple of its own, or pixels
     #[arg(long, value_name = "Nx|WxH", default_value = "1x", value_parser = save_size)]
     pub save_size: SaveSize,
-    /// Print at the end how long pictures took [ms]: to standard error, or as JSON to standard
+    /// Print at the end how many ms pictures took: to standard error, or as JSON to standard
     /// output
     #[arg(long, value_name = "json", num_args = 0..=1, require_equals = true, default_missing_value = "text", value_parser = ["text", "json"])]
     pub timings: Option<String>,

@@ -420,7 +420,7 @@ impl<'g> Graph<'g> {
         self.gpu.device.limits.max_storage_buffer_range as u64
     }
 
-    /// Returns the largest buffer that is gathered from as words [bytes]: texel buffers where the
+    /// Returns the largest buffer that is gathered from as words `[bytes]`: texel buffers where the
     /// device has large ones.
     pub fn gathered_limit(&self) -> u64 {
         let device = &self.gpu.device;

@@ -3,12 +3,12 @@
 //! 1. Backwards: a pass is dropped if none of its writes is wanted or read by a later kept pass.
 //!
 //! 2. Forwards: one barrier precedes a pass that reads what an earlier pass wrote since the last
-//! barrier (read after write), or overwrites what was read (write after read) or written (write
-//! after write). One global memory barrier per pass suffices, since every image is in GENERAL.
+//!    barrier (read after write), or overwrites what was read (write after read) or written (write
+//!    after write). One global memory barrier per pass suffices, since every image is in GENERAL.
 //!
 //! 3. Transients are placed in one block, large ones first, each where no other lies whose lifetime
-//! overlaps. The first write to reused bytes is a hazard against their previous uses. A pass that
-//! reads only the pixels it writes may write over an input that is read for the last time.
+//!    overlaps. The first write to reused bytes is a hazard against their previous uses. A pass that
+//!    reads only the pixels it writes may write over an input that is read for the last time.
 
 use super::{Access, BufferDesc, ImageDesc, Place, ResourceId};
 use crate::gpu::MemoryRequirements;

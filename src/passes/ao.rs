@@ -14,7 +14,7 @@ pub const SUMMARY: &str = "ambient occlusion: darkens corners and gaps";
 
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct Settings {
-    /// Distance beyond which nothing occludes [m]; 0: a twelfth of the picture's height at every
+    /// Distance beyond which nothing occludes `[m]`; 0: a twelfth of the picture's height at every
     /// depth.
     pub radius: f64,
     /// Share of light that a full horizon removes. 1 is physical for ambient light, but hardly
@@ -61,7 +61,7 @@ impl super::Settings for Settings {
     }
 }
 
-/// Radius of the window that a normal is fitted to [px], as in `phong`.
+/// Radius of the window that a normal is fitted to `[px]`, as in `phong`.
 pub const WINDOW_PX: i32 = 3;
 
 /// Default radius, as a share of the picture's height.
@@ -83,7 +83,7 @@ pub fn called_for(context: &FrameContext, _asked: &Effects, _before: &Decided) -
     Reason { runs: false, why: why.to_string() }
 }
 
-/// Returns the radius [m], or as a share of the depth with perspective if it is automatic.
+/// Returns the radius `[m]`, or as a share of the depth with perspective if it is automatic.
 pub fn radius(view: &View, settings: &Settings) -> f64 {
     if settings.radius > 0.0 {
         settings.radius

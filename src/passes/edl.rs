@@ -11,7 +11,7 @@ pub const SUMMARY: &str = "eye-dome lighting: darkens pixels behind their neighb
 pub struct Settings {
     /// Halvings of the light per unit of mean slope towards the viewer.
     pub strength: f64,
-    /// Distance of the neighbours [px].
+    /// Distance of the neighbours `[px]`.
     pub radius: f64,
     /// Steepest slope that counts: a jump in depth darkens no more than this.
     pub cap: f64,

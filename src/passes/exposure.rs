@@ -34,7 +34,7 @@ pub fn reach_px(_view: &View, _settings: &Settings) -> Option<u32> {
     Some(0)
 }
 
-/// Difference between the brightest and the darkest station from which it is visible [stops].
+/// Difference between the brightest and the darkest station from which it is visible `[stops]`.
 const SEEN: f64 = 0.05;
 
 pub fn called_for(context: &FrameContext, _asked: &Effects, _before: &Decided) -> Reason {

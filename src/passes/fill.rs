@@ -39,14 +39,14 @@ pub struct Settings {
     /// Largest number of steps; 0: the width of the kernel that looked for holes, or for each kind
     /// of `mask` one and a half point spacings on the screen. `mask` counts to 127.
     pub iterations: f64,
-    /// Depth difference of different surfaces, which are not averaged [m]; 0: as wide as eight
+    /// Depth difference of different surfaces, which are not averaged `[m]`; 0: as wide as eight
     /// cells of a level at that depth, or 31 pixels for `median`.
     pub tolerance: f64,
     /// Number of filled neighbours, of eight, from which background is filled, too; 9: never.
     pub surrounded: f64,
-    /// Radius of splats [px]; 0: 2.
+    /// Radius of splats `[px]`; 0: 2.
     pub radius: f64,
-    /// Layer distance of `mask` [m]: nearer points than this are another surface; 0: that of the
+    /// Layer distance of `mask` `[m]`: nearer points than this are another surface; 0: that of the
     /// picture.
     pub layer: f64,
 }
@@ -173,7 +173,7 @@ pub fn called_for(context: &FrameContext, asked: &Effects, before: &Decided) -> 
     }
 }
 
-/// Spacing of the sparsest node in view up to which holes are filled step by step [px]. Contours
+/// Spacing of the sparsest node in view up to which holes are filled step by step `[px]`. Contours
 /// are then slightly more exact. With larger spacings both methods are equal there (`study
 /// surface`), but steps leave visible facets, take longer, and miss the middle of wide holes.
 const STEPS_PX: f64 = 2.0;
@@ -181,7 +181,7 @@ const STEPS_PX: f64 = 2.0;
 /// Smallest number of levels: their cells always hold points to fill from.
 const LEAST_LEVELS: f64 = 4.0;
 
-/// Returns the settings for the spacing of the sparsest points [px]. Layers behind others begin
+/// Returns the settings for the spacing of the sparsest points `[px]`. Layers behind others begin
 /// behind the depth of a nearby surface, not behind a distant mean, so these are filled by steps.
 pub fn settled(asked: &Settings, transparent: bool, floods: bool, widest_px: f64) -> Settings {
     let method = match asked.method {
@@ -195,7 +195,7 @@ pub fn settled(asked: &Settings, transparent: bool, floods: bool, widest_px: f64
     Settings { method, levels: asked.levels.min(enough), ..*asked }
 }
 
-/// Largest distance over which steps carry depths [px].
+/// Largest distance over which steps carry depths `[px]`.
 pub(super) const WIDEST: f64 = 31.0;
 
 pub fn record(

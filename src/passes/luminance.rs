@@ -33,9 +33,9 @@ pub const SUMMARY: &str =
 pub struct Settings {
     pub space: Space,
     /// Side of the square of pixels whose points are averaged with Gaussian weights: 1 or 3; 0: as
-    /// many as hold enough points [px].
+    /// many as hold enough points `[px]`.
     pub neighbourhood: f64,
-    /// Distance behind the front up to which a point belongs to its surface [m]; 0: three point
+    /// Distance behind the front up to which a point belongs to its surface `[m]`; 0: three point
     /// spacings.
     pub epsilon: f64,
 }
@@ -146,7 +146,7 @@ pub struct Sums {
     /// Lookup of the trunk.
     paint: ColorLookup,
     channels: u32,
-    /// Distance behind the front [m].
+    /// Distance behind the front `[m]`.
     pub epsilon: f32,
     /// Whether each tile is corrected; None if all are.
     several: Option<Buffer>,
@@ -168,7 +168,7 @@ pub const MOST_POINTS: u64 = (1 << 28) - 1;
 /// than a tenth above the offline reference, and loses no more details (`study luminance`).
 const SPACINGS: f64 = 3.0;
 
-/// Returns the radius of the averaged neighbourhood [px]. The 3 x 3 weigh as much as four pixels:
+/// Returns the radius of the averaged neighbourhood `[px]`. The 3 x 3 weigh as much as four pixels:
 /// with four times enough points per pixel, one pixel suffices.
 fn around(context: &FrameContext, settings: &Settings) -> u32 {
     let asked = settings.neighbourhood;

@@ -33,9 +33,9 @@ use std::sync::Arc;
 
 /// The images and buffers that screen-space passes read and write.
 pub struct GBuffer {
-    /// Planar depth [m]; infinite for background, minus infinite if unknown.
+    /// Planar depth `[m]`; infinite for background, minus infinite if unknown.
     pub depth: Image,
-    /// Planar depth of the projected points [m].
+    /// Planar depth of the projected points `[m]`.
     pub projected_depth: Image,
     /// Point ids. A pixel that was filled from one point has the id of that point.
     pub index: Image,
@@ -58,12 +58,12 @@ pub struct GBuffer {
     pub luminance_sums: Option<luminance::Sums>,
     /// Factor on the light, which multiplies the colour; None is 1.
     pub shading: Option<Image>,
-    /// Point spacing of every node of the frame [m], f32.
+    /// Point spacing of every node of the frame `[m]`, f32.
     pub spacings: Buffer,
-    /// Smallest and largest point spacing on the screen [px]; infinite if the camera is within a
+    /// Smallest and largest point spacing on the screen `[px]`; infinite if the camera is within a
     /// node.
     pub spacing_px: [f64; 2],
-    /// Distance of pixels whose depths come from different points [px]: 1 if each pixel has its own
+    /// Distance of pixels whose depths come from different points `[px]`: 1 if each pixel has its own
     /// depth or one interpolated from its neighbours.
     pub flat_px: u32,
     /// Origin of each pixel's depth, if copied from another pixel: four rows per texel
@@ -83,9 +83,9 @@ impl GBuffer {
 /// A list of 8 x 8 pixel tiles, made on the device (glsl/lib/tile.glsl).
 pub struct Holes {
     pub list: Buffer,
-    /// Width of the kernel that found unknown pixels, for each tile [px], u32.
+    /// Width of the kernel that found unknown pixels, for each tile `[px]`, u32.
     pub kernels: Buffer,
-    /// Width of the widest kernel that looked for them [px].
+    /// Width of the widest kernel that looked for them `[px]`.
     pub widest: u32,
     /// Where points lie on no surface, if visibility has looked.
     pub scattered: Option<Scattered>,
@@ -101,7 +101,7 @@ pub struct Scattered {
     pub scattered: Buffer,
 }
 
-/// Reach of passes that are no effects [px]: normals look at neighbours.
+/// Reach of passes that are no effects `[px]`: normals look at neighbours.
 const OTHERS_REACH_PX: u32 = 2;
 
 /// Returns the number of tiles across and down a picture.
@@ -109,9 +109,9 @@ pub fn tiles(size: [u32; 2]) -> [u32; 2] {
     size.map(|side| side.div_ceil(TILE_PX))
 }
 
-/// Side of a tile [px], as in glsl/lib/tile.glsl.
+/// Side of a tile `[px]`, as in glsl/lib/tile.glsl.
 pub const TILE_PX: u32 = 8;
-/// Side of the coarsest cells of any pyramid [px]. A piece of a picture begins and ends on
+/// Side of the coarsest cells of any pyramid `[px]`. A piece of a picture begins and ends on
 /// multiples of it, except at the picture's edges.
 pub const BLOCK_PX: u32 = 1 << (MOST_LEVELS - 1);
 /// Largest number of levels of a pyramid over the picture, including the picture itself.
@@ -140,7 +140,7 @@ pub struct FrameContext<'s> {
     pub shown: Attribute,
     /// Whether some points are transparent.
     pub transparent: bool,
-    /// Layer distance of the user [m]; 0: automatic.
+    /// Layer distance of the user `[m]`; 0: automatic.
     pub asked_layer_m: f64,
     /// Whether points have normals.
     pub normals: bool,
@@ -176,7 +176,7 @@ impl<'s> FrameContext<'s> {
     }
 }
 
-/// Returns the layer distance [m]: surfaces nearer to each other count as one. It is the first
+/// Returns the layer distance `[m]`: surfaces nearer to each other count as one. It is the first
 /// number asked for that is not 0, else four spacings of the points, or of the pixels if those are
 /// wider. That is the depth difference of neighbours on one surface unless it is steep (guide:
 /// papers).
@@ -283,7 +283,7 @@ macro_rules! effects {
                 decided
             }
 
-            /// Returns the distance within which a pixel depends on others [px]; None if on the
+            /// Returns the distance within which a pixel depends on others `[px]`; None if on the
             /// whole picture.
             pub fn reach_px(&self, view: &View, decided: &Decided) -> Option<u32> {
                 let mut reach = OTHERS_REACH_PX;
@@ -311,7 +311,7 @@ macro_rules! effects {
 
         impl Effects {
             /// Returns the distance from the nearest point within which the running effects may
-            /// change a pixel [px], if points are at most `spacing_px` apart.
+            /// change a pixel `[px]`, if points are at most `spacing_px` apart.
             pub fn grows_px(&self, decided: &Decided, spacing_px: f64) -> f64 {
                 let mut grows_px = 0.0;
                 $(if decided.runs(Effect::$effect) {
@@ -511,7 +511,7 @@ pub trait Settings: Default {
     /// Lists all settings, including those that only studies and tests use.
     fn list_all(&mut self) -> Vec<Setting<'_>>;
 
-    /// Returns the distance from the nearest point within which the effect may change a pixel [px],
+    /// Returns the distance from the nearest point within which the effect may change a pixel `[px]`,
     /// if points are at most `spacing_px` apart; infinite if unknown. Layers behind others are
     /// drawn no farther from their points than this sum over all effects.
     fn grows_px(&self, _spacing_px: f64) -> f64 {

@@ -33,7 +33,7 @@ pub struct Settings {
     pub shininess: f64,
     pub normals: Normals,
     pub backfaces: Backfaces,
-    /// Radius of the neighbourhood that a normal is fitted to [px].
+    /// Radius of the neighbourhood that a normal is fitted to `[px]`.
     pub radius: f64,
 }
 

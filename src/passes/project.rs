@@ -105,7 +105,7 @@ pub struct Statistics {
     pub points_compared: u64,
     /// Bytes of position planes read.
     pub position_bytes: u64,
-    /// Largest quantisation error of a drawn node [px].
+    /// Largest quantisation error of a drawn node `[px]`.
     pub quantisation_px: f64,
 }
 
@@ -278,7 +278,7 @@ impl Drawn {
         self.of_every_chunk(g, "alive", 0)
     }
 
-    /// Returns a record of the chunks with a point at most `epsilon` behind the front [m],
+    /// Returns a record of the chunks with a point at most `epsilon` behind the front `[m]`,
     /// initialised.
     pub fn shallow(&self, g: &mut Graph, epsilon: f32) -> Shallow {
         Shallow { chunks: self.of_every_chunk(g, "shallow", 0), epsilon }
@@ -322,7 +322,7 @@ pub struct Shallow {
     /// 1 for each chunk with a point that is at most epsilon behind the front, or was when it was
     /// tested.
     pub chunks: Buffer,
-    /// Distance behind the front [m].
+    /// Distance behind the front `[m]`.
     pub epsilon: f32,
 }
 

@@ -204,7 +204,7 @@ impl Resolved {
     }
 }
 
-/// Returns the smallest and largest point spacing of all nodes in view [px].
+/// Returns the smallest and largest point spacing of all nodes in view `[px]`.
 pub fn spacing_px(view: &View, resident: &Resident) -> [f64; 2] {
     let f = view.focal_px();
     let seen = resident.nodes.iter().filter_map(|node| {

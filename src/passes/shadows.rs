@@ -51,20 +51,20 @@ pub struct Settings {
     /// Samples of the light; 1: its middle, hard shadows.
     pub samples: f64,
     pub pattern: area_light_samples::Pattern,
-    /// Radius of the light: half its angle if directional [degrees], else [m].
+    /// Radius of the light: half its angle if directional `[degrees]`, else `[m]`.
     pub radius: f64,
-    /// Longer side of the light's picture [texels]; 0: from the point spacing.
+    /// Longer side of the light's picture `[texels]`; 0: from the point spacing.
     pub size: f64,
     /// Share of the colour without light, if no lighting runs; Phong lighting has its own.
     pub ambient: f64,
     /// Distance behind the surface that the light sees within which a point belongs to it, across
-    /// the surface [m]; 0: the layer distance of the picture, and at least the bound of guide:
+    /// the surface `[m]`; 0: the layer distance of the picture, and at least the bound of guide:
     /// numerics, case 13.
     pub layer: f64,
-    /// Lower bound if `layer` is 0 [m]: the layer distance of the picture. Set by the frame.
+    /// Lower bound if `layer` is 0 `[m]`: the layer distance of the picture. Set by the frame.
     #[serde(skip)]
     pub least: f64,
-    /// Width of the gaps that are closed in the light's picture [texels].
+    /// Width of the gaps that are closed in the light's picture `[texels]`.
     pub fill: f64,
     /// Largest number of passes of index peeling; 0: until one marks nothing, 512 at most.
     pub peels: f64,
@@ -187,14 +187,14 @@ pub struct Facts {
     pub marked: u32,
     /// Pictures of the light, over all samples.
     pub pictures: u32,
-    /// Size of the first picture [texels].
+    /// Size of the first picture `[texels]`.
     pub size: [u32; 2],
     /// How often it is halved to close gaps where points are sparse.
     #[serde(default)]
     pub halvings: u32,
-    /// Side of a texel [m], in the middle of the cloud if the light has a position.
+    /// Side of a texel `[m]`, in the middle of the cloud if the light has a position.
     pub texel_m: f64,
-    /// Distance behind a surface that faces the light where shadow begins [m]. On a slanted surface
+    /// Distance behind a surface that faces the light where shadow begins `[m]`. On a slanted surface
     /// it is measured across the surface.
     pub layer_m: f64,
 }
@@ -387,7 +387,7 @@ fn counted(
 const PLACES: [&str; 2] = ["marks", "marks beside"];
 
 /// Returns the distance in the light's pictures over which a texel may change the limit of another,
-/// and one texel for rounding [px].
+/// and one texel for rounding `[px]`.
 fn travel_px(settings: &Settings, sights: &[LightCamera]) -> f64 {
     let coarsest = sights.iter().map(|sight| sight.halvings).max().unwrap_or(0);
     // Texels of a halved picture are this wide.

@@ -65,7 +65,7 @@ pub fn called_for(_scene: &FrameContext, _asked: &Effects, _before: &Decided) ->
     Reason { runs: false, why: "strokes run only with --style strokes".to_string() }
 }
 
-/// Smallest half side on the screen [px]: smaller strokes would miss pixel centres.
+/// Smallest half side on the screen `[px]`: smaller strokes would miss pixel centres.
 pub const LEAST_PX: f32 = 1.5;
 /// Coverage from which a stroke hides what is behind it in depth, and in z-buffered strokes.
 const HIDES: f32 = 0.5;
@@ -439,7 +439,7 @@ impl Painting<'_> {
         Walk::new(g, &self.wide, Band { top: desk.band.top, size })
     }
 
-    /// Returns the corner of a band in the whole picture [px].
+    /// Returns the corner of a band in the whole picture `[px]`.
     fn corner(&self, band: Band) -> [f32; 2] {
         [self.view.corner[0] as f32, (self.view.corner[1] + band.top as i32) as f32]
     }

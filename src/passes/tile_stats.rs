@@ -23,7 +23,7 @@ pub struct Asked {
 pub struct Counts {
     /// Tiles of the whole picture.
     pub tiles: u64,
-    /// Tiles where points could be hidden, by the cell width of the level that looked [px]; 1 is
+    /// Tiles where points could be hidden, by the cell width of the level that looked `[px]`; 1 is
     /// the picture.
     pub looked_at: Vec<(u32, u64)>,
     /// The same as a map: one string per row of tiles, with the number of the coarsest level that

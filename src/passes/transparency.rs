@@ -33,7 +33,7 @@ pub struct Settings {
     pub layers: f64,
     /// Tiles where further layers are looked for.
     pub tiles: Looked,
-    /// Distance behind a surface within which points belong to it [m]; 0: the layer distance of the
+    /// Distance behind a surface within which points belong to it `[m]`; 0: the layer distance of the
     /// picture, and at least the depth of the surface within a pixel.
     pub layer: f64,
 }

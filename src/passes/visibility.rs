@@ -52,11 +52,11 @@ pub struct Settings {
     pub kernel: f64,
     /// Sectors of the neighbourhood of a single level: 4, 8 or 16.
     pub sectors: f64,
-    /// Empty solid angle from which a pixel without a point is background [sr].
+    /// Empty solid angle from which a pixel without a point is background `[sr]`.
     pub holes: f64,
     /// Tiles that are checked.
     pub tiles: Looked,
-    /// Empty solid angle from which a pixel is visible [sr].
+    /// Empty solid angle from which a pixel is visible `[sr]`.
     pub threshold: f64,
     /// Points that the surface around would have put into an empty area from which that is an
     /// opening.
@@ -129,9 +129,9 @@ impl super::Settings for Settings {
 /// Steepest slope towards the camera of a point's own surface: 45 degrees. With more, surfaces a
 /// few pixels behind each other show through; with less, contours grow.
 pub const STEEPEST: f64 = 1.0;
-/// Margin as in glsl/lib/tile.glsl [px].
+/// Margin as in glsl/lib/tile.glsl `[px]`.
 const MARGIN_PX: u32 = 8;
-/// Largest excess of images over the picture [px]: whole tiles, and margins.
+/// Largest excess of images over the picture `[px]`: whole tiles, and margins.
 pub const BEYOND_PX: u32 = 2 * MARGIN_PX + TILE_PX;
 
 /// Rounds of judging points. Points of a middle surface count as openings of the one before it
@@ -152,7 +152,7 @@ fn is_single(settings: &Settings) -> bool {
     settings.levels == 1.0
 }
 
-/// Returns the reach of the coarsest level to either side [px].
+/// Returns the reach of the coarsest level to either side `[px]`.
 fn kernel_px(settings: &Settings) -> u32 {
     (settings.kernel as u32 / 2 + 1) << (settings.levels as u32 - 1)
 }
@@ -227,12 +227,12 @@ const SPARSEST_BEHIND: f64 = 1.0;
 const BEHIND_SPACINGS: f64 = 5.5;
 
 /// Returns the levels up to cells in which points of a surface may be a cell apart, for the spacing
-/// of the sparsest node [px]; at least two.
+/// of the sparsest node `[px]`; at least two.
 pub fn levels_for(widest_px: f64) -> f64 {
     (SPARSEST * widest_px).max(2.0).log2().floor() + 1.0
 }
 
-/// Returns the settings for the spacing of the sparsest points [px].
+/// Returns the settings for the spacing of the sparsest points `[px]`.
 pub fn settled(asked: &Settings, widest_px: f64) -> Settings {
     Settings { levels: asked.levels.min(levels_for(widest_px)), ..*asked }
 }
@@ -274,7 +274,7 @@ struct Judged<'s> {
     decided: Buffer,
     /// Pyramid of the picture before anything was hidden.
     projected: Option<Pyramid>,
-    /// Width of the kernel that found invisible pixels, for each tile [px].
+    /// Width of the kernel that found invisible pixels, for each tile `[px]`.
     kernels: Buffer,
 }
 
@@ -718,7 +718,7 @@ impl Kernel {
         Kernel { radius: (width / 2).max(1) }
     }
 
-    /// Returns the width [px].
+    /// Returns the width `[px]`.
     pub fn width(self) -> u32 {
         2 * self.radius + 1
     }
@@ -758,7 +758,7 @@ fn slope(view: &View, settings: &Settings) -> f64 {
 }
 
 /// Returns the tiles that each level checked first for hidden points, from the buffer `lists` after
-/// a frame, by the level's cell width [px].
+/// a frame, by the level's cell width `[px]`.
 pub fn listed(size: [u32; 2], lists: &[u32]) -> Vec<(u32, &[u32])> {
     let stride = stride(tiles(size)) as usize;
     // The last list is of all tiles that any level checked.

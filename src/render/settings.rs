@@ -71,7 +71,7 @@ pub struct RenderSettings {
     /// Background, sRGB.
     pub background: [u8; 3],
     pub precision: Precision,
-    /// Layer distance [m]: nearer surfaces count as one. 0: derived from the spacing of points and
+    /// Layer distance `[m]`: nearer surfaces count as one. 0: derived from the spacing of points and
     /// pixels.
     pub layer_m: f64,
 }

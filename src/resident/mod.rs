@@ -289,7 +289,7 @@ impl Resident {
             .collect()
     }
 
-    /// Returns the point spacing [m]: that of the cloud ([`crate::cloud::spacing`]), or for
+    /// Returns the point spacing `[m]`: that of the cloud ([`crate::cloud::spacing`]), or for
     /// streamed nodes the weighted median of the resident nodes; 0 if there are none.
     pub fn spacing_m(&self) -> f64 {
         if let Some(spacing_m) = self.spacing_m {

@@ -59,7 +59,7 @@ pub const NAMES: [&str; SCENES.len()] = {
     names
 };
 
-/// Distance between the layers of `step` [m]: a fortieth of its width.
+/// Distance between the layers of `step` `[m]`: a fortieth of its width.
 const GAP: f64 = 0.1;
 
 /// Points of the pilot, which measures the share of a scene's points in a view and frames the

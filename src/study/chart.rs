@@ -37,7 +37,7 @@ const GRID: RGBColor = RGBColor(0xE4, 0xE7, 0xEA);
 const FRONT: RGBColor = RGBColor(0x00, 0x72, 0xB2);
 const AUTO: RGBColor = RGBColor(0xD5, 0x5E, 0x00);
 
-/// Sizes [px]: a panel's plot, the space between panels, and the margins for axes and titles.
+/// Sizes `[px]`: a panel's plot, the space between panels, and the margins for axes and titles.
 const PLOT: [i32; 2] = [286, 178];
 const GAP: [i32; 2] = [22, 44];
 const LEFT: i32 = 92;

@@ -207,7 +207,7 @@ struct Drawing {
     depth: Vec<f32>,
     index: Vec<u32>,
     statistics: Statistics,
-    /// Time of projecting alone [ms]: nothing else depends on the knob.
+    /// Time of projecting alone `[ms]`: nothing else depends on the knob.
     ms: f64,
 }
 

@@ -24,7 +24,7 @@ use std::f64::consts::{FRAC_PI_2, PI};
 
 pub const SUMMARY: &str = "size of the light's picture, samples, method: marks against the light that truly reaches points";
 
-/// Height of the plate above the floor `[m]`; half the light's angle [degrees]: half shadows are 21
+/// Height of the plate above the floor `[m]`; half the light's angle `[degrees]`: half shadows are 21
 /// cm wide.
 const HEIGHT: f64 = 1.0;
 const RADIUS: f64 = 6.0;

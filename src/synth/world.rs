@@ -82,7 +82,7 @@ pub struct World {
     tree: Bvh,
 }
 
-/// Start of rays towards the sun above the surface [m]: above the rounding of any hit, below any
+/// Start of rays towards the sun above the surface `[m]`: above the rounding of any hit, below any
 /// detail.
 const LIFT_M: f64 = 1e-6;
 

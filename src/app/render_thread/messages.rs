@@ -46,7 +46,7 @@ pub enum Message {
     },
     /// Reads the points of a slab, for a profile.
     Section(Slab),
-    /// Saves the current picture with this size [px]: as PNG, or its layers as EXR.
+    /// Saves the current picture with this size `[px]`: as PNG, or its layers as EXR.
     Save {
         path: PathBuf,
         size: [u32; 2],

@@ -21,7 +21,7 @@ use crate::view::View;
 use std::collections::VecDeque;
 use std::path::{Path, PathBuf};
 
-/// Width of a tile [px]: several times the borders on either side that surfaces need and that are
+/// Width of a tile `[px]`: several times the borders on either side that surfaces need and that are
 /// drawn, too.
 const TILE: u32 = 2048;
 

@@ -159,7 +159,7 @@ pub fn read(input: &Input, notes: &mut Vec<String>) -> Result<Layout> {
     Ok(layout)
 }
 
-/// Largest coordinate [steps]: beyond, neighbouring steps are the same f64.
+/// Largest coordinate `[steps]`: beyond, neighbouring steps are the same f64.
 const MOST_STEPS: f64 = (1u64 << 53) as f64;
 
 /// Returns the file's scale and offset, if every i32 has a distinct position. A negative scale is

@@ -31,7 +31,7 @@ struct Point {
     number: u32,
 }
 
-/// A neighbour: squared distance [m2], place in its tree, and number of the tree.
+/// A neighbour: squared distance `[m2]`, place in its tree, and number of the tree.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Neighbour {
     pub squared: f64,
@@ -266,7 +266,7 @@ impl KdTree {
         places.map(neighbour).filter(|neighbour| neighbour.squared > 0.0)
     }
 
-    /// Returns the squared distance to a branch's box [m2]; infinite if all its points coincide
+    /// Returns the squared distance to a branch's box `[m2]`; infinite if all its points coincide
     /// with the query.
     fn away(&self, branch: Branch, at: DVec3) -> f64 {
         let [lo, hi] = self.boxes[branch.node].map(|corner| difference(DVec3::ZERO, corner));

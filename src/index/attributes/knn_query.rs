@@ -122,7 +122,7 @@ impl<'s> KnnQuery<'s> {
 
     /// Finds the same points in no order, twice as fast if they are many. `known` is a squared
     /// distance that they do not exceed, or infinite. Returns the squared distance of the farthest
-    /// [m2].
+    /// `[m2]`.
     pub fn nearest_in_any_order(
         &mut self,
         place: usize,

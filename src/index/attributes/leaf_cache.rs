@@ -45,7 +45,7 @@ impl Leaf {
 /// A leaf near another one.
 pub struct Near {
     pub node: usize,
-    /// Squared distance between the boxes [m2].
+    /// Squared distance between the boxes `[m2]`.
     pub away: f64,
     /// Its box, in the other's steps from the other's origin; enlarged if the lattices differ.
     lo: DVec3,
@@ -62,7 +62,7 @@ impl Near {
         at * self.scale + self.shift
     }
 
-    /// Returns the squared distance from such a position to its box [m2].
+    /// Returns the squared distance from such a position to its box `[m2]`.
     pub fn away_from(&self, at: DVec3, step: DVec3) -> f64 {
         ((at.clamp(self.lo, self.hi) - at) * step).length_squared()
     }

@@ -42,7 +42,7 @@ pub struct Plane {
 pub struct Fit {
     /// Points whose distances determine the radius.
     pub near: usize,
-    /// Size of the neighbourhood [radii].
+    /// Size of the neighbourhood `[radii]`.
     pub reach: f64,
 }
 

@@ -96,7 +96,7 @@ impl Samples {
     /// Joins `parts` in Morton order; they have the same columns, except weights. Parts of one tree
     /// follow each other in that order; those of several trees may be anywhere.
     pub fn together(parts: &[Samples]) -> Samples {
-        let filled = || parts.iter().filter(|part| part.len() > 0);
+        let filled = || parts.iter().filter(|part| !part.is_empty());
         let follows = |(before, after): (&Samples, &Samples)| {
             morton::order(before.q[before.len() - 1], after.q[0]) != Ordering::Greater
         };
@@ -196,6 +196,10 @@ impl Samples {
 
     pub fn len(&self) -> usize {
         self.q.len()
+    }
+
+    pub fn is_empty(&self) -> bool {
+        self.q.is_empty()
     }
 
     pub fn weight(&self, i: usize) -> u32 {

@@ -29,7 +29,7 @@ const REACH: f64 = 1.5;
 /// Adjacent pixels often share a point's depth; pixels farther apart seldom do.
 const FLAT_PX: u32 = 2;
 
-/// Largest point spacing that masks close [px]. Random points farther apart on one surface leave
+/// Largest point spacing that masks close `[px]`. Random points farther apart on one surface leave
 /// here and there five adjacent pixels of a ring without a point, which masks take for a
 /// silhouette. On a plane that fills the picture (300,000 and 480,000 pixels) 194 pixels stay open
 /// if the sparser ones are 1.8 pixels apart, 131 at 1.7, 37 at 1.5 and none at 1.25. Hidden layers

@@ -25,7 +25,7 @@ use crate::view::{Projection, View};
 /// more flatten surfaces between their points (a fifth more pixels on a wrong layer after four).
 const RELAXATIONS: u32 = 2;
 
-/// Reach of every level [px]: the adjacent coarser cells, and those that relaxing reads.
+/// Reach of every level `[px]`: the adjacent coarser cells, and those that relaxing reads.
 pub(super) fn reach_px(settings: &Settings) -> u32 {
     (2 + RELAXATIONS) << settings.levels as u32
 }

@@ -11,10 +11,10 @@ use crate::passes::{GBuffer, shadows};
 use crate::shader::{self, fill_splat};
 use crate::view::View;
 
-/// Default radius [px]: fixed, so independent of the points.
+/// Default radius `[px]`: fixed, so independent of the points.
 pub const RADIUS_PX: f64 = 2.0;
 
-/// Returns the radius [px].
+/// Returns the radius `[px]`.
 pub fn radius(settings: &Settings) -> f64 {
     if settings.radius == 0.0 { RADIUS_PX } else { settings.radius }
 }

@@ -21,11 +21,11 @@ const OVERLAP: f64 = 1.0 + 1.0 / (1 << 20) as f64;
 pub struct Wanted {
     /// World bounds of the cloud.
     pub bounds: (DVec3, DVec3),
-    /// Point spacing [m].
+    /// Point spacing `[m]`.
     pub spacing_m: f64,
-    /// Radius of the light's disc: half its angle if directional [degrees], else [m].
+    /// Radius of the light's disc: half its angle if directional `[degrees]`, else `[m]`.
     pub radius: f64,
-    /// Longer side of a picture [texels]; 0: a texel is two spacings wide. For a light with a
+    /// Longer side of a picture `[texels]`; 0: a texel is two spacings wide. For a light with a
     /// position that holds where the cloud is nearest to it, or half as near as its middle.
     pub size: u32,
 }
@@ -61,20 +61,20 @@ impl Wanted {
 #[derive(Clone, Copy, Debug)]
 pub struct LightCamera {
     pub view: View,
-    /// Width of the border that belongs to another side of the cube [texels].
+    /// Width of the border that belongs to another side of the cube `[texels]`.
     pub margin: u32,
     /// How often the picture is halved: until points of the nearest surface are at most [`SPARSE`]
     /// texels apart.
     pub halvings: u32,
-    /// Point spacing [m].
+    /// Point spacing `[m]`.
     pub spacing_m: f64,
 }
 
-/// Distance of points up to which gaps are closed [texels]; wider ones are closed in a coarser
+/// Distance of points up to which gaps are closed `[texels]`; wider ones are closed in a coarser
 /// picture.
 pub const SPARSE: f64 = 0.75;
 
-/// Smallest side of the coarsest picture [texels], and the largest number of halvings: gaps of 24
+/// Smallest side of the coarsest picture `[texels]`, and the largest number of halvings: gaps of 24
 /// texels, with margins of a seventh of a picture of 860.
 const COARSEST: f64 = 4.0;
 const MOST_HALVINGS: f64 = 5.0;
@@ -99,7 +99,7 @@ impl LightCamera {
     }
 }
 
-/// Returns the smallest distance of the cloud's box from the eye along the view axis [m], for a
+/// Returns the smallest distance of the cloud's box from the eye along the view axis `[m]`, for a
 /// picture with these half extents as shares of the depth.
 fn least_depth(wanted: &Wanted, eye: DVec3, [u, v]: [f64; 2]) -> f64 {
     let (min, max) = wanted.bounds;
@@ -118,10 +118,10 @@ pub fn halvings(apart_px: f64, side: f64) -> u32 {
     }
 }
 
-/// Margin of the coarsest picture [texels]: gaps at a border are closed like those in the middle.
+/// Margin of the coarsest picture `[texels]`: gaps at a border are closed like those in the middle.
 const BEYOND: u32 = 1;
 
-/// Half the angle of the largest directional light [degrees].
+/// Half the angle of the largest directional light `[degrees]`.
 pub const WIDEST_DEGREES: f64 = 45.0;
 const LEAST: f64 = 16.0;
 const MOST: f64 = 4096.0;

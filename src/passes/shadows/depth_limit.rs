@@ -27,14 +27,14 @@ use std::f64::consts::SQRT_2;
 #[derive(Clone, Copy, Debug)]
 pub struct Layer {
     pub perspective: bool,
-    /// Side of a texel [m], or as a share of the depth with perspective.
+    /// Side of a texel `[m]`, or as a share of the depth with perspective.
     pub texel: f64,
     /// Thickness across the surface: metres, plus texels.
     pub metres: f64,
     pub texels: f64,
     /// Tangent of the steepest angle to the light.
     pub steepest: f64,
-    /// Largest distance behind the nearest point of a texel that light reaches [m].
+    /// Largest distance behind the nearest point of a texel that light reaches `[m]`.
     pub deepest: f64,
     pub fill: u32,
     /// See [`LightCamera`].
@@ -52,7 +52,7 @@ impl Layer {
     }
 
     /// Returns the depth up to which points are so far apart that a coarser picture closes their
-    /// gaps [m].
+    /// gaps `[m]`.
     pub fn sparse_m(&self) -> f32 {
         let apart_px = self.spacing_m / self.texel / cameras::SPARSE;
         match self.perspective {
@@ -123,7 +123,7 @@ pub fn reach(g: &mut Graph, camera: &View, keys: &Buffer, layer: &Layer) -> Reac
     reach_of(g, camera.size, (keys, true), layer, f32::INFINITY)
 }
 
-/// Computes the limits from keys or depths, for points nearer than `within` [m]; infinite
+/// Computes the limits from keys or depths, for points nearer than `within` `[m]`; infinite
 /// elsewhere.
 fn reach_of(
     g: &mut Graph,

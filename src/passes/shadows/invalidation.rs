@@ -74,7 +74,7 @@ pub fn casters<'r>(
 /// Boxes projected into pictures.
 struct Boxes<'v> {
     views: &'v [View],
-    /// Corners of each box in every view [texels].
+    /// Corners of each box in every view `[texels]`.
     seen: Vec<Vec<[DVec2; 2]>>,
     travel_px: f64,
 }
@@ -99,7 +99,7 @@ impl<'v> Boxes<'v> {
     }
 }
 
-/// Returns the rectangle that a box may cover in a picture [texels]; the whole plane if it is too
+/// Returns the rectangle that a box may cover in a picture `[texels]`; the whole plane if it is too
 /// near.
 fn on(view: &View, (min, max): (DVec3, DVec3)) -> Option<[DVec2; 2]> {
     let (near, _) = view.depths((min, max))?;

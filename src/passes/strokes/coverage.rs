@@ -14,7 +14,7 @@ use crate::passes::project::Band;
 use crate::passes::resolve;
 use crate::shader::{self, stroke_surface};
 
-/// Distance within which near ground is looked for [px].
+/// Distance within which near ground is looked for `[px]`.
 pub const ENCLOSED_PX: u32 = 2;
 /// Number of the eight directions in which it must be found.
 pub const DIRECTIONS: u32 = 4;

@@ -18,7 +18,7 @@ pub struct Settings {
     pub sigma_y: f64,
     pub dev: f64,
     pub gaussians: f64,
-    /// Largest rotation of a stroke from its tangent [degrees].
+    /// Largest rotation of a stroke from its tangent `[degrees]`.
     pub noise: f64,
     /// Lengthening of strokes on clusters twice as long as wide.
     pub long: f64,
@@ -28,9 +28,9 @@ pub struct Settings {
     pub largest: f64,
     /// Passes of sort=bubble; 0: until everything is sorted.
     pub passes: f64,
-    /// Memory of lists and fragments [MiB].
+    /// Memory of lists and fragments `[MiB]`.
     pub memory: f64,
-    /// Radius of blend=blur [px].
+    /// Radius of blend=blur `[px]`.
     pub radius: f64,
 }
 
@@ -165,7 +165,7 @@ impl super::super::Settings for Settings {
 }
 
 impl Settings {
-    /// Returns the largest half side on the screen [px].
+    /// Returns the largest half side on the screen `[px]`.
     pub fn largest_px(&self, size: [u32; 2]) -> f64 {
         self.largest * size[0].max(size[1]) as f64
     }

@@ -18,7 +18,7 @@ pub struct Facts {
     pub by_device: bool,
     /// Memory of the largest part.
     pub bytes: u64,
-    /// Device time of counting beforehand [ms].
+    /// Device time of counting beforehand `[ms]`.
     pub counting_ms: f64,
 }
 

@@ -6,7 +6,7 @@ use crate::error::Result;
 use crate::graph::{Dispatch, Gpu, Graph};
 use crate::shader::{self, Direction};
 
-/// Returns the tangents and the device time [ms].
+/// Returns the tangents and the device time `[ms]`.
 pub fn on_device(
     gpu: &mut Gpu,
     way: Tangents,

@@ -126,7 +126,7 @@ pub fn verdicts(view: &View, settings: &Settings, spacing_m: f64, depth: &[f32])
 
 const TILE: usize = 8;
 
-/// Spacings of a tile [px]: that of its nearest point's node, or if empty the widest around it; 0
+/// Spacings of a tile `[px]`: that of its nearest point's node, or if empty the widest around it; 0
 /// if all are empty.
 struct Spacings {
     across: [usize; 2],

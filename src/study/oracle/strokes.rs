@@ -101,7 +101,7 @@ struct Painted {
     normal: DVec3,
     tangent: DVec3,
     bitangent: DVec3,
-    /// Side lengths [m]: along the tangent, and across it.
+    /// Side lengths `[m]`: along the tangent, and across it.
     sides: DVec2,
     /// Reach of its near ground from the middle, relative to a side.
     near: f64,

@@ -12,7 +12,7 @@ pub struct Surface {
     pub class: u8,
 }
 
-/// Distance below which surfaces are one [m]: no ray of a study grazes two.
+/// Distance below which surfaces are one `[m]`: no ray of a study grazes two.
 const APART: f64 = 1e-9;
 
 /// Returns the surfaces on the ray through a position of the picture `[px]`.
