@@ -1,7 +1,7 @@
 //! The program: parses, dispatches, and exits with 0 on success, 1 on failure, 2 on wrong usage,
 //! 130 on Ctrl-C.
 
-use clap::Parser;
+use clap::{Arg, ArgAction, Command as Clap, CommandFactory, FromArgMatches, Parser};
 use pointillist::cli::{
     bench, guide, index, info, renamed, render, shadows, study, synth, terminal::Terminal, view,
 };
@@ -71,12 +71,22 @@ impl log::Log for Logger {
     fn flush(&self) {}
 }
 
+/// Parses the arguments. Help is a line or two an option, for `--help` as for `-h`.
+fn parse() -> Program {
+    let help = |command: Clap| {
+        let help = Arg::new("help").short('h').long("help").action(ArgAction::HelpShort);
+        command.disable_help_flag(true).arg(help.help("Print help"))
+    };
+    let matches = help(Program::command()).mut_subcommands(help).get_matches();
+    Program::from_arg_matches(&matches).unwrap_or_else(|error| error.exit())
+}
+
 fn main() -> ExitCode {
     // Errors only if there is a logger already, which there is not.
     if log::set_logger(&Logger).is_ok() {
         log::set_max_level(log::LevelFilter::Error);
     }
-    let program = Program::parse();
+    let program = parse();
     let arguments: Vec<String> =
         std::env::args_os().skip(1).map(|word| word.to_string_lossy().into_owned()).collect();
     renamed::notes(&arguments).iter().for_each(|note| say(&format!("note: {note}")));

@@ -15,7 +15,7 @@ pub enum Attribute {
     Source,
     Return,
     Normal,
-    /// Colours whose luminance is averaged over neighbours (`index::attributes::luminance`)
+    /// Colours whose luminance is averaged over neighbours
     Corrected,
     White,
 }
