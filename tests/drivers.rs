@@ -1,7 +1,7 @@
 //! A second Vulkan driver, if one is installed, draws the same picture.
 //!
 //! SwiftShader, in Debian's chromium package, has neither 64-bit atomics nor large texel buffers,
-//! so it takes the other variant of every trunk kernel.
+//! so it takes the other variant of every core kernel.
 
 mod support;
 

@@ -22,7 +22,7 @@ impl Thresholds {
         self.0.partition_point(|&threshold| linear >= threshold) as u8
     }
 
-    /// Returns, for every start of a float's bits as in glsl/trunk/encode.comp, the bits of the
+    /// Returns, for every start of a float's bits as in glsl/core/encode.comp, the bits of the
     /// threshold among them, if any, and the code below it.
     fn buckets(&self) -> Vec<[u32; 4]> {
         let float = |start: u32| f32::from_bits(start << 16);
@@ -37,7 +37,7 @@ impl Thresholds {
     }
 }
 
-/// Range of starts as in glsl/trunk/encode.comp: 2^-13 and 1.
+/// Range of starts as in glsl/core/encode.comp: 2^-13 and 1.
 const FIRST: u32 = 0x3900;
 const LAST: u32 = 0x3F80;
 

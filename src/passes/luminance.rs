@@ -143,7 +143,7 @@ pub fn averages(shown: Attribute, decided: &Decided) -> bool {
 /// The sums of every pixel's points.
 pub struct Sums {
     bands: Vec<Summed>,
-    /// Lookup of the trunk.
+    /// Lookup of the core passes.
     paint: ColorLookup,
     channels: u32,
     /// Distance behind the front `[m]`.

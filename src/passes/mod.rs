@@ -1,4 +1,4 @@
-//! Passes, one file each, from graph handles to graph handles: the trunk (project, resolve,
+//! Passes, one file each, from graph handles to graph handles: the core (project, resolve,
 //! composite) and the registry of effects.
 
 pub mod antialias;

@@ -3,7 +3,7 @@
 //!
 //! ```text
 //!     for every sample of the light, for every picture that it sees the cloud in:
-//!         project       points -> keys                    the trunk's pass, through the camera of
+//!         project       points -> keys                    the core's pass, through the camera of
 //!                                                         the light, over all resident nodes
 //!         shadow_...    keys -> depth limit               depth that light reaches in each texel
 //!                                                         (depth_limit.rs)

@@ -1,4 +1,4 @@
-//! The f64 twin of `surface.glsl` and `normal.glsl`: from depths in the kernels' own f32 bits to
+//! The f64 twin of `surface_normal.glsl` and `fit_normal.glsl`: from depths in the kernels' own f32 bits to
 //! the normal of a pixel with bounds.
 
 use super::Bounded;
