@@ -12,7 +12,7 @@ pub const BITS_PER_PLANE: u32 = 10;
 pub const POSITION_PLANES: u32 = 3;
 
 /// Near limit `[m]`: points on or behind the camera plane are not drawn. Dividing by less overflows
-/// f32 (guide: numerics, case 1.3).
+/// f32 (guide: numerics, case 3).
 pub const NEAR_M: f32 = 1.0 / (1u64 << 63) as f32;
 
 /// The point id where there is no point.

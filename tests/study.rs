@@ -181,7 +181,7 @@ fn groups(rows: &[Row]) -> BTreeMap<(&str, &str, &str), Vec<&Row>> {
 }
 
 /// 10 bits are worst, visibly so from near. More bits are better down to the error of f32
-/// arithmetic, 12 u f pixels (guide: numerics, case 1.2): f is at most 64 px / (2 tan 20 degrees) =
+/// arithmetic, 12 u f pixels (guide: numerics, case 2): f is at most 64 px / (2 tan 20 degrees) =
 /// 88 px here, and the depths are below 10 km, where the same 12 u are 7 mm.
 fn errors_fall_as_bits_rise(rows: &[Row]) {
     let u = 2f64.powi(-24);

@@ -2,7 +2,7 @@
 //!
 //! [`read`] returns a [`Cloud`]: one [`Part`] per file (or E57 scan), each a struct of arrays
 //! ([`Columns`]) on its own integer [`Lattice`]. Coordinates stay integers up to the pixel: at UTM
-//! 5,000,000 an `f32` is half a metre wide (guide: numerics, case 1.1). Each part keeps its own
+//! 5,000,000 an `f32` is half a metre wide (guide: numerics, case 1). Each part keeps its own
 //! lattice, so opening two files together moves no point of either. A reader checks the header
 //! against the file's length before it allocates or calls a library, and reports in
 //! [`Cloud::notes`] what it skipped.

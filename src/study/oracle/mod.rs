@@ -2,8 +2,8 @@
 //!
 //! A twin takes a kernel's input, floats in the same f32 bits, and returns the result in f64 with a
 //! bound on the kernel's error. The bounds are running error bounds (Higham 2002, sec. 3.3; guide:
-//! numerics, case 0.3) over the kernel's own operations, from Vulkan's guarantees for each (guide:
-//! numerics, case 0.1). The twins are deliberately simple and slow, and share nothing with the
+//! numerics, rule 3) over the kernel's own operations, from Vulkan's guarantees for each (guide:
+//! numerics, rule 1). The twins are deliberately simple and slow, and share nothing with the
 //! kernels.
 
 pub mod antialias;

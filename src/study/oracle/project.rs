@@ -8,7 +8,7 @@
 //!   |r_i d_i| + |w_i| <= |a_i| (|v_i| + c_i)
 //! and the sum of the magnitudes is at most S = sum |a_i| (|v_i| + c_i). In ulps of S: rounding r
 //! or w 1/2, converting d 1, the products 1, the three sums 3; together
-//!   |row - a . v| <= 5.5 ulp S            (11 u S; guide: numerics, case 1.2 has 12 u f)
+//!   |row - a . v| <= 5.5 ulp S            (11 u S; guide: numerics, case 2 has 12 u f)
 //! From afar that is too much: d spans at most the node's cube, of sides L, and w is summed in f64.
 //! With T = sum |a_i| (L_i + c_i), |w| <= |a . v| + T, so
 //!   |row - a . v| <= 5 ulp T + 1.5 ulp |a . v|
@@ -222,7 +222,7 @@ pub struct Agreement {
 
 impl Agreement {
     /// Returns a reason to reject the result: a wrong pixel, or more pixels in the band than 1e-4
-    /// of all (guide: numerics, case 0.3) beyond those on edges and those explained by the band's
+    /// of all (guide: numerics, rule 3) beyond those on edges and those explained by the band's
     /// width. Explained is what chance gives more often than 3e-7, as five standard deviations
     /// would be. Doubtful points are rare and independent, and each puts at most two pixels in
     /// doubt in the mean, so half their number is at worst Poisson distributed with half the mean.
