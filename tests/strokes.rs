@@ -331,7 +331,7 @@ mod painted {
         let frame = g.submit_and_wait(&[]).expect("drawn, and no validation message");
         let drawn = Frame {
             picture: frame.read(&picture).to_vec(),
-            painted: frame.passes.iter().any(|(name, _)| name == "strokes"),
+            painted: frame.passes.iter().any(|(name, _)| name == "stroke_fragments"),
             settled: strokes
                 .unordered
                 .is_none_or(|unordered| frame.read::<u32>(&unordered)[0] == 0),

@@ -42,7 +42,7 @@ fn no_seam_shows_whatever_is_drawn() {
         "--style strokes --effect strokes=largest=0.03",
         "--style strokes --effect strokes=largest=0.03,blend=blur,brush=ribbons",
         "--light direction:0.3,1,-0.8 --effect shadows=on,samples=2,radius=2 --effect luminance=on",
-        "--effect fill=method=mask --effect smooth=filter=gaussian",
+        "--effect fill=method=mask --effect smooth=iterations=2",
         "--effect ao=on --effect fill=method=splat --effect antialias=on",
         "--opacity class:6=0.5 --effect transparency=layers=2",
         "--clip box:499990,4999990,0,500030,5000060,300",
