@@ -27,7 +27,8 @@ pub fn on_device(
     );
     let found = g.download_buffer(&tangents);
     let frame = g.submit_and_wait(&[])?;
-    let found = (frame.read::<[f32; 3]>(&found)[..count as usize].to_vec(), frame.ms("stroke_tangents"));
+    let found =
+        (frame.read::<[f32; 3]>(&found)[..count as usize].to_vec(), frame.ms("stroke_tangents"));
     frame.recycle(gpu);
     Ok(found)
 }
