@@ -593,7 +593,7 @@ unsafe fn copy(
 /// Draws the overlay.
 ///
 /// # Safety
-/// As for [`copy`].
+/// The contract of [`copy`].
 unsafe fn draw_overlay(
     device: &ash::Device,
     commands: vk::CommandBuffer,
@@ -622,7 +622,7 @@ unsafe fn draw_overlay(
 /// Transitions an image's layout, after all commands before.
 ///
 /// # Safety
-/// As for [`copy`].
+/// The contract of [`copy`].
 unsafe fn transition(
     device: &ash::Device,
     commands: vk::CommandBuffer,

@@ -29,7 +29,7 @@ pub struct Floats {
     pub intensity: Option<Vec<f32>>,
     pub class: Option<Vec<u8>>,
     pub normal: Option<Vec<[i8; 3]>>,
-    /// As in [`Columns`].
+    /// Return numbers, packed as in [`Columns`].
     pub returns: Option<Vec<u8>>,
     pub source: Option<Vec<u16>>,
     pub gps_time: Option<Vec<f64>>,

@@ -22,7 +22,7 @@ pub enum Kind {
     /// A buffer read as 32-bit words by texel fetches, which software devices gather ten times
     /// faster than from storage buffers.
     TexelsR32ui,
-    /// As [`Kind::TexelsR32ui`], with four words per texel.
+    /// Four words per texel, else like [`Kind::TexelsR32ui`].
     TexelsRgba32ui,
     R32f,
     R32ui,

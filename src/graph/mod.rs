@@ -109,7 +109,7 @@ pub enum Vertices<'b> {
 pub enum Dispatch<'l> {
     /// One invocation per pixel of the first image that the pass writes.
     PerPixel,
-    /// As `PerPixel`, for a pass that reads only the pixel it writes: its output may replace an
+    /// Like `PerPixel`, for a pass that reads only the pixel it writes: its output may replace an
     /// input that is read for the last time.
     PerPixelInPlace,
     /// One invocation per texel that packs four rows of pixels.
@@ -691,8 +691,8 @@ impl<'g> Graph<'g> {
         Ok(self.begin(wanted)?.0)
     }
 
-    /// As [`Graph::submit_async`], without a handle to wait for; later submissions start when it is
-    /// done. Returns its number, as [`Gpu::completed`] counts.
+    /// Submits without a handle to wait for; later submissions start when it is done. Returns its
+    /// number, as [`Gpu::completed`] counts.
     pub fn submit_detached(self, wanted: &[ResourceId]) -> Result<u64> {
         let (pending, gpu) = self.begin(wanted)?;
         gpu.detached.push(pending);
@@ -705,7 +705,7 @@ impl<'g> Graph<'g> {
         Ok(gpu.submitted)
     }
 
-    /// As [`Graph::submit_async`], and waits.
+    /// Submits and waits.
     pub fn submit_and_wait(self, wanted: &[ResourceId]) -> Result<CompletedSubmission> {
         let (pending, gpu) = self.begin(wanted)?;
         pending.finish(gpu)

@@ -178,7 +178,7 @@ impl Resident {
         Resident::arrange(gpu, cloud, shown, index::partition, progress)
     }
 
-    /// As [`Resident::fill`], with another partition than Morton order; for benchmarks.
+    /// Fills with another partition than Morton order; for benchmarks.
     pub fn arrange(
         gpu: &mut Gpu,
         cloud: Cloud,
@@ -308,7 +308,7 @@ impl Resident {
         self.seen_of(self.nodes.iter(), view)
     }
 
-    /// As [`Resident::seen`], of the given nodes.
+    /// Returns what [`Resident::seen`] does, of the given nodes.
     pub fn seen_of<'r>(
         &'r self,
         nodes: impl Iterator<Item = &'r ResidentNode>,

@@ -254,8 +254,8 @@ impl Residency {
         self.step(gpu, view, detail, RequestPolicy { fall_back: true, max_in_flight: UPLOAD_BYTES })
     }
 
-    /// As [`Residency::update`], for a moving picture with even frame times: on a software device,
-    /// whose cores the loader shares, it requests less at a time.
+    /// Updates for a moving picture with even frame times: on a software device, whose cores the
+    /// loader shares, it requests less at a time.
     pub fn update_moving(&mut self, gpu: &mut Gpu, view: &View, detail: &Detail) -> Result<Update> {
         let max_in_flight = if gpu.device.is_cpu { UPLOAD_BYTES_SHARED } else { UPLOAD_BYTES };
         self.step(gpu, view, detail, RequestPolicy { fall_back: true, max_in_flight })

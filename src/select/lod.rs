@@ -205,7 +205,7 @@ impl Seen<'_> {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Precision {
-    /// As few planes as keep the quantisation below `QUANTISATION_PX`.
+    /// The fewest planes that keep the quantisation below `QUANTISATION_PX`.
     Auto,
     /// At most this many planes of ten bits.
     Planes(u32),

@@ -190,14 +190,14 @@ impl Truth {
 pub struct Errors {
     /// Interior pixels with a depth.
     pub interior: u64,
-    /// Of these, farther than 0.5 % of the depth from all true depths of the pixel.
+    /// Interior pixels farther than 0.5 % of the depth from all true depths of the pixel.
     pub misplaced: u64,
-    /// Of these, farther than 0.05 % of the depth, plus the noise, from all true depths of the
-    /// pixel's 3x3.
+    /// Interior pixels farther than 0.05 % of the depth, plus the noise, from all true depths of
+    /// the 3x3 pixels around.
     pub wrong_layer: u64,
     /// Pixels entirely in the silhouette.
     pub inside: u64,
-    /// Of these, without a depth.
+    /// Pixels of `inside` without a depth.
     pub holes: u64,
     /// Pixels with a depth more than 1 px outside of the silhouette.
     pub spilled: u64,

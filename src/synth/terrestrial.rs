@@ -38,7 +38,7 @@ fn sweep() -> (f64, f64) {
     (LOWEST.to_radians(), HIGHEST.to_radians())
 }
 
-/// Whether the mirror reaches a direction from the station.
+/// Returns whether the mirror reaches a direction from the station.
 pub fn reaches(direction: DVec3) -> bool {
     let (low, high) = sweep();
     (low..=high).contains(&direction.z.atan2(direction.x.hypot(direction.y)))

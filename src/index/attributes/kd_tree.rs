@@ -142,7 +142,7 @@ impl KdTree {
         self.add_nearest(self.query(place), most, found);
     }
 
-    /// As [`KdTree::nearest`], extending results of other trees.
+    /// Extends the nearest neighbours found in other trees by those of this one.
     pub fn add_nearest(&self, query: Query, most: usize, found: &mut Vec<Neighbour>) {
         if most > 0 && !self.is_empty() {
             self.search(self.whole(), query, most, found);

@@ -209,7 +209,7 @@ pub struct Agreement {
     pub agreeing: usize,
     /// Pixels with several possible answers, one of which was drawn.
     pub in_band: usize,
-    /// Of these, pixels whose doubtful points lie on an edge even in f64.
+    /// Pixels of `in_band` whose doubtful points lie on an edge even in f64.
     pub on_edge: usize,
     /// Expected pixels in the band if points lie uniformly in their pixels: a point is in doubt
     /// with the probability that its bounds take of its pixel.

@@ -207,7 +207,7 @@ struct Easel<'v> {
     view: &'v View,
     order: Order,
     bristles: Bristles,
-    /// As [`Brush::ground`](crate::passes::strokes::brush::Brush::ground).
+    /// The ground of a brush, [`Brush::ground`](crate::passes::strokes::brush::Brush::ground).
     ground: f64,
     /// Whether each pixel is surface, and whether that is sure.
     surface: Vec<(bool, bool)>,

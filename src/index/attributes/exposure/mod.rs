@@ -129,7 +129,7 @@ pub fn balance(cloud: &Cloud) -> Option<Balance> {
     (cloud.stations.len() > 1).then(|| of_points(&sample::some(cloud)?, &cloud.stations))?
 }
 
-/// As [`balance`], from points that came in any order.
+/// Returns the balance from points that came in any order.
 pub fn of_sample(sample: Sample, stations: &[Station]) -> Option<Balance> {
     of_points(&sample.into_points(), stations)
 }
