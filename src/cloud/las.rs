@@ -14,6 +14,7 @@ pub mod records;
 mod sample;
 
 use super::input::{Input, Meter};
+use super::strays::Extent;
 use super::system::Sample;
 use super::{ColumnSet, Part, ReadOptions, color};
 use crate::error::Result;
@@ -92,7 +93,7 @@ pub const INTENSITY_RANGE: [f64; 2] = [0.0, 65535.0];
 impl Las {
     /// Reads all points. Returns them with statistics of their colours, and anomalies.
     fn read(&self, input: &Input, progress: &dyn Progress) -> Result<(Part, Occurred, String)> {
-        let (mut columns, lanes, why) = match &self.places {
+        let (mut columns, lanes, extent, why) = match &self.places {
             Places::Known(stretches) => {
                 let no_room = || {
                     let what = format!(
@@ -107,16 +108,23 @@ impl Las {
                     .split_into(stretches.iter().map(|stretch| stretch.points as usize));
                 let why = self.read_stretches(input, windows.par_iter_mut(), progress)?;
                 let lanes = windows.iter().map(Window::filled).collect();
-                (columns, lanes, why)
+                let extents = windows.iter_mut().filter_map(|window| window.extent.take());
+                let extent = extents.reduce(Extent::and);
+                (columns, lanes, extent, why)
             }
             Places::Sequence(_) => {
                 let mut pile = Pile::new(records::zeros(0, self.available));
                 let why = self.read_sequence(input, &mut pile, progress)?;
                 let lane = pile.cut();
-                (pile.columns, vec![lane], why)
+                (pile.columns, vec![lane], None, why)
             }
         };
+        let expected = columns.len();
         let occurred = records::finish(&mut columns, &lanes);
+        // Samples are chosen by the number of points.
+        if let Some(extent) = extent.filter(|_| columns.len() == expected) {
+            columns.keep_extent(extent);
+        }
         let part = Part {
             path: input.path.clone(),
             name: None,

@@ -602,8 +602,14 @@ pub fn stations(part: &Part, index: usize) -> Vec<Station> {
             points: part.columns.len() as u64,
         }];
     };
-    let mut counts = vec![0u64; 1 << 16];
-    source.iter().for_each(|&id| counts[id as usize] += 1);
+    let count = |ids: &[u16]| {
+        let mut counts = vec![0u64; 1 << 16];
+        ids.iter().for_each(|&id| counts[id as usize] += 1);
+        counts
+    };
+    let add = |a: Vec<u64>, b: Vec<u64>| a.into_iter().zip(b).map(|(a, b)| a + b).collect();
+    let task = source.len().div_ceil(rayon::current_num_threads()).max(1 << 16);
+    let counts = source.par_chunks(task).map(count).reduce_with(add).unwrap_or_default();
     let occurring = (0..=u16::MAX).zip(counts).filter(|&(_, points)| points > 0);
     occurring
         .map(|(id, points)| Station {

@@ -12,7 +12,7 @@
 //! within a cell's width, where none can be missed.
 
 use super::strays::scatter_steps;
-use super::{Cloud, Columns, Part};
+use super::{Cloud, Columns, Lattice, Part};
 use glam::DVec3;
 use rayon::prelude::*;
 use std::collections::HashMap;
@@ -63,7 +63,7 @@ pub fn spacing(cloud: &Cloud) -> Option<f64> {
         .map_or(widest, |distance| 8.0 * distance * closer)
         .max(widest * SMALLEST_CELL);
     loop {
-        let around = around(cloud, &seeds, lo, cell);
+        let around = around(cloud, &seeds, cell);
         let is_last = cell > 2.0 * widest;
         let is_settled = |found: &&Around| {
             is_last || found.count == NEIGHBOURS && found.squares[NEIGHBOURS - 1] <= cell * cell
@@ -140,28 +140,8 @@ fn seeds(cloud: &Cloud) -> Vec<DVec3> {
     seeds
 }
 
-/// Returns the nearest positions of each seed, from its own and the adjacent cells.
-fn around(cloud: &Cloud, seeds: &[DVec3], lo: DVec3, cell: f64) -> Vec<Around> {
-    // The cells on both sides of 0 coincide, which only visits more points.
-    let key = |p: DVec3| p.as_i64vec3().to_array();
-    // Each seed is listed in all cells that see it, so that a point visits one cell only.
-    let mut watching: HashMap<[i64; 3], Vec<usize>> = HashMap::new();
-    for (index, &seed) in seeds.iter().enumerate() {
-        let [x, y, z] = key((seed - lo) / cell);
-        for offset in 0..27 {
-            watching
-                .entry([x + offset / 9 - 1, y + offset / 3 % 3 - 1, z + offset % 3 - 1])
-                .or_default()
-                .push(index);
-        }
-    }
-    // Few points are near a seed: one bit per coarse hash of the cell rejects the others before the
-    // map is queried.
-    let mut near = vec![0u64; FILTER_BITS / 64];
-    for cell in watching.keys() {
-        let bit = filter_bit(*cell);
-        near[bit / 64] |= 1 << (bit % 64);
-    }
+/// Returns the nearest positions of each seed, none missing within a distance of `cell`.
+fn around(cloud: &Cloud, seeds: &[DVec3], cell: f64) -> Vec<Around> {
     let found: Vec<Mutex<Around>> = seeds.iter().map(|_| Mutex::new(Around::NONE)).collect();
     // The farthest relevant distance. Squared distances are positive, so their bits order as they
     // do.
@@ -169,15 +149,23 @@ fn around(cloud: &Cloud, seeds: &[DVec3], lo: DVec3, cell: f64) -> Vec<Around> {
         seeds.iter().map(|_| AtomicU64::new(f64::INFINITY.to_bits())).collect();
     for part in &cloud.parts {
         let Columns { x, y, z, .. } = &part.columns;
-        let (first, step) = ((part.lattice.offset - lo) / cell, part.lattice.step / cell);
+        let grid = Grid::new(part.lattice, cell);
+        let watching = grid.watching(part, seeds);
+        // Few points are near a seed: one bit per hash of the cell rejects the others before the
+        // map is queried.
+        let mut near = vec![0u64; FILTER_BITS / 64];
+        for cell in watching.keys() {
+            let bit = filter_bit(*cell);
+            near[bit / 64] |= 1 << (bit % 64);
+        }
         (0..x.len()).into_par_iter().with_min_len(1 << 15).for_each(|i| {
-            let q = [x[i], y[i], z[i]];
-            let cell = key(first + step * DVec3::from_array(q.map(f64::from)));
+            let q = [x[i], y[i], z[i]].map(i64::from);
+            let cell = grid.cell(q);
             let bit = filter_bit(cell);
             if near[bit / 64] >> (bit % 64) & 1 == 0 {
                 return;
             }
-            let p = part.lattice.world(q.map(i64::from));
+            let p = part.lattice.world(q);
             for &seed in watching.get(&cell).into_iter().flatten() {
                 let square = (p - seeds[seed]).length_squared();
                 if square > 0.0 && square.to_bits() < bounds[seed].load(Ordering::Relaxed) {
@@ -195,16 +183,54 @@ fn around(cloud: &Cloud, seeds: &[DVec3], lo: DVec3, cell: f64) -> Vec<Around> {
         .collect()
 }
 
-const FILTER_BITS: usize = 1 << 20;
-
-fn filter_bit(cell: [i64; 3]) -> usize {
-    (hash(cell) >> 44) as usize & (FILTER_BITS - 1)
+/// Cells of a power of two lattice steps per axis, found by a shift.
+struct Grid {
+    lattice: Lattice,
+    shifts: [u32; 3],
 }
 
-/// Hashes a cell; the high bits are good.
-fn hash([x, y, z]: [i64; 3]) -> u64 {
+impl Grid {
+    /// Makes cells at least `width` wide, and a step more, for the rounding of seeds to steps.
+    fn new(lattice: Lattice, width: f64) -> Grid {
+        let shift = |step: f64| (width / step.abs() + 1.0).log2().ceil().clamp(0.0, 63.0) as u32;
+        Grid { lattice, shifts: lattice.step.to_array().map(shift) }
+    }
+
+    fn cell(&self, q: [i64; 3]) -> [i64; 3] {
+        [q[0] >> self.shifts[0], q[1] >> self.shifts[1], q[2] >> self.shifts[2]]
+    }
+
+    /// Returns the seeds near each cell: each seed is listed in all cells that see it, so that a
+    /// point visits one cell only. Seeds far from the part are left out.
+    fn watching(&self, part: &Part, seeds: &[DVec3]) -> HashMap<[i64; 3], Vec<usize>> {
+        let mut watching: HashMap<[i64; 3], Vec<usize>> = HashMap::new();
+        let Some(extent) = part.columns.extent() else { return watching };
+        let [low, high] = [extent.low, extent.high].map(|end| self.cell(end.map(i64::from)));
+        for (index, &seed) in seeds.iter().enumerate() {
+            let q = ((seed - self.lattice.offset) / self.lattice.step).round();
+            let near = self.cell(q.to_array().map(|q| q as i64));
+            let seen = [0, 1, 2].map(|axis: usize| {
+                let [first, last] = [near[axis].saturating_sub(1), near[axis].saturating_add(1)];
+                first.max(low[axis])..=last.min(high[axis])
+            });
+            for x in seen[0].clone() {
+                for y in seen[1].clone() {
+                    for z in seen[2].clone() {
+                        watching.entry([x, y, z]).or_default().push(index);
+                    }
+                }
+            }
+        }
+        watching
+    }
+}
+
+const FILTER_BITS: usize = 1 << 20;
+
+/// Hashes a cell.
+fn filter_bit([x, y, z]: [i64; 3]) -> usize {
     let mixed = (x as u64).wrapping_mul(0x9E37_79B9_7F4A_7C15)
         ^ (y as u64).wrapping_mul(0xC2B2_AE3D_27D4_EB4F)
         ^ (z as u64).wrapping_mul(0x1656_67B1_9E37_79F9);
-    (mixed ^ mixed >> 29).wrapping_mul(0xBF58_476D_1CE4_E5B9)
+    (mixed >> 44) as usize & (FILTER_BITS - 1)
 }

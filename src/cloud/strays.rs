@@ -123,33 +123,45 @@ pub struct Extent {
 impl Extent {
     /// Returns `None` where there is no point.
     pub fn of(columns: &Columns) -> Option<Extent> {
-        let (count, chosen) = (columns.len(), (chosen(columns.len()) >> 32) as u32);
+        let count = columns.len();
         let look = |range: Range<usize>| {
-            let places = [&columns.x, &columns.y, &columns.z].map(|column| &column[range.clone()]);
-            let low = places.map(|column| column.iter().fold(i32::MAX, |low, &v| low.min(v)));
-            let high = places.map(|column| column.iter().fold(i32::MIN, |high, &v| high.max(v)));
-            let mut samples = Vec::new();
-            // Most blocks have no sample, which SIMD finds for several points at a time.
-            let [x, y, z] = places.map(|column| column.chunks(BLOCK));
-            for ((x, y), z) in x.zip(y).zip(z) {
-                let places = || x.iter().zip(y).zip(z).map(|((&x, &y), &z)| [x, y, z]);
-                let is_chosen = |place: &[i32; 3]| scatter_steps(*place) <= chosen;
-                if places().map(|place| u32::from(is_chosen(&place))).sum::<u32>() > 0 {
-                    samples.extend(places().filter(is_chosen));
-                }
-            }
-            Extent { low, high, samples, core: None }
+            let places = [&columns.x, &columns.y, &columns.z];
+            Extent::of_some(places.map(|column| &column[range.clone()]), count)
         };
-        let mut extent = tasks(count).map(look).reduce_with(Extent::and)?;
-        if count >= FEWEST {
-            let all = RobustBounds { low: steps(extent.low), high: steps(extent.high) };
-            let samples = extent.samples.iter().map(|&place| steps(place)).collect();
-            extent.core = RobustBounds::among(count, Seen { all, samples }, |i| columns.place(i));
-        }
-        Some(extent)
+        let extent = tasks(count).map(look).reduce_with(Extent::and)?;
+        Some(extent.with_core(columns))
     }
 
-    fn and(mut self, mut other: Extent) -> Extent {
+    /// Returns the extent of some of `count` points, without a core.
+    pub fn of_some(places: [&[i32]; 3], count: usize) -> Extent {
+        let chosen = (chosen(count) >> 32) as u32;
+        let low = places.map(|column| column.iter().fold(i32::MAX, |low, &v| low.min(v)));
+        let high = places.map(|column| column.iter().fold(i32::MIN, |high, &v| high.max(v)));
+        let mut samples = Vec::new();
+        // Most blocks have no sample, which SIMD finds for several points at a time.
+        let [x, y, z] = places.map(|column| column.chunks(BLOCK));
+        for ((x, y), z) in x.zip(y).zip(z) {
+            let places = || x.iter().zip(y).zip(z).map(|((&x, &y), &z)| [x, y, z]);
+            let is_chosen = |place: &[i32; 3]| scatter_steps(*place) <= chosen;
+            if places().map(|place| u32::from(is_chosen(&place))).sum::<u32>() > 0 {
+                samples.extend(places().filter(is_chosen));
+            }
+        }
+        Extent { low, high, samples, core: None }
+    }
+
+    /// Finds the core of all points.
+    fn with_core(mut self, columns: &Columns) -> Extent {
+        if columns.len() >= FEWEST {
+            let all = RobustBounds { low: steps(self.low), high: steps(self.high) };
+            let samples = self.samples.iter().map(|&place| steps(place)).collect();
+            let seen = Seen { all, samples };
+            self.core = RobustBounds::among(columns.len(), seen, |i| columns.place(i));
+        }
+        self
+    }
+
+    pub fn and(mut self, mut other: Extent) -> Extent {
         for axis in 0..3 {
             self.low[axis] = self.low[axis].min(other.low[axis]);
             self.high[axis] = self.high[axis].max(other.high[axis]);
@@ -171,6 +183,11 @@ impl PartialEq for Kept {
 }
 
 impl Columns {
+    /// Keeps the extent of all points, found while they were read.
+    pub fn keep_extent(&mut self, extent: Extent) {
+        self.extent = Kept(Some(extent.with_core(self)).into());
+    }
+
     /// Returns the box around the points, and around all but strays; `None` if there is no point.
     /// Places must not change after the first call.
     pub fn extent(&self) -> Option<&Extent> {
@@ -342,11 +359,9 @@ impl Cloud {
     }
 }
 
-/// Hashes a position in lattice steps. Two products take no extra time beside reading the points.
+/// Hashes a position in lattice steps; the high bits are good.
 pub fn scatter_steps([x, y, z]: [i32; 3]) -> u32 {
-    let h = (x as u32 ^ (y as u32).rotate_left(11) ^ (z as u32).rotate_left(22))
-        .wrapping_mul(0x9E37_79B1);
-    (h ^ h >> 15).wrapping_mul(0x85EB_CA77)
+    (x as u32 ^ (y as u32).rotate_left(11) ^ (z as u32).rotate_left(22)).wrapping_mul(0x9E37_79B1)
 }
 
 /// Hashes a position.

@@ -7,7 +7,7 @@
 
 use super::header::Layout;
 use crate::cloud::color::{Occurred, RgbRange, to_8_bits};
-use crate::cloud::strays::Kept;
+use crate::cloud::strays::{Extent, Kept};
 use crate::cloud::{ColumnSet, Columns};
 use crate::error::Result;
 
@@ -99,6 +99,10 @@ pub struct Window<'a> {
     source: Option<&'a mut [u16]>,
     gps_time: Option<&'a mut [f64]>,
     occurred: Occurred,
+    /// Number of points of the columns.
+    total: usize,
+    /// Extent of this window's points among all, found while they are in the cache.
+    pub extent: Option<Extent>,
 }
 
 /// Statistics of a filled lane.
@@ -114,6 +118,8 @@ impl<'a> Window<'a> {
         Self {
             start: 0,
             done: 0,
+            total: columns.x.len(),
+            extent: None,
             x: &mut columns.x,
             y: &mut columns.y,
             z: &mut columns.z,
@@ -141,6 +147,8 @@ impl<'a> Window<'a> {
         let first = Self {
             start: self.start,
             done: 0,
+            total: self.total,
+            extent: None,
             x: x.0,
             y: y.0,
             z: z.0,
@@ -155,6 +163,8 @@ impl<'a> Window<'a> {
         let rest = Self {
             start: self.start + count,
             done: 0,
+            total: self.total,
+            extent: None,
             x: x.1,
             y: y.1,
             z: z.1,
@@ -214,20 +224,12 @@ impl<'a> Window<'a> {
             put(&mut column[at..], rows.clone(), |row| f64::from_le_bytes(part(row, offset)));
         }
         if let (Some(column), Some(offset)) = (&mut self.rgb, fields.rgb) {
-            let mut occurred = self.occurred;
-            let column = column[at..].iter_mut().zip(rows.map(|row| color(row, offset)));
-            match fields.range {
+            let column = &mut column[at..];
+            self.occurred = self.occurred.join(match fields.range {
                 // Written out, so that each is a loop without a branch.
-                RgbRange::Words => column.for_each(|(slot, color)| {
-                    occurred.look(color);
-                    *slot = color.map(to_8_bits);
-                }),
-                range => column.for_each(|(slot, color)| {
-                    occurred.look(color);
-                    *slot = color.map(|v| range.to_8_bits(v));
-                }),
-            }
-            self.occurred = occurred;
+                RgbRange::Words => put_colors(column, rows, offset, to_8_bits),
+                range => put_colors(column, rows, offset, |v| range.to_8_bits(v)),
+            });
         }
         self.done += records.len() / fields.record_bytes;
     }
@@ -243,7 +245,14 @@ impl Lane for &mut Window<'_> {
     }
 
     fn put(&mut self, records: &[u8], fields: &Fields) {
+        let before = self.done;
         self.fill(records, fields);
+        let places = [&*self.x, &*self.y, &*self.z].map(|column| &column[before..self.done]);
+        let extent = Extent::of_some(places, self.total);
+        self.extent = Some(match self.extent.take() {
+            Some(seen) => seen.and(extent),
+            None => extent,
+        });
     }
 
     fn settle(&mut self) -> Result<()> {
@@ -336,8 +345,28 @@ fn put<'r, T>(
     column.iter_mut().zip(rows).for_each(|(slot, row)| *slot = value(row));
 }
 
+/// Converts the colours at an offset of the rows. Returns what occurred.
+fn put_colors<'r>(
+    column: &mut [[u8; 3]],
+    rows: impl Iterator<Item = &'r [u8]>,
+    offset: usize,
+    to_8_bits: impl Fn(u16) -> u8,
+) -> Occurred {
+    let mut occurred = Occurred::default();
+    for (slot, row) in column.iter_mut().zip(rows) {
+        let [r, g, b] = color(row, offset);
+        occurred.look([r, g, b]);
+        *slot = [to_8_bits(r), to_8_bits(g), to_8_bits(b)];
+    }
+    occurred
+}
+
+#[inline]
 fn color(row: &[u8], at: usize) -> [u16; 3] {
-    [0, 2, 4].map(|channel| u16::from_le_bytes(part(row, at + channel)))
+    // Written out, since a closure is not inlined here.
+    let channels: [u8; 6] = part(row, at);
+    let channel = |low, high| u16::from_le_bytes([channels[low], channels[high]]);
+    [channel(0, 1), channel(2, 3), channel(4, 5)]
 }
 
 fn part<const N: usize>(row: &[u8], at: usize) -> [u8; N] {

@@ -8,7 +8,6 @@ use crate::cloud::{Cloud, Part};
 use crate::index::format::morton;
 use glam::DVec3;
 use rayon::prelude::*;
-use std::ops::Range;
 use std::sync::{Mutex, PoisonError};
 
 /// Points per task.
@@ -47,23 +46,16 @@ impl Cells {
         const WHOLE: f64 = (1u64 << 52) as f64;
         ((place - self.lo) * self.per_metre + WHOLE).to_array().map(|axis| axis.to_bits() as u32)
     }
-
-    fn code(self, place: DVec3) -> u64 {
-        morton::code_63(self.of(place))
-    }
 }
 
 /// Returns all coloured points, in order.
 pub fn all(cloud: &Cloud) -> Option<Vec<Point>> {
-    points(cloud, u64::MAX)
+    Some(Sample::of(cloud.bounds()?, u64::MAX, usize::MAX).points_of(cloud))
 }
 
 /// Returns the sample of a cloud, in order.
 pub fn some(cloud: &Cloud) -> Option<Vec<Point>> {
-    let most = max_block_hash(cloud.len());
-    let mut kept = Kept { most, points: points(cloud, most)? };
-    kept.thin();
-    Some(kept.points)
+    Some(Sample::new(cloud.bounds()?, cloud.len()).points_of(cloud))
 }
 
 /// A sample of points that arrive in any order, from any thread.
@@ -77,7 +69,12 @@ pub struct Sample {
 impl Sample {
     /// Creates a sample of a number of points within a box.
     pub fn new(bounds: (DVec3, DVec3), points: u64) -> Sample {
-        let most = max_block_hash(points);
+        Sample::of(bounds, max_block_hash(points), MAX_SAMPLE)
+    }
+
+    /// Creates a sample of the blocks whose hashed number is at most `most`, and of fewer if they
+    /// hold more than `limit` points.
+    fn of(bounds: (DVec3, DVec3), most: u64, limit: usize) -> Sample {
         // Bits of a number spread as in a code, x lowest.
         let spread: [u64; 1 << BLOCK_BITS] =
             std::array::from_fn(|axis| morton::code_63([axis as u32, 0, 0]));
@@ -96,7 +93,7 @@ impl Sample {
         Sample {
             cells: Cells::over(bounds),
             wanted,
-            kept: Mutex::new(Kept { most, points: Vec::new() }),
+            kept: Mutex::new(Kept { most, limit, points: Vec::new() }),
         }
     }
 
@@ -125,6 +122,28 @@ impl Sample {
         kept.thin();
     }
 
+    /// Adds the points of a cloud. Returns the sample, in order.
+    fn points_of(self, cloud: &Cloud) -> Vec<Point> {
+        for (number, Part { columns, lattice, .. }) in cloud.parts.iter().enumerate() {
+            let Some(rgb) = &columns.rgb else { continue };
+            let first = cloud.stations.partition_point(|station| station.part < number);
+            let end = cloud.stations.partition_point(|station| station.part <= number);
+            let station = |i: usize| {
+                let source = columns.source.as_ref().map(|column| column[i]);
+                let stations = &cloud.stations[first..end];
+                first + stations.binary_search_by_key(&source, |s| s.source).unwrap_or(0)
+            };
+            let point = |i: usize| {
+                let q = [columns.x[i], columns.y[i], columns.z[i]].map(i64::from);
+                self.point(lattice.world(q), || (station(i) as u16, rgb[i]))
+            };
+            let starts = (0..columns.len()).into_par_iter().step_by(RUN);
+            let end = |start: usize| columns.len().min(start + RUN);
+            starts.for_each(|start| self.keep((start..end(start)).filter_map(point).collect()));
+        }
+        self.into_points()
+    }
+
     /// Returns the sample, in order.
     pub fn into_points(self) -> Vec<Point> {
         let Kept { mut points, .. } =
@@ -137,43 +156,17 @@ impl Sample {
 /// Points of the blocks whose hashed number is at most `most`.
 struct Kept {
     most: u64,
+    limit: usize,
     points: Vec<Point>,
 }
 
 impl Kept {
     fn thin(&mut self) {
-        while self.points.len() > MAX_SAMPLE && self.most > 0 {
+        while self.points.len() > self.limit && self.most > 0 {
             self.most /= 2;
             self.points.retain(|point| is_wanted(point.0, self.most));
         }
     }
-}
-
-fn points(cloud: &Cloud, most: u64) -> Option<Vec<Point>> {
-    let cells = Cells::over(cloud.bounds()?);
-    let of = |number: usize, run: Range<usize>| {
-        colored_points(cloud, number, run, cells).filter(|point| is_wanted(point.0, most))
-    };
-    let runs: Vec<(usize, Range<usize>)> = (0..cloud.parts.len())
-        .flat_map(|number| {
-            let points = cloud.parts[number].columns.len();
-            (0..points).step_by(RUN).map(move |start| (number, start..points.min(start + RUN)))
-        })
-        .collect();
-    // Counted first, so that one allocation fits all.
-    let counts: Vec<usize> =
-        runs.par_iter().map(|(number, run)| of(*number, run.clone()).count()).collect();
-    let mut points: Vec<Point> = vec![(0, 0, 0); counts.iter().sum()];
-    let mut rest = points.as_mut_slice();
-    let places: Vec<&mut [Point]> = counts
-        .iter()
-        .map(|&count| rest.split_off_mut(..count).expect("as many as were counted"))
-        .collect();
-    runs.into_par_iter().zip(places).for_each(|((number, run), places)| {
-        places.iter_mut().zip(of(number, run)).for_each(|(place, point)| *place = point);
-    });
-    sort(&mut points);
-    Some(points)
 }
 
 /// Sorts by code, then station, then V, compared as one number without branches.
@@ -181,30 +174,6 @@ fn sort(points: &mut [Point]) {
     points.par_sort_unstable_by_key(|&(code, station, value)| {
         (code as u128) << 24 | (station as u128) << 8 | value as u128
     });
-}
-
-/// Returns the coloured points of a range of a part.
-fn colored_points(
-    cloud: &Cloud,
-    number: usize,
-    run: Range<usize>,
-    cells: Cells,
-) -> impl Iterator<Item = Point> {
-    let Part { columns, lattice, .. } = &cloud.parts[number];
-    let first = cloud.stations.partition_point(|station| station.part < number);
-    let stations =
-        &cloud.stations[first..cloud.stations.partition_point(|station| station.part <= number)];
-    run.filter_map(move |i| {
-        let value = value(columns.rgb.as_ref()?[i])?;
-        let source = columns.source.as_ref().map(|column| column[i]);
-        let station =
-            first + stations.binary_search_by_key(&source, |station| station.source).unwrap_or(0);
-        Some((
-            cells.code(lattice.world([columns.x[i], columns.y[i], columns.z[i]].map(i64::from))),
-            station as u16,
-            value,
-        ))
-    })
 }
 
 /// Returns V; `None` for white, which parts without colours show.
