@@ -34,7 +34,7 @@ use pointillist::config::{NO_POINT, POINTS_PER_PAGE};
 use pointillist::error::Error;
 use pointillist::graph::Graph;
 use pointillist::index::{self, build::pack};
-use pointillist::passes::project::{Band, Keys, Precision};
+use pointillist::passes::project::{Keys, Precision, Strip};
 use pointillist::passes::{FrameContext, Switch, composite, edl, resolve};
 use pointillist::progress::Silent;
 use pointillist::render::settings::{FrameConfig, RenderSettings};
@@ -125,7 +125,7 @@ fn resolved(
             &mut g,
             &Keys::nearest(uploaded),
             &paint,
-            Band { top: 0, size: view.size },
+            Strip { top: 0, size: view.size },
             resolved,
         );
         let gbuffer = resolved.gbuffer(&mut g, view, &resident).unwrap();

@@ -18,7 +18,7 @@ layout(constant_id = 0) const bool BLUE_FIRST = false;
 layout(constant_id = 1) const bool PACKED = false;
 
 layout(push_constant, scalar) uniform Push {
-    uvec2 size; // pixels of the band that `screen` holds
+    uvec2 size; // pixels of the strip that `screen` holds
     uint top;   // its first row in the picture
 } push;
 

@@ -42,8 +42,8 @@ layout(constant_id = 4) const bool COLORLESS = false;
 layout(constant_id = 5) const bool BEHIND = false;
 
 layout(push_constant, scalar) uniform Push {
-    uvec2 size;  // pixels of this band
-    uint top;    // first row of this band in the picture
+    uvec2 size;  // pixels of this strip
+    uint top;    // first row of this strip in the picture
     float lo;    // attribute words at the ends of the ramp
     float scale; // 255 / (hi - lo)
 } push;

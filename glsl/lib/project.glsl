@@ -6,8 +6,8 @@
 
 layout(push_constant, scalar) uniform Push {
     vec2 centre;          // pixels of the whole picture
-    vec2 corner;          // pixel of the whole picture at which this band begins
-    vec2 size;            // pixels of this band
+    vec2 corner;          // pixel of the whole picture at which this strip begins
+    vec2 size;            // pixels of this strip
     float near;
     uint first_chunk;
     uint chunk_count;
@@ -24,7 +24,7 @@ float row(vec4 r, vec3 d) {
     return sum;
 }
 
-// Returns the pixel as an index into the band (NO_PIXEL if outside) and the depth. FARTHEST is the
+// Returns the pixel as an index into the strip (NO_PIXEL if outside) and the depth. FARTHEST is the
 // largest finite f32: overflow is outside.
 const float FARTHEST = 3.402823466e38;
 

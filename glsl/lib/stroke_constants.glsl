@@ -1,10 +1,10 @@
 // Constants that all strokes of a frame share. Declares no bindings.
 
 struct Canvas {
-    uvec2 size;       // pixels of the band
+    uvec2 size;       // pixels of the strip
     uvec2 tiles;      // across and down
     vec2 middle;      // pixels of the whole picture
-    vec2 corner;      // of the band in the whole picture, where strokes are computed
+    vec2 corner;      // of the strip in the whole picture, where strokes are computed
     float focal;      // pixels; orthographic: pixels per metre
     vec3 right;       // world to view, down as rows go
     vec3 down;

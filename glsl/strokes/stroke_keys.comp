@@ -1,4 +1,4 @@
-// Keys of a band and its surroundings -> keys of the band on surfaces, none elsewhere.
+// Keys of a strip and its surroundings -> keys of the strip on surfaces, none elsewhere.
 #version 460
 #extension GL_EXT_scalar_block_layout : require
 
@@ -9,7 +9,7 @@ layout(scalar) readonly buffer Around { uvec2 key[]; } around;
 layout(scalar) writeonly buffer Keys { uvec2 key[]; } keys;
 
 layout(push_constant, scalar) uniform Push {
-    uint width;  // pixels of the band
+    uint width;  // pixels of the strip
     uint border; // around it
 } push;
 

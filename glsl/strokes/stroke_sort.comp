@@ -34,7 +34,7 @@ layout(rgba32f) writeonly uniform image2D color;
 layout(scalar) buffer Unordered { uint word[]; } unordered;
 
 layout(push_constant, scalar) uniform Push {
-    uint top;     // first row of the band in the picture
+    uint top;     // first row of the strip in the picture
     uint ordered; // sorted fragments of each pixel before
     uint wanted;  // and after
 } push;

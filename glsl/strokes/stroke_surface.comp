@@ -9,14 +9,14 @@
 
 layout(local_size_x = 64) in;
 
-// Two words per pixel, for a band and its surroundings: not 0 on far ground and on near ground of a
-// stroke.
+// Two words per pixel, for a strip and its surroundings: not 0 on far ground and on near ground of
+// a stroke.
 layout(scalar) readonly buffer Ground { uint word[]; } ground;
 layout(scalar) writeonly buffer Surface { uint word[]; } surface;
 
 layout(push_constant, scalar) uniform Push {
-    uint width;    // pixels of the band
-    uint enclosed; // search radius of near ground [px], and border of the band
+    uint width;    // pixels of the strip
+    uint enclosed; // search radius of near ground [px], and border of the strip
     uint directions; // of eight, where it must be found
 } push;
 

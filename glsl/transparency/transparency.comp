@@ -52,8 +52,8 @@ layout(constant_id = 3) const bool TEXELS = true;
 layout(constant_id = 4) const bool TAKEN = false;
 
 layout(push_constant, scalar) uniform Push {
-    uvec2 size;    // pixels of this band
-    uint top;      // first row of this band in the picture
+    uvec2 size;    // pixels of this strip
+    uint top;      // first row of this strip in the picture
     float layer;   // metres
     float slant;   // factor on the depth of a surface within a pixel
     float uphill;  // and for each pixel that its depth was carried

@@ -11,7 +11,7 @@ use super::render_thread::Loading;
 use super::{clip_box_widget, legend, light_widget};
 use crate::cloud::Station;
 use crate::cloud::attribute::{Attribute, DisplayAttribute, class_name};
-use crate::passes::{Choice, Decided, Listed, Setting, Switch, Value};
+use crate::passes::{Choice, EffectDecisions, Listed, Setting, Switch, Value};
 use crate::present::overlay::Overlay;
 use crate::render::scene::Scene;
 use crate::select::lod::LodOptions;
@@ -51,7 +51,7 @@ pub struct UiState {
     pub took: Duration,
     /// Device time of every pass `[ms]`.
     pub passes: Vec<(String, f64)>,
-    pub decided: Decided,
+    pub decisions: EffectDecisions,
     pub shown: Option<DisplayAttribute>,
     /// Reason for the displayed attribute.
     pub why_shown: String,
@@ -326,12 +326,12 @@ fn contents(
     light_widget::choose(ui, &mut scene.settings.light, scene.camera.eye);
     CollapsingHeader::new("effects").default_open(true).show(ui, |ui| {
         for listed in scene.settings.effects.list() {
-            effect(ui, listed, &state.decided);
+            effect(ui, listed, &state.decisions);
         }
         layer_distance(ui, &mut scene.settings.layer_m);
     });
     CollapsingHeader::new("what runs, and why").show(ui, |ui| {
-        for (effect, reason) in &state.decided.0 {
+        for (effect, reason) in &state.decisions.0 {
             let title = RichText::new(format!(
                 "{} {}:",
                 effect.name(),
@@ -519,9 +519,9 @@ fn loading(ui: &mut Ui, state: &UiState, view: Option<&View>, options: &mut LodO
     }
 }
 
-fn effect(ui: &mut Ui, listed: Listed, decided: &Decided) {
+fn effect(ui: &mut Ui, listed: Listed, decisions: &EffectDecisions) {
     let Listed { effect, about, switch, settings } = listed;
-    let (name, reason) = (effect.name(), decided.reason(effect));
+    let (name, reason) = (effect.name(), decisions.reason(effect));
     ui.horizontal(|ui| {
         for choice in [Switch::Off, Switch::Auto, Switch::On] {
             ui.selectable_value(switch, choice, Choice::name(&choice));

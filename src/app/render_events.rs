@@ -73,7 +73,7 @@ impl App {
         self.ui.bytes_read += report.loading.map_or(0, |loading| loading.bytes_read);
         (self.ui.latency, self.ui.took) = (report.latency, report.took);
         self.ui.passes = report.passes;
-        (self.ui.decided, self.ui.picture_notes) = (report.decided, report.notes);
+        (self.ui.decisions, self.ui.picture_notes) = (report.decisions, report.notes);
         match step {
             Some(Step::Start) if !self.ui.path.keys.is_empty() => self.play(),
             Some(Step::Start) => self.fly(Direction::Forward, true),

@@ -192,8 +192,8 @@ fn draw_keys(gpu: &mut Gpu, resident: &Resident, view: &View, count: bool) -> Re
     let mut g = Graph::new(gpu);
     let drawn = project::draw(&mut g, view, resident, Precision::Auto)?;
     let mut wanted = Vec::new();
-    for band in project::bands(view.size, project::KEY_BYTES, g.gathered_limit()) {
-        wanted.push(project::record(&mut g, view, &drawn, None, None, band).words);
+    for strip in project::strips(view.size, project::KEY_BYTES, g.gathered_limit()) {
+        wanted.push(project::record(&mut g, view, &drawn, None, None, strip).words);
     }
     let downloads: Vec<Buffer> = if count {
         wanted.iter().map(|keys| g.download_buffer(keys)).collect()

@@ -287,7 +287,7 @@ fn explain(
         significant(config.quantum_m),
     );
     text += &format!("light: {}\n", config.light);
-    for (effect, reason) in &config.decided.0 {
+    for (effect, reason) in &config.decisions.0 {
         text += &format!(
             "{}: {}, because {}\n",
             effect.name(),
@@ -295,7 +295,7 @@ fn explain(
             reason.why
         );
     }
-    if config.decided.runs(Effect::Phong) {
+    if config.decisions.runs(Effect::Phong) {
         text += &format!("normals: {}\n", phong::source(&scene, &config.effects.phong.settings));
         let back =
             match (config.effects.phong.settings.backfaces, config.drops_back_faces(resident)) {
@@ -321,7 +321,7 @@ fn explain_json(
     frame: &CompletedSubmission,
 ) -> serde_json::Value {
     let effects: serde_json::Map<_, _> = config
-        .decided
+        .decisions
         .0
         .iter()
         .map(|(effect, reason)| (effect.name().to_string(), serde_json::json!(reason)))

@@ -329,7 +329,7 @@ pub fn write(
 /// Copies the middle of a window to its place in `pixels`, whose first row is `first_row` and which
 /// are `width` pixels wide.
 fn cut_out(bytes: &[&[u8]], part: &Piece, first_row: u32, width: usize, pixels: &mut [u8]) {
-    let rows = bytes.iter().flat_map(|band| band.chunks_exact(3 * part.window_size[0] as usize));
+    let rows = bytes.iter().flat_map(|strip| strip.chunks_exact(3 * part.window_size[0] as usize));
     let [left, top] = [0, 1].map(|axis| (part.corner[axis] - part.window_corner[axis]) as usize);
     let [across, down] = part.size.map(|side| side as usize);
     for (y, row) in rows.skip(top).take(down).enumerate() {

@@ -13,7 +13,8 @@
 use super::smooth::Pixels;
 use super::visibility::Looked;
 use super::{
-    Decided, Effect, Effects, FrameContext, GBuffer, LIST_HEADER, Reason, Setting, Value, tiles,
+    Effect, EffectDecisions, Effects, FrameContext, GBuffer, LIST_HEADER, Reason, Setting, Value,
+    tiles,
 };
 use crate::graph::{Dispatch, Graph, Kind};
 use crate::shader::{self, antialias, antialias_end, antialias_tiles};
@@ -91,7 +92,7 @@ pub fn reach_px(_view: &View, _settings: &Settings) -> Option<u32> {
     Some(2)
 }
 
-pub fn called_for(_scene: &FrameContext, asked: &Effects, before: &Decided) -> Reason {
+pub fn called_for(_scene: &FrameContext, asked: &Effects, before: &EffectDecisions) -> Reason {
     let smooths = before.runs(Effect::Smooth)
         && (before.runs(Effect::Fill) || asked.smooth.settings.pixels == Pixels::All);
     let (runs, why) = match before.runs(Effect::Fill) {

@@ -5,7 +5,7 @@
 //! `phong`, keep steep planes from darkening. The effect runs after filling and smoothing, and
 //! multiplies the factor of shape depiction.
 
-use super::{Decided, Effects, FrameContext, GBuffer, Reason, Setting, Value, phong};
+use super::{EffectDecisions, Effects, FrameContext, GBuffer, Reason, Setting, Value, phong};
 use crate::graph::{Dispatch, Graph, Kind};
 use crate::shader::{self, ao::Push, ao::Spec};
 use crate::view::{Projection, View};
@@ -75,7 +75,7 @@ pub fn reach_px(view: &View, settings: &Settings) -> Option<u32> {
         .then(|| (radius(view, settings) * view.focal_px()).ceil() as u32 + WINDOW_PX as u32 + 1)
 }
 
-pub fn called_for(context: &FrameContext, _asked: &Effects, _before: &Decided) -> Reason {
+pub fn called_for(context: &FrameContext, _asked: &Effects, _before: &EffectDecisions) -> Reason {
     let why = match context.points {
         0 => "there are no points",
         _ => "it adds to other shading, and runs only with --effect ao=on",

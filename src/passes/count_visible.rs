@@ -1,7 +1,7 @@
 //! Counts the points in the picture: those that opacity, back-face removal and clip boxes leave,
 //! within its sides. It is one more loop over the points (glsl/lib/point_loop.glsl).
 
-use super::project::{self, Band, Drawn, Walk};
+use super::project::{self, Drawn, Strip, Walk};
 use crate::graph::{Buffer, CompletedSubmission, Graph};
 use crate::shader::{self, count_visible};
 use crate::view::View;
@@ -11,7 +11,7 @@ pub struct Tally(Buffer);
 
 pub fn record(g: &mut Graph, view: &View, drawn: &Drawn) -> Tally {
     let Walk { centre, corner, size, near, lanes, perspective, texels, points_per_chunk } =
-        Walk::new(g, view, Band { top: 0, size: view.size });
+        Walk::new(g, view, Strip { top: 0, size: view.size });
     let mut counted = g.buffer("tally", 8);
     g.fill(&mut counted, 0);
     for group in &drawn.groups {

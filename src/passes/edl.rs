@@ -1,6 +1,6 @@
 //! Eye-dome lighting: darkens the colour where neighbours lie in front (Boucheny 2009, ch. 5).
 
-use super::{Decided, Effect, Effects, FrameContext, GBuffer, Reason, Setting, Value};
+use super::{Effect, EffectDecisions, Effects, FrameContext, GBuffer, Reason, Setting, Value};
 use crate::graph::{Dispatch, Graph, Kind};
 use crate::shader::{self, edl::Push, edl::Spec};
 use crate::view::{Projection, View};
@@ -53,7 +53,7 @@ pub fn reach_px(_view: &View, settings: &Settings) -> Option<u32> {
     Some(settings.radius.round() as u32)
 }
 
-pub fn called_for(context: &FrameContext, _asked: &Effects, before: &Decided) -> Reason {
+pub fn called_for(context: &FrameContext, _asked: &Effects, before: &EffectDecisions) -> Reason {
     match context.points {
         0 => Reason { runs: false, why: "there are no points".to_string() },
         _ if before.runs(Effect::Phong) => {

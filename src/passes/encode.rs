@@ -3,7 +3,7 @@
 //! Codes are found by comparing with thresholds, since a power function rounds differently on every
 //! device.
 
-use super::project::{self, Band};
+use super::project::{self, Strip};
 use crate::error::Result;
 use crate::graph::{Buffer, CompletedSubmission, Dispatch, Graph, Image};
 use crate::shader::{self, encode::Push, encode::Spec};
@@ -65,8 +65,8 @@ pub fn record(g: &mut Graph, picture: &Image, screen: &mut Screen) -> Result<()>
     Ok(())
 }
 
-/// A picture for a file: one buffer per band, from the top down.
-pub struct Encoded(Vec<(Buffer, Band)>);
+/// A picture for a file: one buffer per strip, from the top down.
+pub struct Encoded(Vec<(Buffer, Strip)>);
 
 /// Bytes per pixel: three, in whole words.
 const PIXEL_BYTES: u64 = 4;
@@ -74,25 +74,26 @@ const PIXEL_BYTES: u64 = 4;
 /// Encodes a picture into buffers that are read back.
 pub fn download(g: &mut Graph, picture: &Image) -> Result<Encoded> {
     let buckets = &g.upload("buckets", &Thresholds::new().buckets())?;
-    let bands =
-        project::bands(picture.desc.size, PIXEL_BYTES, g.binding_limit()).into_iter().map(|band| {
-            let Band { top, size } = band;
+    let strips = project::strips(picture.desc.size, PIXEL_BYTES, g.binding_limit())
+        .into_iter()
+        .map(|strip| {
+            let Strip { top, size } = strip;
             let fours = (size[0] * size[1]).div_ceil(4);
             let mut bytes = g.readback("bytes", 12 * fours as u64);
             let (push, spec) = (Push { size, top }, Spec { blue_first: false, packed: true });
             let rows = fours.div_ceil(64).div_ceil(65_535);
             let groups = Dispatch::Groups([fours.div_ceil(64).div_ceil(rows), rows, 1]);
             g.run(shader::Encode { picture, buckets, screen: &mut bytes, push, spec }, groups);
-            (bytes, band)
+            (bytes, strip)
         });
-    Ok(Encoded(bands.collect()))
+    Ok(Encoded(strips.collect()))
 }
 
 impl Encoded {
     /// Returns red, green and blue of each pixel, row by row from the top left.
     pub fn read<'f>(&self, frame: &'f CompletedSubmission) -> Vec<&'f [u8]> {
-        let pixels = |band: &Band| 3 * band.size[0] as usize * band.size[1] as usize;
-        self.0.iter().map(|(bytes, band)| &frame.read(bytes)[..pixels(band)]).collect()
+        let pixels = |strip: &Strip| 3 * strip.size[0] as usize * strip.size[1] as usize;
+        self.0.iter().map(|(bytes, strip)| &frame.read(bytes)[..pixels(strip)]).collect()
     }
 }
 

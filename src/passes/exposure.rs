@@ -5,7 +5,7 @@
 //! sets that table. It comes before all other effects on colours and keeps every detail.
 //! `luminance` handles what no factor corrects, such as moving shadows and the time of day.
 
-use super::{Decided, Effect, Effects, FrameContext, GBuffer, Reason, Setting};
+use super::{Effect, EffectDecisions, Effects, FrameContext, GBuffer, Reason, Setting};
 use crate::cloud::attribute::{Attribute, station_code};
 use crate::graph::Graph;
 use crate::index::format::Balance;
@@ -37,7 +37,7 @@ pub fn reach_px(_view: &View, _settings: &Settings) -> Option<u32> {
 /// Difference between the brightest and the darkest station from which it is visible `[stops]`.
 const SEEN: f64 = 0.05;
 
-pub fn called_for(context: &FrameContext, _asked: &Effects, _before: &Decided) -> Reason {
+pub fn called_for(context: &FrameContext, _asked: &Effects, _before: &EffectDecisions) -> Reason {
     let stations = context.stations;
     let (runs, why) = match context.balance {
         _ if context.shown != Attribute::Rgb => (false, "points do not show colours".to_string()),
@@ -61,8 +61,8 @@ pub fn called_for(context: &FrameContext, _asked: &Effects, _before: &Decided) -
 }
 
 /// Returns whether all stations have one exposure: their own, or by this effect.
-pub fn is_one(context: &FrameContext, decided: &Decided) -> bool {
-    decided.runs(Effect::Exposure) || context.balance.is_some_and(|balance| stops(balance) < SEEN)
+pub fn is_one(context: &FrameContext, decisions: &EffectDecisions) -> bool {
+    decisions.runs(Effect::Exposure) || context.balance.is_some_and(|balance| stops(balance) < SEEN)
 }
 
 fn stops(balance: &Balance) -> f64 {
@@ -75,8 +75,8 @@ fn stops(balance: &Balance) -> f64 {
 
 /// Returns a factor for every row of the table: 1 for words without a station, then one for each
 /// station, which is 1 if the effect does not run.
-pub fn gains(resident: &Resident, decided: &Decided) -> Vec<f64> {
-    let balance = resident.balance.as_ref().filter(|_| decided.runs(Effect::Exposure));
+pub fn gains(resident: &Resident, decisions: &EffectDecisions) -> Vec<f64> {
+    let balance = resident.balance.as_ref().filter(|_| decisions.runs(Effect::Exposure));
     let numbered = if resident.shown.coded { resident.stations.len() } else { 0 };
     let stations = (0..numbered).take_while(|&station| station_code(station) > 0);
     [1.0]

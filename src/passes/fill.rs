@@ -22,8 +22,8 @@ mod splat;
 pub use mask::APART_PX;
 
 use super::{
-    Decided, Effect, Effects, FrameContext, GBuffer, Holes, MOST_LEVELS, Reason, Setting, TILE_PX,
-    Value, significant, tiles, visibility,
+    Effect, EffectDecisions, Effects, FrameContext, GBuffer, Holes, MOST_LEVELS, Reason, Setting,
+    TILE_PX, Value, significant, tiles, visibility,
 };
 use crate::graph::{Dispatch, Graph, Image, Kind};
 use crate::shader::{self, fill_median, fill_median_begin, fill_median_end};
@@ -129,7 +129,7 @@ pub fn reach_px(_view: &View, settings: &Settings) -> Option<u32> {
     }
 }
 
-pub fn called_for(context: &FrameContext, asked: &Effects, before: &Decided) -> Reason {
+pub fn called_for(context: &FrameContext, asked: &Effects, before: &EffectDecisions) -> Reason {
     let settings = &asked.fill.settings;
     match settings.method {
         Method::Auto | Method::Median => {}

@@ -17,9 +17,9 @@
 //! holes are filled, so that filling uses corrected colours.
 
 use super::exposure;
-use super::project::{self, Band, Drawn, Group, Shallow, Walk};
+use super::project::{self, Drawn, Group, Shallow, Strip, Walk};
 use super::resolve::ColorLookup;
-use super::{Decided, Effect, Effects, FrameContext, GBuffer, Reason, Setting, Value};
+use super::{Effect, EffectDecisions, Effects, FrameContext, GBuffer, Reason, Setting, Value};
 use crate::cloud::attribute::Attribute;
 use crate::error::{Error, Result};
 use crate::graph::{Buffer, Dispatch, Graph, Image};
@@ -95,7 +95,7 @@ pub fn reach_px(_view: &View, settings: &Settings) -> Option<u32> {
 /// Share of overlapping places that may still differ once all stations have one exposure.
 const FEW: f64 = 0.05;
 
-pub fn called_for(context: &FrameContext, _asked: &Effects, before: &Decided) -> Reason {
+pub fn called_for(context: &FrameContext, _asked: &Effects, before: &EffectDecisions) -> Reason {
     let (stations, density) = (context.stations, super::significant(context.sampling.density));
     let (runs, why) = match () {
         _ if context.points == 0 => (false, "there are no points".to_string()),
@@ -136,13 +136,13 @@ pub fn called_for(context: &FrameContext, _asked: &Effects, before: &Decided) ->
 }
 
 /// Returns whether values are averaged. Strokes have no points behind each other.
-pub fn averages(shown: Attribute, decided: &Decided) -> bool {
-    decided.runs(Effect::Luminance) && !decided.runs(Effect::Strokes) && shown.has_luminance()
+pub fn averages(shown: Attribute, decisions: &EffectDecisions) -> bool {
+    decisions.runs(Effect::Luminance) && !decisions.runs(Effect::Strokes) && shown.has_luminance()
 }
 
 /// The sums of every pixel's points.
 pub struct Sums {
-    bands: Vec<Summed>,
+    strips: Vec<Summed>,
     /// Lookup of the core passes.
     paint: ColorLookup,
     channels: u32,
@@ -152,12 +152,12 @@ pub struct Sums {
     several: Option<Buffer>,
 }
 
-/// Sums of the rows of one band.
+/// Sums of the rows of one strip.
 struct Summed {
     /// First row, and the one after the last.
     rows: [u32; 2],
-    /// The band, with adjacent rows for neighbours.
-    band: Band,
+    /// The strip, with adjacent rows for neighbours.
+    strip: Strip,
     sums: Buffer,
 }
 
@@ -216,7 +216,7 @@ pub fn sums(
     let several =
         (!context.overlap.is_everywhere()).then(|| g.upload("several", &words)).transpose()?;
     let mut sums = Sums {
-        bands: Vec::new(),
+        strips: Vec::new(),
         paint: paint.again(),
         channels,
         epsilon: shallow.epsilon,
@@ -224,19 +224,19 @@ pub fn sums(
     };
     let again = Again { context, drawn, shallow, paint, front, channels };
     let [width, height] = context.view.size;
-    // Two rows are for neighbours of a band.
+    // Two rows are for neighbours of a strip.
     let limit = g.binding_limit().saturating_sub(2 * SUM_BYTES * channels as u64 * width as u64);
-    for Band { top, size } in project::bands([channels * width, height], SUM_BYTES, limit) {
+    for Strip { top, size } in project::strips([channels * width, height], SUM_BYTES, limit) {
         let rows = [top, top + size[1]];
-        let band = Band {
+        let strip = Strip {
             top: top.saturating_sub(1),
             size: [width, (rows[1] + 1).min(height) - top.saturating_sub(1)],
         };
         let mut words =
-            g.buffer("sums", SUM_BYTES * channels as u64 * width as u64 * band.size[1] as u64);
+            g.buffer("sums", SUM_BYTES * channels as u64 * width as u64 * strip.size[1] as u64);
         g.fill(&mut words, 0);
-        walk(g, &again, band, &mut words);
-        sums.bands.push(Summed { rows, band, sums: words });
+        walk(g, &again, strip, &mut words);
+        sums.strips.push(Summed { rows, strip, sums: words });
     }
     Ok(sums)
 }
@@ -251,17 +251,17 @@ struct Again<'w> {
     channels: u32,
 }
 
-fn walk(g: &mut Graph, again: &Again, band: Band, sums: &mut Buffer) {
+fn walk(g: &mut Graph, again: &Again, strip: Strip, sums: &mut Buffer) {
     let &Again { context, drawn, shallow, paint, front, channels } = again;
     let Walk { centre, corner, size, near, lanes, perspective, texels, points_per_chunk } =
-        Walk::new(g, context.view, band);
+        Walk::new(g, context.view, strip);
     let (ramp, levels, [lo, scale]) = (
         context.shown == Attribute::Intensity,
         paint.levels.as_ref().unwrap_or(&paint.table),
         paint.ramp,
     );
     let Shallow { chunks: shallow, epsilon } = shallow;
-    let top = band.top;
+    let top = strip.top;
     for group in drawn.groups.iter().filter(|group| group.again) {
         let &Group { block, planes, filtered, first_chunk, chunk_count, .. } = group;
         let (nodes, chunks, opacities, within) =
@@ -358,7 +358,7 @@ pub fn record(
     gbuffer: GBuffer,
 ) -> GBuffer {
     let GBuffer { mut color, luminance_sums, .. } = gbuffer;
-    if let Some(Sums { bands, paint, channels, epsilon, several }) = &luminance_sums {
+    if let Some(Sums { strips, paint, channels, epsilon, several }) = &luminance_sums {
         let (width, corner) = (context.view.size[0], context.view.corner);
         let around = around(context, settings);
         let (transparent, by_kind, texels) = (
@@ -376,12 +376,12 @@ pub fn record(
             partly,
             mode,
         };
-        for Summed { rows, band, sums } in bands {
+        for Summed { rows, strip, sums } in strips {
             let [lo, scale] = paint.ramp;
             let push = kernel::Push {
                 width,
                 rows: *rows,
-                summed: [band.top, band.top + band.size[1]],
+                summed: [strip.top, strip.top + strip.size[1]],
                 epsilon: *epsilon,
                 lo,
                 scale,

@@ -198,9 +198,9 @@ pub struct Reason {
 
 /// The decision for every effect, in order.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Decided(pub Vec<(Effect, Reason)>);
+pub struct EffectDecisions(pub Vec<(Effect, Reason)>);
 
-impl Decided {
+impl EffectDecisions {
     /// Returns whether an effect runs. An effect may ask about those before it.
     pub fn runs(&self, effect: Effect) -> bool {
         self.reason(effect).is_some_and(|reason| reason.runs)
@@ -221,10 +221,10 @@ impl Decided {
 }
 
 /// Returns how colours are looked up if these effects run.
-pub fn color_request(resident: &Resident, decided: &Decided) -> resolve::ColorRequest {
+pub fn color_request(resident: &Resident, decisions: &EffectDecisions) -> resolve::ColorRequest {
     resolve::ColorRequest {
-        gains: exposure::gains(resident, decided),
-        averaged: luminance::averages(resident.shown.attribute, decided),
+        gains: exposure::gains(resident, decisions),
+        averaged: luminance::averages(resident.shown.attribute, decisions),
     }
 }
 
@@ -276,18 +276,18 @@ macro_rules! effects {
             }
 
             /// Decides whether each effect runs in this frame.
-            pub fn decide(&self, context: &FrameContext) -> Decided {
-                let mut decided = Decided::default();
-                $(let reason = self.$name.decide(stringify!($name), $name::called_for(context, self, &decided));
-                decided.0.push((Effect::$effect, reason));)*
-                decided
+            pub fn decide(&self, context: &FrameContext) -> EffectDecisions {
+                let mut decisions = EffectDecisions::default();
+                $(let reason = self.$name.decide(stringify!($name), $name::called_for(context, self, &decisions));
+                decisions.0.push((Effect::$effect, reason));)*
+                decisions
             }
 
             /// Returns the distance within which a pixel depends on others `[px]`; None if on the
             /// whole picture.
-            pub fn reach_px(&self, view: &View, decided: &Decided) -> Option<u32> {
+            pub fn reach_px(&self, view: &View, decisions: &EffectDecisions) -> Option<u32> {
                 let mut reach = OTHERS_REACH_PX;
-                $(if decided.runs(Effect::$effect) {
+                $(if decisions.runs(Effect::$effect) {
                     reach += $name::reach_px(view, &self.$name.settings)?;
                 })*
                 Some(reach)
@@ -312,9 +312,9 @@ macro_rules! effects {
         impl Effects {
             /// Returns the distance from the nearest point within which the running effects may
             /// change a pixel `[px]`, if points are at most `spacing_px` apart.
-            pub fn grows_px(&self, decided: &Decided, spacing_px: f64) -> f64 {
+            pub fn grows_px(&self, decisions: &EffectDecisions, spacing_px: f64) -> f64 {
                 let mut grows_px = 0.0;
-                $(if decided.runs(Effect::$effect) {
+                $(if decisions.runs(Effect::$effect) {
                     grows_px += self.$name.settings.grows_px(spacing_px);
                 })*
                 grows_px
@@ -322,8 +322,8 @@ macro_rules! effects {
         }
 
         /// Runs the effects in order.
-        pub fn apply(g: &mut Graph, context: &FrameContext, effects: &Effects, decided: &Decided, mut gbuffer: GBuffer) -> GBuffer {
-            $(if decided.runs(Effect::$effect) {
+        pub fn apply(g: &mut Graph, context: &FrameContext, effects: &Effects, decisions: &EffectDecisions, mut gbuffer: GBuffer) -> GBuffer {
+            $(if decisions.runs(Effect::$effect) {
                 gbuffer = $name::record(g, context, &effects.$name.settings, gbuffer);
             })*
             gbuffer

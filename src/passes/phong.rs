@@ -11,7 +11,8 @@
 //! multiply the light; this pass computes the colour that they multiply.
 
 use super::{
-    Asked, Decided, Effect, Effects, FrameContext, GBuffer, Reason, Setting, Switch, Value, fill,
+    Asked, Effect, EffectDecisions, Effects, FrameContext, GBuffer, Reason, Setting, Switch, Value,
+    fill,
 };
 use crate::graph::{Dispatch, Graph, Image, Kind};
 use crate::shader::{self, phong::Push, phong::Spec, point_normals};
@@ -114,7 +115,7 @@ pub fn reach_px(_view: &View, settings: &Settings) -> Option<u32> {
     Some(settings.radius as u32 + 1)
 }
 
-pub fn called_for(context: &FrameContext, _asked: &Effects, before: &Decided) -> Reason {
+pub fn called_for(context: &FrameContext, _asked: &Effects, before: &EffectDecisions) -> Reason {
     let (runs, why) = match context.light {
         _ if context.points == 0 => (false, "there are no points"),
         Light::Direction(_) | Light::Position(_) => (true, "a light was asked for with --light"),

@@ -78,11 +78,11 @@ pub(super) struct Walk {
 }
 
 impl Walk {
-    pub fn new(g: &Graph, view: &View, band: Band) -> Walk {
+    pub fn new(g: &Graph, view: &View, strip: Strip) -> Walk {
         Walk {
             centre: view.whole.map(|side| side as f32 / 2.0),
-            corner: [view.corner[0] as f32, (view.corner[1] + band.top as i32) as f32],
-            size: band.size.map(|side| side as f32),
+            corner: [view.corner[0] as f32, (view.corner[1] + strip.top as i32) as f32],
+            size: strip.size.map(|side| side as f32),
             near: NEAR_M,
             lanes: if g.gpu.device.is_cpu { 8 } else { 128 },
             perspective: view.camera.projection == Projection::Perspective,
@@ -109,7 +109,7 @@ pub struct Statistics {
     pub quantisation_px: f64,
 }
 
-/// Keys of one band.
+/// Keys of one strip.
 pub struct Keys {
     pub words: Buffer,
     /// Whether they are of a layer behind others, [`KEY_BEHIND_BYTES`] apart.
@@ -128,25 +128,25 @@ pub const KEY_BYTES: u64 = 8;
 /// Bytes of a key of a layer behind others, with the depth that its points lie behind.
 pub const KEY_BEHIND_BYTES: u64 = 16;
 
-/// A horizontal band of the picture: all of it, unless its keys exceed one binding.
+/// A horizontal strip of the picture: all of it, unless its keys exceed one binding.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Band {
+pub struct Strip {
     pub top: u32,
     pub size: [u32; 2],
 }
 
-impl Band {
+impl Strip {
     pub fn pixels(self) -> u64 {
         self.size[0] as u64 * self.size[1] as u64
     }
 }
 
-/// Splits a picture into bands of at most `limit` bytes.
-pub fn bands(size: [u32; 2], pixel_bytes: u64, limit: u64) -> Vec<Band> {
+/// Splits a picture into strips of at most `limit` bytes.
+pub fn strips(size: [u32; 2], pixel_bytes: u64, limit: u64) -> Vec<Strip> {
     let rows = (limit / (pixel_bytes * size[0] as u64)).clamp(1, size[1] as u64) as u32;
     (0..size[1])
         .step_by(rows as usize)
-        .map(|top| Band { top, size: [size[0], rows.min(size[1] - top)] })
+        .map(|top| Strip { top, size: [size[0], rows.min(size[1] - top)] })
         .collect()
 }
 
@@ -333,21 +333,21 @@ pub fn record(
     drawn: &Drawn,
     behind: Option<Behind>,
     shallow: Option<&mut Shallow>,
-    band: Band,
+    strip: Strip,
 ) -> Keys {
     if let Some(Behind { keys, alive, layer }) = behind {
-        walk(g, view, drawn, Some((alive, layer)), shallow, band, keys);
+        walk(g, view, drawn, Some((alive, layer)), shallow, strip, keys);
         return Keys { words: keys.alias(), behind: true };
     }
-    let mut words = g.buffer("keys", KEY_BYTES * band.pixels());
+    let mut words = g.buffer("keys", KEY_BYTES * strip.pixels());
     g.fill(&mut words, u32::MAX);
-    walk(g, view, drawn, None, shallow, band, &mut words);
+    walk(g, view, drawn, None, shallow, strip, &mut words);
     Keys::nearest(words)
 }
 
 /// Projects all points into existing keys.
-pub fn add(g: &mut Graph, view: &View, drawn: &Drawn, band: Band, keys: &mut Buffer) {
-    walk(g, view, drawn, None, None, band, keys);
+pub fn add(g: &mut Graph, view: &View, drawn: &Drawn, strip: Strip, keys: &mut Buffer) {
+    walk(g, view, drawn, None, None, strip, keys);
 }
 
 fn walk(
@@ -356,11 +356,11 @@ fn walk(
     drawn: &Drawn,
     behind: Option<(&mut Buffer, u32)>,
     shallow: Option<&mut Shallow>,
-    band: Band,
+    strip: Strip,
     keys: &mut Buffer,
 ) {
     let Walk { centre, corner, size, near, lanes, perspective, texels, points_per_chunk } =
-        Walk::new(g, view, band);
+        Walk::new(g, view, strip);
     // Read beside the atomics on purpose: a stale key only costs an atomic.
     let (front, mut no_alive, mut no_shallow) =
         (&keys.racy_alias(), keys.racy_alias(), keys.racy_alias());

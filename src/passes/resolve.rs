@@ -1,8 +1,8 @@
-//! Resolves the keys of one band to depth, point ids and colours, written into the images of the
+//! Resolves the keys of one strip to depth, point ids and colours, written into the images of the
 //! whole picture.
 
 use super::GBuffer;
-use super::project::{Band, Keys};
+use super::project::{Keys, Strip};
 use crate::cloud::attribute::{Attribute, DisplayAttribute};
 use crate::cloud::colormap::{self, linear_to_srgb, srgb_to_linear};
 use crate::error::Result;
@@ -11,7 +11,7 @@ use crate::resident::Resident;
 use crate::shader::{self, resolve::Push, resolve::Spec};
 use crate::view::{Projection, View};
 
-/// The images that `record` fills band by band.
+/// The images that `record` fills strip by strip.
 pub struct Resolved {
     pub depth: Image,
     pub index: Image,
@@ -134,11 +134,11 @@ pub fn record(
     g: &mut Graph,
     keys: &Keys,
     paint: &ColorLookup,
-    band: Band,
+    strip: Strip,
     resolved: Resolved,
 ) -> Resolved {
     let Resolved { mut depth, mut index, mut color } = resolved;
-    let push = Push { size: band.size, top: band.top, lo: paint.ramp[0], scale: paint.ramp[1] };
+    let push = Push { size: strip.size, top: strip.top, lo: paint.ramp[0], scale: paint.ramp[1] };
     let (transparent, by_kind, colorless) =
         (paint.opacities.is_some(), paint.kinds.is_some(), paint.levels.is_some());
     let spec = Spec {
@@ -149,7 +149,7 @@ pub fn record(
         colorless,
         behind: keys.behind,
     };
-    let groups = [band.size[0].div_ceil(64), band.size[1], 1];
+    let groups = [strip.size[0].div_ceil(64), strip.size[1], 1];
     g.run(
         shader::Resolve {
             keys: &keys.words,

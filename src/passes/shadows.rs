@@ -29,8 +29,8 @@ mod peel;
 
 pub use depth_limit::{Layer, Reached, reach};
 
-use super::project::{self, Band, Drawn, Precision, Shallow};
-use super::{Decided, Effect, Effects, FrameContext, GBuffer, Reason, Setting, Value};
+use super::project::{self, Drawn, Precision, Shallow, Strip};
+use super::{Effect, EffectDecisions, Effects, FrameContext, GBuffer, Reason, Setting, Value};
 use crate::config::{POINTS_PER_PAGE, SUN};
 use crate::error::{Error, Result};
 use crate::graph::{Buffer, Dispatch, Graph, Image, Kind};
@@ -149,7 +149,7 @@ pub fn reach_px(_view: &View, _settings: &Settings) -> Option<u32> {
     Some(0)
 }
 
-pub fn called_for(context: &FrameContext, _asked: &Effects, _before: &Decided) -> Reason {
+pub fn called_for(context: &FrameContext, _asked: &Effects, _before: &EffectDecisions) -> Reason {
     let why = match context.points {
         0 => "there are no points",
         _ if context.lit => {
@@ -262,10 +262,10 @@ pub fn light_visibility(
     context: &FrameContext,
     resident: &Resident,
     effects: &Effects,
-    decided: &Decided,
+    decisions: &EffectDecisions,
     at_once: Option<u32>,
 ) -> Result<Option<LightVisibility>> {
-    if !decided.runs(Effect::Shadows) {
+    if !decisions.runs(Effect::Shadows) {
         return Ok(None);
     }
     let marks = match saved(g, context, resident) {
@@ -278,7 +278,7 @@ pub fn light_visibility(
             at_once,
         )?,
     };
-    Ok(marks.map(|marks| LightVisibility { apart: decided.runs(Effect::Phong), ..marks }))
+    Ok(marks.map(|marks| LightVisibility { apart: decisions.runs(Effect::Phong), ..marks }))
 }
 
 fn counted(
@@ -513,7 +513,7 @@ fn cast_on(
         &drawn,
         None,
         Some(&mut shallow),
-        Band { top: 0, size: camera.size },
+        Strip { top: 0, size: camera.size },
     )
     .words;
     let reached = reach(g, camera, &keys, &layer);
@@ -542,7 +542,7 @@ fn by_depth(
     limit: &Buffer,
     marks: &mut Buffer,
 ) {
-    let walk = project::Walk::new(g, camera, Band { top: 0, size: camera.size });
+    let walk = project::Walk::new(g, camera, Strip { top: 0, size: camera.size });
     for group in &drawn.groups {
         let project::Walk {
             centre,

@@ -7,7 +7,8 @@
 //! same factor (to 1/256).
 
 use super::{
-    Decided, Effects, FrameContext, GBuffer, LIST_HEADER, Reason, Setting, TILE_PX, Value, tiles,
+    EffectDecisions, Effects, FrameContext, GBuffer, LIST_HEADER, Reason, Setting, TILE_PX, Value,
+    tiles,
 };
 use crate::graph::{Dispatch, Graph, Kind};
 use crate::shader::{self, base_white, pack_depth, shape, shape_level, shape_unpack};
@@ -79,7 +80,7 @@ pub fn reach_px(_view: &View, settings: &Settings) -> Option<u32> {
     Some(settings.levels as u32 + TILE_PX * (rings(settings.levels as u32)[1] as u32 + 2))
 }
 
-pub fn called_for(context: &FrameContext, _asked: &Effects, _before: &Decided) -> Reason {
+pub fn called_for(context: &FrameContext, _asked: &Effects, _before: &EffectDecisions) -> Reason {
     match context.points {
         0 => Reason { runs: false, why: "there are no points".to_string() },
         _ => Reason {

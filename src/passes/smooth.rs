@@ -15,8 +15,8 @@
 //! more, the number of iterations is the one that spreads a pixel's value over a patch.
 
 use super::{
-    Decided, Effect, Effects, FrameContext, GBuffer, LIST_HEADER, Reason, Setting, TILE_PX, Value,
-    fill, tiles,
+    Effect, EffectDecisions, Effects, FrameContext, GBuffer, LIST_HEADER, Reason, Setting, TILE_PX,
+    Value, fill, tiles,
 };
 use crate::graph::{Dispatch, Graph, Kind};
 use crate::shader::{self, smooth, smooth_end, smooth_tiles};
@@ -136,7 +136,7 @@ pub fn reach_px(_view: &View, settings: &Settings) -> Option<u32> {
     Some(if settings.iterations > 0.0 { settings.iterations } else { MOST / 2.0 } as u32)
 }
 
-pub fn called_for(context: &FrameContext, asked: &Effects, before: &Decided) -> Reason {
+pub fn called_for(context: &FrameContext, asked: &Effects, before: &EffectDecisions) -> Reason {
     let (filter, often) = chosen(&asked.smooth.settings, context.sampling.spacing_px());
     let often = if often == 1 { "once".to_string() } else { format!("{often} times") };
     let (runs, why) = match (before.runs(Effect::Fill), asked.fill.settings.method) {

@@ -41,9 +41,9 @@ pub use blur::record;
 pub use settings::{Blend, Order, Settings, Sort, Tangents};
 pub use stats::Facts;
 
-use super::project::{self, Band, Drawn, Keys, Precision, Walk};
+use super::project::{self, Drawn, Keys, Precision, Strip, Walk};
 use super::resolve::{ColorLookup, ColorRequest, Resolved};
-use super::{Decided, Effect, Effects, FrameContext, Reason, TILE_PX, tiles};
+use super::{Effect, EffectDecisions, Effects, FrameContext, Reason, TILE_PX, tiles};
 use crate::config::POINTS_PER_PAGE;
 use crate::error::{Error, Result};
 use crate::graph::{Buffer, Dispatch, Graph, Image, Kind};
@@ -61,7 +61,7 @@ pub fn reach_px(_view: &View, settings: &Settings) -> Option<u32> {
     Some(settings.radius.ceil() as u32)
 }
 
-pub fn called_for(_scene: &FrameContext, _asked: &Effects, _before: &Decided) -> Reason {
+pub fn called_for(_scene: &FrameContext, _asked: &Effects, _before: &EffectDecisions) -> Reason {
     Reason { runs: false, why: "strokes run only with --style strokes".to_string() }
 }
 
@@ -111,10 +111,10 @@ pub fn begin<'f>(
     view: &'f View,
     resident: &'f Resident,
     effects: &Effects,
-    decided: &Decided,
+    decisions: &EffectDecisions,
     at_once: Option<u32>,
 ) -> Result<Option<Painting<'f>>> {
-    if !decided.runs(Effect::Strokes) {
+    if !decisions.runs(Effect::Strokes) {
         return Ok(None);
     }
     if resident.shown.strokes().is_none() {
@@ -133,7 +133,7 @@ pub fn begin<'f>(
         wide,
         view,
         resident,
-        request: super::color_request(resident, decided),
+        request: super::color_request(resident, decisions),
         settings,
         at_once,
         blended,
@@ -161,11 +161,11 @@ struct StrokeInputs<'p> {
     paint: &'p ColorLookup,
     turns: Buffer,
     brushes: Buffer,
-    band: Band,
+    strip: Strip,
     tiles: [u32; 2],
 }
 
-/// The inputs of a band's A-buffer.
+/// The inputs of a strip's A-buffer.
 struct Found {
     /// Not 0 where a surface is, pixel by pixel.
     surface: Vec<u32>,
@@ -188,46 +188,46 @@ fn groups(tiles: u32) -> Dispatch<'static> {
 }
 
 impl Painting<'_> {
-    /// Returns bands that fit into `limit` bytes with their surroundings.
-    pub fn bands(&self, limit: u64) -> Vec<Band> {
+    /// Returns strips that fit into `limit` bytes with their surroundings.
+    pub fn strips(&self, limit: u64) -> Vec<Strip> {
         let [width, height] = self.view.size;
         let around = 2 * coverage::ENCLOSED_PX;
-        let bands = project::bands(
+        let strips = project::strips(
             [width + around, height],
             project::KEY_BYTES,
             limit.saturating_sub(8 * (width + around) as u64 * around as u64),
         );
-        bands.into_iter().map(|band| Band { size: [width, band.size[1]], ..band }).collect()
+        strips.into_iter().map(|strip| Strip { size: [width, strip.size[1]], ..strip }).collect()
     }
 
-    /// Returns the keys of a band, as [`project::record`] does, and paints its part of the blended
+    /// Returns the keys of a strip, as [`project::record`] does, and paints its part of the blended
     /// colours.
-    pub fn record(&mut self, g: &mut Graph, paint: &ColorLookup, band: Band) -> Result<Keys> {
+    pub fn record(&mut self, g: &mut Graph, paint: &ColorLookup, strip: Strip) -> Result<Keys> {
         let words = match self.blended {
-            Some(_) => self.layers(g, paint, band),
-            None => self.nearest(g, paint, band),
+            Some(_) => self.layers(g, paint, strip),
+            None => self.nearest(g, paint, strip),
         };
         words.map(Keys::nearest)
     }
 
-    /// Paints all strokes of a band over each other.
-    fn layers(&mut self, g: &mut Graph, paint: &ColorLookup, band: Band) -> Result<Buffer> {
+    /// Paints all strokes of a strip over each other.
+    fn layers(&mut self, g: &mut Graph, paint: &ColorLookup, strip: Strip) -> Result<Buffer> {
         let made_of =
-            self.at_once.filter(|_| band.size == self.view.size).map(|_| self.made_of(paint));
+            self.at_once.filter(|_| strip.size == self.view.size).map(|_| self.made_of(paint));
         if let Some(made_of) = &made_of
             && let Some(notes) = abuffer::held(g, made_of)
         {
             self.facts = Facts::of(notes);
-            return self.go_on(g, paint, band, made_of);
+            return self.go_on(g, paint, strip, made_of);
         }
-        let found = Found { surface: self.surface(g, band)?, listed: self.listed(g, band)? };
-        let parts = self.parts(g, band, &found)?;
-        let desk = self.bind(g, band, paint)?;
+        let found = Found { surface: self.surface(g, strip)?, listed: self.listed(g, strip)? };
+        let parts = self.parts(g, strip, &found)?;
+        let desk = self.bind(g, strip, paint)?;
         self.paint(g, &desk, &found, &parts, made_of.as_deref())
     }
 
     /// Returns the parts that are painted at once: one, unless memory is short.
-    fn parts(&mut self, g: &mut Graph, band: Band, found: &Found) -> Result<Vec<Part>> {
+    fn parts(&mut self, g: &mut Graph, strip: Strip, found: &Found) -> Result<Vec<Part>> {
         let listed = &found.listed;
         self.facts.listed += listed.iter().map(|listed| sum(listed)).sum::<u64>();
         let room = self.room(g, 2);
@@ -236,11 +236,11 @@ impl Painting<'_> {
             .map(|tile| listed.iter().map(|listed| listed[tile]).max().unwrap_or(0))
             .collect();
         for tiles in parts(&most, room / PLACE_BYTES, 0) {
-            let (mut counts, hiders) = self.count(g, band, found, tiles.clone(), None)?;
+            let (mut counts, hiders) = self.count(g, strip, found, tiles.clone(), None)?;
             let all_of_them = sum(&counts);
             let hiders = counts.iter().any(|&count| count > MANY).then_some(hiders);
             if hiders.is_some() {
-                (counts, _) = self.count(g, band, found, tiles.clone(), hiders.as_deref())?;
+                (counts, _) = self.count(g, strip, found, tiles.clone(), hiders.as_deref())?;
             }
             self.facts.fragments += sum(&counts);
             self.facts.hidden += all_of_them - sum(&counts);
@@ -277,7 +277,7 @@ impl Painting<'_> {
     ) -> Result<Buffer> {
         let listed = &found.listed;
         let room = self.room(g, 2);
-        let kept = made_of.filter(|_| parts.len() == 1 && self.size(desk.band).fits(room));
+        let kept = made_of.filter(|_| parts.len() == 1 && self.size(desk.strip).fits(room));
         let surface = g.upload("surface", &found.surface)?;
         let mut keys = None;
         for part in parts {
@@ -292,7 +292,7 @@ impl Painting<'_> {
             let mut abuffer = match kept {
                 Some(made_of) => {
                     let (mut kept, abuffer) =
-                        self.keep(g, desk.band, made_of, Some(&part.fragments))?;
+                        self.keep(g, desk.strip, made_of, Some(&part.fragments))?;
                     g.fill(&mut kept, u32::MAX);
                     keys = Some(kept);
                     abuffer
@@ -301,7 +301,7 @@ impl Painting<'_> {
             };
             let keys = match &mut keys {
                 Some(keys) => keys,
-                None => keys.insert(self.keys(g, desk.band)),
+                None => keys.insert(self.keys(g, desk.strip)),
             };
             let mut counts = g.buffer("counts", 4 * part.tiles.len() as u64 * TILE_PIXELS as u64);
             g.fill(&mut counts, 0);
@@ -320,7 +320,7 @@ impl Painting<'_> {
             self.blend(
                 g,
                 [&desk.canvas, &tiles],
-                desk.band,
+                desk.strip,
                 part.tiles.len() as u32,
                 abuffer,
                 deepest,
@@ -334,42 +334,42 @@ impl Painting<'_> {
         &mut self,
         g: &mut Graph,
         paint: &ColorLookup,
-        band: Band,
+        strip: Strip,
         made_of: &[u64],
     ) -> Result<Buffer> {
-        let canvas = g.upload("canvas", &[self.canvas(band, paint)])?;
-        let [across, down] = tiles(band.size);
+        let canvas = g.upload("canvas", &[self.canvas(strip, paint)])?;
+        let [across, down] = tiles(strip.size);
         let part = g.upload("part", &[0, across * down])?;
-        let (keys, abuffer) = self.keep(g, band, made_of, None)?;
-        self.blend(g, [&canvas, &part], band, across * down, abuffer, self.facts.deepest)?;
+        let (keys, abuffer) = self.keep(g, strip, made_of, None)?;
+        self.blend(g, [&canvas, &part], strip, across * down, abuffer, self.facts.deepest)?;
         Ok(keys)
     }
 
     fn keep(
         &self,
         g: &mut Graph,
-        band: Band,
+        strip: Strip,
         made_of: &[u64],
         counted: Option<&[u32]>,
     ) -> Result<(Buffer, Abuffer)> {
         let made_of = [made_of, &self.facts.notes()].concat();
         let last = self.settings.last().min(self.facts.deepest).max(1);
         let more = self.at_once.unwrap_or(last).max(1);
-        abuffer::keep(g, &made_of, &self.size(band), counted, |ordered| {
+        abuffer::keep(g, &made_of, &self.size(strip), counted, |ordered| {
             ordered.saturating_add(more).min(last)
         })
     }
 
-    /// Returns empty keys of a band.
-    fn keys(&self, g: &mut Graph, band: Band) -> Buffer {
-        let mut keys = g.buffer("keys", 8 * band.size[0] as u64 * band.size[1] as u64);
+    /// Returns empty keys of a strip.
+    fn keys(&self, g: &mut Graph, strip: Strip) -> Buffer {
+        let mut keys = g.buffer("keys", 8 * strip.size[0] as u64 * strip.size[1] as u64);
         g.fill(&mut keys, u32::MAX);
         keys
     }
 
-    fn size(&self, band: Band) -> abuffer::Size {
+    fn size(&self, strip: Strip) -> abuffer::Size {
         let ([width, height], [across, down]) =
-            (band.size.map(u64::from), tiles(band.size).map(u64::from));
+            (strip.size.map(u64::from), tiles(strip.size).map(u64::from));
         abuffer::Size {
             pixels: width * height,
             in_tiles: across * down * TILE_PIXELS as u64,
@@ -388,7 +388,7 @@ impl Painting<'_> {
     fn bind<'p>(
         &self,
         g: &mut Graph,
-        band: Band,
+        strip: Strip,
         paint: &'p ColorLookup,
     ) -> Result<StrokeInputs<'p>> {
         // All planes, since two passes read positions and must agree.
@@ -400,7 +400,7 @@ impl Painting<'_> {
         )?;
         let (places, homes) = self.homes();
         let homes = g.upload("homes", &homes)?;
-        let canvas = g.upload("canvas", &[self.canvas(band, paint)])?;
+        let canvas = g.upload("canvas", &[self.canvas(strip, paint)])?;
         let turns = g.upload("turns", &brush::turns(self.settings.noise))?;
         let brushes = self.brushes(g, &turns)?;
         Ok(StrokeInputs {
@@ -411,8 +411,8 @@ impl Painting<'_> {
             paint,
             turns,
             brushes,
-            band,
-            tiles: tiles(band.size),
+            strip,
+            tiles: tiles(strip.size),
         })
     }
 
@@ -433,15 +433,15 @@ impl Painting<'_> {
         (first_place, homes)
     }
 
-    /// Returns the walk over the points of a band and its surroundings.
+    /// Returns the walk over the points of a strip and its surroundings.
     fn walked(&self, g: &Graph, desk: &StrokeInputs) -> Walk {
-        let size = desk.band.size.map(|side| side + 2 * margin(self.view, &self.settings));
-        Walk::new(g, &self.wide, Band { top: desk.band.top, size })
+        let size = desk.strip.size.map(|side| side + 2 * margin(self.view, &self.settings));
+        Walk::new(g, &self.wide, Strip { top: desk.strip.top, size })
     }
 
-    /// Returns the corner of a band in the whole picture `[px]`.
-    fn corner(&self, band: Band) -> [f32; 2] {
-        [self.view.corner[0] as f32, (self.view.corner[1] + band.top as i32) as f32]
+    /// Returns the corner of a strip in the whole picture `[px]`.
+    fn corner(&self, strip: Strip) -> [f32; 2] {
+        [self.view.corner[0] as f32, (self.view.corner[1] + strip.top as i32) as f32]
     }
 
     fn is_perspective(&self) -> bool {

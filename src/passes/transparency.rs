@@ -16,10 +16,11 @@
 //! Behind a pixel without a point there are no layers. So each layer works only on tiles where the
 //! one before had points, or where effects may have carried them (`grows_px`).
 
-use super::project::{self, Band};
+use super::project::{self, Strip};
 use super::visibility::Looked;
 use super::{
-    Decided, Effect, Effects, FrameContext, GBuffer, Reason, Setting, Value, fill, significant,
+    Effect, EffectDecisions, Effects, FrameContext, GBuffer, Reason, Setting, Value, fill,
+    significant,
 };
 use crate::graph::{Buffer, Dispatch, Graph, Image, Kind};
 use crate::shader::{self, peel_count, transparency::Push, transparency::Spec};
@@ -70,7 +71,7 @@ pub fn reach_px(_view: &View, _settings: &Settings) -> Option<u32> {
     Some(fill::WIDEST as u32)
 }
 
-pub fn called_for(context: &FrameContext, asked: &Effects, before: &Decided) -> Reason {
+pub fn called_for(context: &FrameContext, asked: &Effects, before: &EffectDecisions) -> Reason {
     if before.runs(Effect::Strokes) {
         return Reason { runs: false, why: "strokes are blended by their own opacity".into() };
     }
@@ -102,8 +103,8 @@ pub struct Accumulation {
     pub color: Image,
     /// Number of surfaces of each pixel, for tests and studies.
     pub peeled: Image,
-    /// Keys of the next layer for each band, still empty, with the depths behind which it is looked
-    /// for, which only grow.
+    /// Keys of the next layer for each strip, still empty, with the depths behind which it is
+    /// looked for, which only grow.
     pub next: Vec<Buffer>,
     /// Not 0 if a pixel is unfinished.
     pub left: Buffer,
@@ -119,15 +120,15 @@ pub fn record(
     mut gbuffer: GBuffer,
 ) -> GBuffer {
     let size = context.view.size;
-    let bands = project::bands(size, project::KEY_BEHIND_BYTES, g.gathered_limit());
+    let strips = project::strips(size, project::KEY_BEHIND_BYTES, g.gathered_limit());
     let before = gbuffer
         .accumulation
         .take()
         .map(|front| (front.color, front.peeled, front.next, front.layers));
     let (mut front, mut peeled, mut next, number) = before.unwrap_or_else(|| {
-        let next = bands
+        let next = strips
             .iter()
-            .map(|band| g.buffer("next keys", project::KEY_BEHIND_BYTES * band.pixels()))
+            .map(|strip| g.buffer("next keys", project::KEY_BEHIND_BYTES * strip.pixels()))
             .collect();
         (g.image("front", size, Kind::Rgba32f), g.image("peeled", size, Kind::R32f), next, 0)
     });
@@ -157,7 +158,7 @@ pub fn record(
     };
     let [slant, uphill] = if settings.layer == 0.0 { [SLANT, UPHILL] } else { [0.0; 2] };
     let layer = context.layer_m(settings.layer) as f32;
-    for (&Band { top, size }, next) in bands.iter().zip(&mut next) {
+    for (&Strip { top, size }, next) in strips.iter().zip(&mut next) {
         let push = Push {
             size,
             top,

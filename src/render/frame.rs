@@ -2,7 +2,7 @@
 
 use crate::error::Result;
 use crate::graph::{Buffer, CompletedSubmission, Gpu, Graph, Image, ReusedImages, TileList};
-use crate::passes::project::{Band, Behind, Drawn};
+use crate::passes::project::{Behind, Drawn, Strip};
 use crate::passes::resolve::ColorLookup;
 use crate::passes::shadows::LightVisibility;
 use crate::passes::strokes::Painting;
@@ -74,21 +74,27 @@ pub fn record(
 ) -> Result<Outcome> {
     let key_bytes =
         if config.layers() > 1 { project::KEY_BEHIND_BYTES } else { project::KEY_BYTES };
-    let bands = project::bands(view.size, key_bytes, g.gathered_limit());
+    let strips = project::strips(view.size, key_bytes, g.gathered_limit());
     let drawn = project::draw_again(g, view, resident, config.precision, |node| {
         config.overlap.touches(view, node)
     })?;
     let drawn = drawn.one_sided(config.drops_back_faces(resident));
-    let paint = resolve::paint(g, resident, &passes::color_request(resident, &config.decided))?;
+    let paint = resolve::paint(g, resident, &passes::color_request(resident, &config.decisions))?;
     let context = config.frame_context(view, resident);
-    let points =
-        Points { context: &context, config, resident, bands: &bands, drawn: &drawn, paint: &paint };
+    let points = Points {
+        context: &context,
+        config,
+        resident,
+        strips: &strips,
+        drawn: &drawn,
+        paint: &paint,
+    };
     let light_visibility = shadows::light_visibility(
         g,
         &context,
         resident,
         &config.effects,
-        &config.decided,
+        &config.decisions,
         config.light_at_once,
     )?;
     let mut images = ReusedImages::default();
@@ -98,7 +104,7 @@ pub fn record(
             view,
             resident,
             &config.effects,
-            &config.decided,
+            &config.decisions,
             config.strokes_at_once,
         )? {
             Some(painting) => points.painted(g, painting)?,
@@ -109,7 +115,7 @@ pub fn record(
                 g,
                 &context,
                 &config.effects,
-                &config.decided,
+                &config.decisions,
                 GBuffer { light_visibility, ..nearest },
             ),
             strokes,
@@ -134,7 +140,7 @@ fn behind(
     if config.layers() == 1 {
         return Ok(nearest);
     }
-    let grows_px = config.effects.grows_px(&config.decided, nearest.spacing_px[1]);
+    let grows_px = config.effects.grows_px(&config.decisions, nearest.spacing_px[1]);
     let mut alive = points.drawn.alive(g);
     let mut before = predicate::occupied_tiles(g, &nearest.projected_depth, grows_px);
     nearest = kept(g, nearest);
@@ -184,14 +190,14 @@ struct Points<'p> {
     context: &'p FrameContext<'p>,
     config: &'p FrameConfig,
     resident: &'p Resident,
-    bands: &'p [Band],
+    strips: &'p [Strip],
     drawn: &'p Drawn,
     paint: &'p ColorLookup,
 }
 
 impl Points<'_> {
     /// Resolves the nearest point of each pixel, of all points or of those behind earlier layers.
-    /// `behind` has the keys of each band, the state of the walks, and the layer's number.
+    /// `behind` has the keys of each strip, the state of the walks, and the layer's number.
     fn nearest(
         &self,
         g: &mut Graph,
@@ -201,14 +207,14 @@ impl Points<'_> {
         let mut resolved = resolve::begin(g, view);
         let averaged = &self.config.effects.luminance.settings;
         let mut shallow = luminance::shallow(g, self.context, averaged, self.drawn, self.paint);
-        for (number, &band) in self.bands.iter().enumerate() {
+        for (number, &strip) in self.strips.iter().enumerate() {
             let behind = behind.as_mut().map(|(keys, alive, layer)| Behind {
                 keys: &mut keys[number],
                 alive,
                 layer: *layer,
             });
-            let keys = project::record(g, view, self.drawn, behind, shallow.as_mut(), band);
-            resolved = resolve::record(g, &keys, self.paint, band, resolved);
+            let keys = project::record(g, view, self.drawn, behind, shallow.as_mut(), strip);
+            resolved = resolve::record(g, &keys, self.paint, strip, resolved);
         }
         let gbuffer = resolved.gbuffer(g, view, self.resident)?;
         let luminance_sums = match &shallow {
@@ -249,7 +255,13 @@ impl Points<'_> {
         let gbuffer = GBuffer { light_visibility, accumulation: Some(accumulation), ..gbuffer };
         let gbuffer = predicate::only_where(g, &covered.list, |g| {
             Ok(g.within_tiles(bounded.then_some(&shown), |g| {
-                passes::apply(g, self.context, &self.config.effects, &self.config.decided, gbuffer)
+                passes::apply(
+                    g,
+                    self.context,
+                    &self.config.effects,
+                    &self.config.decisions,
+                    gbuffer,
+                )
             }))
         })?;
         Ok((gbuffer, covered))
@@ -262,9 +274,9 @@ impl Points<'_> {
         mut painting: Painting,
     ) -> Result<(GBuffer, Option<strokes::Painted>)> {
         let mut resolved = resolve::begin(g, self.context.view);
-        for band in painting.bands(g.gathered_limit()) {
-            let keys = painting.record(g, self.paint, band)?;
-            resolved = resolve::record(g, &keys, self.paint, band, resolved);
+        for strip in painting.strips(g.gathered_limit()) {
+            let keys = painting.record(g, self.paint, strip)?;
+            resolved = resolve::record(g, &keys, self.paint, strip, resolved);
         }
         let painted = painting.cover(&mut resolved);
         Ok((resolved.gbuffer(g, self.context.view, self.resident)?, Some(painted)))

@@ -6,7 +6,7 @@ use crate::cloud::colormap::srgb_to_linear;
 use crate::passes::phong::Backfaces;
 use crate::passes::project::Precision;
 use crate::passes::{
-    Decided, Effect, Effects, FrameContext, Switch, fill, resolve, strokes, visibility,
+    Effect, EffectDecisions, Effects, FrameContext, Switch, fill, resolve, strokes, visibility,
 };
 use crate::resident::{PointDensity, Resident, StationOverlap};
 use crate::view::View;
@@ -102,7 +102,7 @@ impl Default for RenderSettings {
 #[derive(Clone, Debug, PartialEq)]
 pub struct FrameConfig {
     pub effects: Effects,
-    pub decided: Decided,
+    pub decisions: EffectDecisions,
     pub light: Light,
     /// Background, linear.
     pub background: [f32; 3],
@@ -128,10 +128,10 @@ impl FrameConfig {
             asked_layer_m: settings.layer_m,
             ..FrameContext::of(view, resident, settings.light)
         };
-        let decided = settings.effects.decide(&context);
+        let decisions = settings.effects.decide(&context);
         // If switched on explicitly, luminance is averaged everywhere.
         let partly =
-            decided.runs(Effect::Luminance) && settings.effects.luminance.switch == Switch::Auto;
+            decisions.runs(Effect::Luminance) && settings.effects.luminance.switch == Switch::Auto;
         let effects = settled(
             &settings.effects,
             resolve::spacing_px(&view.entire(), resident)[1],
@@ -139,7 +139,7 @@ impl FrameConfig {
         );
         FrameConfig {
             effects,
-            decided,
+            decisions,
             sampling: context.sampling,
             layer_m: settings.layer_m,
             quantum_m: quantum_m(view, resident),
@@ -171,20 +171,20 @@ impl FrameConfig {
     /// Returns how far effects look `[px]`, as [`Effects::reach_px`] times the layers, since each
     /// layer depends on those before it.
     pub fn reach_px(&self, view: &View) -> Option<u32> {
-        self.effects.reach_px(view, &self.decided).map(|reach| reach * self.layers())
+        self.effects.reach_px(view, &self.decisions).map(|reach| reach * self.layers())
     }
 
     /// Tests whether back-facing points are dropped: if Phong lighting is set to, and normals are
     /// oriented.
     pub fn drops_back_faces(&self, resident: &Resident) -> bool {
-        self.decided.runs(Effect::Phong)
+        self.decisions.runs(Effect::Phong)
             && self.effects.phong.settings.backfaces == Backfaces::Drop
             && resident.oriented
     }
 
     /// Returns the most surfaces drawn behind each other.
     pub fn layers(&self) -> u32 {
-        if self.decided.runs(Effect::Transparency) {
+        if self.decisions.runs(Effect::Transparency) {
             self.effects.transparency.settings.layers as u32
         } else {
             1
@@ -209,13 +209,14 @@ impl FrameConfig {
         let mut hurried = self.progressive();
         let Effects { strokes, ao, shape, .. } = &mut hurried.effects;
         // A level looks one pixel farther, and pixels are wider.
-        if self.decided.runs(Effect::Shape) {
+        if self.decisions.runs(Effect::Shape) {
             shape.settings.levels = (shape.settings.levels / smaller as f64).ceil();
         }
-        if self.decided.runs(Effect::Strokes) && strokes.settings.blend == strokes::Blend::Abuffer {
+        if self.decisions.runs(Effect::Strokes) && strokes.settings.blend == strokes::Blend::Abuffer
+        {
             strokes.settings.blend = strokes::Blend::Blur;
         }
-        if self.decided.runs(Effect::Ao) {
+        if self.decisions.runs(Effect::Ao) {
             ao.settings.directions = ao.settings.directions.min(HURRIED_DIRECTIONS);
         }
         hurried
@@ -250,7 +251,7 @@ mod tests {
         effects.set("shadows=on,samples=16,radius=2").unwrap();
         let config = |running: &[Effect]| FrameConfig {
             effects: effects.clone(),
-            decided: Decided(
+            decisions: EffectDecisions(
                 running
                     .iter()
                     .map(|effect| (*effect, Reason { runs: true, why: String::new() }))

@@ -356,8 +356,8 @@ fn project_ms(gpu: &mut Gpu, view: &View, resident: &Resident) -> Result<f64> {
     let mut g = Graph::new(gpu);
     let drawn = project::draw(&mut g, view, resident, Precision::Auto)?;
     let mut wanted = Vec::new();
-    for band in project::bands(view.size, project::KEY_BYTES, g.gathered_limit()) {
-        wanted.push(project::record(&mut g, view, &drawn, None, None, band).words.resource());
+    for strip in project::strips(view.size, project::KEY_BYTES, g.gathered_limit()) {
+        wanted.push(project::record(&mut g, view, &drawn, None, None, strip).words.resource());
     }
     let frame = g.submit_and_wait(&wanted)?;
     let ms = frame.ms("project") + frame.ms("clear");

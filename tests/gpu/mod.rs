@@ -9,7 +9,7 @@ use pointillist::config::NO_POINT;
 use pointillist::gpu::DeviceOptions;
 use pointillist::graph::{Buffer, CompletedSubmission, Gpu, Graph};
 use pointillist::passes;
-use pointillist::passes::project::{Band, Keys, Statistics};
+use pointillist::passes::project::{Keys, Statistics, Strip};
 use pointillist::passes::{
     EFFECTS, Effects, FrameContext, Switch, antialias, ao, composite, fill, phong, resolve, shape,
     smooth, visibility,
@@ -224,7 +224,7 @@ impl Canvas<'_> {
             &mut g,
             &Keys::nearest(uploaded),
             &paint,
-            Band { top: 0, size: view.size },
+            Strip { top: 0, size: view.size },
             resolved,
         );
         let mut gbuffer = resolved.gbuffer(&mut g, view, &self.resident).unwrap();

@@ -532,7 +532,7 @@ fn hard_00_nothing_that_is_no_number() {
 #[test]
 fn hard_00_surfaces_are_part_of_every_picture() {
     let view = views([16, 16])[0];
-    let decided = RenderSettings::default().effects.decide(&FrameContext {
+    let decisions = RenderSettings::default().effects.decide(&FrameContext {
         view: &view,
         light: Light::default(),
         points: 1000,
@@ -549,8 +549,8 @@ fn hard_00_surfaces_are_part_of_every_picture() {
     assert!(
         [Effect::Visibility, Effect::Fill, Effect::Shape]
             .iter()
-            .all(|effect| decided.runs(*effect)),
-        "{decided:?}"
+            .all(|effect| decisions.runs(*effect)),
+        "{decisions:?}"
     );
 }
 

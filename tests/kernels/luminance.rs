@@ -1,4 +1,4 @@
-//! Luminance correction against its f64 twin: random points, both spaces, both neighbourhoods, both ways of adding; and a picture in more than one band.
+//! Luminance correction against its f64 twin: random points, both spaces, both neighbourhoods, both ways of adding; and a picture in more than one strip.
 
 use crate::gpu::{
     Random, WAYS, Way, bare, bumpy, cloud, draw, orthographic, part, perspective, with,

@@ -7,7 +7,7 @@ use pointillist::cloud::attribute::{Attribute, DisplayAttribute};
 use pointillist::cloud::{Cloud, Lattice, octahedral};
 use pointillist::config::NO_POINT;
 use pointillist::graph::Graph;
-use pointillist::passes::project::{Band, Keys};
+use pointillist::passes::project::{Keys, Strip};
 use pointillist::passes::{FrameContext, Switch, phong, resolve};
 use pointillist::progress::Silent;
 use pointillist::render::frame;
@@ -147,7 +147,7 @@ fn phong_lights_by_the_normals_of_points_as_f64_does() {
                     &mut g,
                     &Keys::nearest(uploaded),
                     &paint,
-                    Band { top: 0, size },
+                    Strip { top: 0, size },
                     resolved,
                 );
                 let gbuffer = resolved.gbuffer(&mut g, &view, &resident).unwrap();

@@ -54,7 +54,7 @@ fn refine_shadows(
             &scene,
             resident,
             &config.effects,
-            &config.decided,
+            &config.decisions,
             Some(1),
         ) {
             Ok(marks) => marks,
@@ -157,7 +157,7 @@ impl RenderLoop {
         let newer = self.inbox.superseded();
         // A refinement of the same picture can be interrupted; another picture is finished.
         let interruptible = self.schedule.redraw != Redraw::Changed;
-        // Decided for the full size: a smaller picture has more points per pixel, and would call
+        // EffectDecisions for the full size: a smaller picture has more points per pixel, and would call
         // for other effects.
         let mut config = FrameConfig::new(
             &settings(scene, resident),
@@ -165,7 +165,7 @@ impl RenderLoop {
             resident,
         );
         if strokes_missing(scene, resident) {
-            config.decided.explain(Effect::Strokes, "strokes are still being computed");
+            config.decisions.explain(Effect::Strokes, "strokes are still being computed");
         }
         let mut drawn =
             if interruptible { config.progressive() } else { config.interactive(divisor) };
@@ -259,13 +259,13 @@ impl RenderLoop {
         if let (Some(loading), GpuCloud::Parts(residency)) = (&mut loading, cloud) {
             loading.worked = residency.loader_worked();
         }
-        let (decided, statistics, latency) =
-            (config.decided, outcome.statistics, self.schedule.asked.elapsed());
+        let (decisions, statistics, latency) =
+            (config.decisions, outcome.statistics, self.schedule.asked.elapsed());
         let (whole, leaves_out) =
             (finest && complete && self.uploading.is_none(), self.schedule.count_due.is_some());
         (self.report)(RenderEvent::FrameDone(Box::new(FrameReport {
             pick_buffer,
-            decided,
+            decisions,
             notes,
             statistics,
             leaves_out,

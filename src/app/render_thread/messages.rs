@@ -5,7 +5,7 @@ use crate::app::load_thread::{CloudInfo, ProgressReporter};
 use crate::app::pick_buffer::PickBuffer;
 use crate::app::profile::Profile;
 use crate::error::Error;
-use crate::passes::Decided;
+use crate::passes::EffectDecisions;
 use crate::passes::project::Statistics;
 use crate::present::overlay::Overlay;
 use crate::render::scene::Scene;
@@ -95,7 +95,7 @@ pub enum RenderEvent {
 /// A frame on the screen.
 pub struct FrameReport {
     pub pick_buffer: Arc<PickBuffer>,
-    pub decided: Decided,
+    pub decisions: EffectDecisions,
     /// Settings without effect, and limits that were reached.
     pub notes: Vec<String>,
     pub statistics: Statistics,

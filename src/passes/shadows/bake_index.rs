@@ -23,7 +23,7 @@ use crate::graph::{Gpu, Graph, Handle};
 use crate::index::attributes::shadow_writer::ShadowWriter;
 use crate::index::format::Index;
 use crate::index::format::shadow_file::ShadowContents;
-use crate::passes::project::{self, Band, Precision};
+use crate::passes::project::{self, Precision, Strip};
 use crate::progress::Progress;
 use crate::resident::Resident;
 use crate::view::light::Light;
@@ -211,7 +211,7 @@ impl Work<'_> {
                     g.fill(&mut keys, u32::MAX);
                 }
                 let drawn = project::draw(&mut g, view, room, Precision::Auto)?;
-                project::add(&mut g, view, &drawn, Band { top: 0, size: view.size }, &mut keys);
+                project::add(&mut g, view, &drawn, Strip { top: 0, size: view.size }, &mut keys);
                 seen.push(keys.resource());
             }
             g.submit_and_wait(&seen)?.recycle(gpu);

@@ -16,7 +16,7 @@ use crate::error::Result;
 use crate::graph::MAX_PREDICATED_PASSES;
 use crate::graph::{Buffer, Dispatch, Graph};
 use crate::passes::predicate;
-use crate::passes::project::{Band, Drawn, Group, Walk};
+use crate::passes::project::{Drawn, Group, Strip, Walk};
 use crate::shader::{self, shadow_peel, shadow_peel_apply};
 use crate::view::View;
 
@@ -77,7 +77,7 @@ fn one(
 ) {
     let size = camera.size;
     let Walk { centre, corner, size: across, near, lanes, perspective, texels, points_per_chunk } =
-        Walk::new(g, camera, Band { top: 0, size });
+        Walk::new(g, camera, Strip { top: 0, size });
     for step in [0, 1] {
         for group in &drawn.groups {
             let &Group { block, planes, filtered, first_chunk, chunk_count, .. } = group;

@@ -4,14 +4,14 @@ use super::brush::Bristles;
 use super::coverage::{NEARER, NEARER_PX};
 use super::settings::{Blend, Settings};
 use super::{HIDES, LEAST_PX, Painting};
-use crate::passes::project::Band;
+use crate::passes::project::Strip;
 use crate::passes::resolve::ColorLookup;
 use crate::passes::tiles;
 use crate::shader::Canvas;
 use crate::view::{Camera, View};
 
 impl Painting<'_> {
-    pub(super) fn canvas(&self, band: Band, paint: &ColorLookup) -> Canvas {
+    pub(super) fn canvas(&self, strip: Strip, paint: &ColorLookup) -> Canvas {
         let Settings { brush, long, detail, tangents, blend, noise, .. } = self.settings;
         let (bristles, ground) = (Bristles::of(&self.settings), brush.ground());
         let basis = &self.view.basis;
@@ -19,10 +19,10 @@ impl Painting<'_> {
         // Smaller coverage leaves no trace.
         let least = if blend == Blend::Abuffer { 0.4 / 255.0 } else { HIDES as f64 };
         Canvas {
-            size: band.size,
-            tiles: tiles(band.size),
+            size: strip.size,
+            tiles: tiles(strip.size),
             middle: self.view.whole.map(|side| side as f32 / 2.0),
-            corner: self.corner(band),
+            corner: self.corner(strip),
             focal: self.wide.focal_px() as f32,
             right: basis.right.as_vec3().to_array(),
             down: (-basis.up).as_vec3().to_array(),

@@ -10,7 +10,7 @@ use super::Painting;
 use super::quads::Quads;
 use crate::error::Result;
 use crate::graph::{Buffer, Dispatch, Graph};
-use crate::passes::project::Band;
+use crate::passes::project::Strip;
 use crate::passes::resolve;
 use crate::shader::{self, stroke_surface};
 
@@ -24,10 +24,10 @@ pub const DIRECTIONS: u32 = 4;
 pub const NEARER: f64 = 0.6;
 pub const NEARER_PX: f64 = 4.0;
 
-/// Returns 1 for every pixel of a band where a surface is, else 0, from the ground of the band and
-/// its surroundings.
-pub fn surface(g: &mut Graph, ground: &Buffer, band: Band) -> Buffer {
-    let [width, height] = band.size;
+/// Returns 1 for every pixel of a strip where a surface is, else 0, from the ground of the strip
+/// and its surroundings.
+pub fn surface(g: &mut Graph, ground: &Buffer, strip: Strip) -> Buffer {
+    let [width, height] = strip.size;
     let mut surface = g.buffer("surface", 4 * width as u64 * height as u64);
     let push = stroke_surface::Push { width, enclosed: ENCLOSED_PX, directions: DIRECTIONS };
     g.run(
@@ -39,12 +39,12 @@ pub fn surface(g: &mut Graph, ground: &Buffer, band: Band) -> Buffer {
 
 impl Painting<'_> {
     /// Returns the same, computed before the frame.
-    pub(super) fn surface(&mut self, g: &mut Graph, band: Band) -> Result<Vec<u32>> {
+    pub(super) fn surface(&mut self, g: &mut Graph, strip: Strip) -> Result<Vec<u32>> {
         let mut before = g.preceding();
         let paint = resolve::paint(&mut before, self.resident, &self.request)?;
-        let desk = self.bind(&mut before, band, &paint)?;
+        let desk = self.bind(&mut before, strip, &paint)?;
         let Quads { ground, .. } = self.draw(&mut before, &desk, false)?;
-        let surface = surface(&mut before, &ground, band);
+        let surface = surface(&mut before, &ground, strip);
         let found = before.download_buffer(&surface);
         let frame = before.submit_and_wait(&[])?;
         self.facts.counting_ms += frame.ms("");

@@ -6,7 +6,7 @@ use super::tile_binning::Bins;
 use super::{Found, Painting, StrokeInputs, TILE_PIXELS, groups};
 use crate::error::Result;
 use crate::graph::{Buffer, Graph};
-use crate::passes::project::Band;
+use crate::passes::project::Strip;
 use crate::passes::resolve;
 use crate::shader;
 use std::ops::Range;
@@ -20,14 +20,14 @@ impl Painting<'_> {
     pub(super) fn count(
         &mut self,
         g: &mut Graph,
-        band: Band,
+        strip: Strip,
         found: &Found,
         tiles: Range<u32>,
         hiders: Option<&[u32]>,
     ) -> Result<(Vec<u32>, Vec<u32>)> {
         let mut counting = g.preceding();
         let paint = resolve::paint(&mut counting, self.resident, &self.request)?;
-        let desk = self.bind(&mut counting, band, &paint)?;
+        let desk = self.bind(&mut counting, strip, &paint)?;
         let starts = counting.upload("starts", &[0u32])?;
         let bytes = 4 * tiles.len() as u64 * TILE_PIXELS as u64;
         let (mut keys, mut fragments, mut counts) = (

@@ -5,7 +5,7 @@ use super::settings::Sort;
 use super::{Painting, groups};
 use crate::error::{Error, Result};
 use crate::graph::{Buffer, Graph};
-use crate::passes::project::Band;
+use crate::passes::project::Strip;
 use crate::shader::{self, stroke_sort};
 use std::ops::Range;
 
@@ -19,7 +19,7 @@ impl Painting<'_> {
         &mut self,
         g: &mut Graph,
         [canvases, part]: [&Buffer; 2],
-        band: Band,
+        strip: Strip,
         tiles: u32,
         abuffer: Abuffer,
         deepest: u32,
@@ -36,7 +36,7 @@ impl Painting<'_> {
         for ordered in steps(ordered.start.min(wanted)..wanted, deepest, g.gpu.device.is_cpu)? {
             let (fragments, unordered) = (&mut fragments, &mut unordered);
             let push =
-                stroke_sort::Push { top: band.top, ordered: ordered.start, wanted: ordered.end };
+                stroke_sort::Push { top: strip.top, ordered: ordered.start, wanted: ordered.end };
             g.run(
                 shader::StrokeSort {
                     canvases,

@@ -14,7 +14,7 @@ use crate::shader::{self, Canvas, stroke_quads, stroke_screen};
 /// Bytes of a stroke on the screen.
 pub const STROKE_BYTES: u64 = 64;
 
-/// Results for a band and its surroundings.
+/// Results for a strip and its surroundings.
 pub struct Quads {
     /// Two words per pixel.
     pub ground: Buffer,
@@ -25,22 +25,22 @@ pub struct Quads {
 }
 
 impl Painting<'_> {
-    /// Draws all strokes of a band; only their ground unless `painted`.
+    /// Draws all strokes of a strip; only their ground unless `painted`.
     pub(super) fn draw(
         &mut self,
         g: &mut Graph,
         desk: &StrokeInputs,
         painted: bool,
     ) -> Result<Quads> {
-        let band = self.canvas(desk.band, desk.paint);
+        let strip = self.canvas(desk.strip, desk.paint);
         let (size, corner) = (
-            band.size.map(|side| side + 2 * ENCLOSED_PX),
-            band.corner.map(|at| at - ENCLOSED_PX as f32),
+            strip.size.map(|side| side + 2 * ENCLOSED_PX),
+            strip.corner.map(|at| at - ENCLOSED_PX as f32),
         );
         // A brush smaller than its ground still has that ground.
         let reach =
-            band.reach.map(|reach| if painted { reach.max(band.ground) } else { band.ground });
-        let canvases = g.upload("canvas", &[Canvas { size, corner, reach, ..band }])?;
+            strip.reach.map(|reach| if painted { reach.max(strip.ground) } else { strip.ground });
+        let canvases = g.upload("canvas", &[Canvas { size, corner, reach, ..strip }])?;
         let mut ground = g.buffer("ground", 8 * size[0] as u64 * size[1] as u64);
         g.fill(&mut ground, 0);
         let mut targets =

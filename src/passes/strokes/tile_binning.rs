@@ -3,7 +3,7 @@
 use super::{PLACE_BYTES, Painting, StrokeInputs};
 use crate::error::Result;
 use crate::graph::{Buffer, Graph};
-use crate::passes::project::{self, Band};
+use crate::passes::project::{self, Strip};
 use crate::passes::resolve;
 use crate::shader::{self, stroke_bins};
 use std::ops::Range;
@@ -20,14 +20,14 @@ pub struct Bins {
 }
 
 impl Painting<'_> {
-    /// Returns the number of strokes that may touch each tile of a band, in several turns over
+    /// Returns the number of strokes that may touch each tile of a strip, in several turns over
     /// parts of the points if a single tile has more than a list may hold.
-    pub(super) fn listed(&mut self, g: &mut Graph, band: Band) -> Result<Vec<Vec<u32>>> {
+    pub(super) fn listed(&mut self, g: &mut Graph, strip: Strip) -> Result<Vec<Vec<u32>>> {
         let room = self.room(g, 2) / PLACE_BYTES;
         let mut turns = 1;
         loop {
             let listed = (0..turns)
-                .map(|turn| self.tally(g, band, [turn, turns]))
+                .map(|turn| self.tally(g, strip, [turn, turns]))
                 .collect::<Result<Vec<_>>>()?;
             let most = listed.iter().flatten().copied().max().unwrap_or(0) as u64;
             if most <= room || turns as u64 > most {
@@ -38,11 +38,11 @@ impl Painting<'_> {
         }
     }
 
-    /// Returns the number of strokes of one turn that may touch each tile of a band.
-    fn tally(&mut self, g: &mut Graph, band: Band, turn: [u32; 2]) -> Result<Vec<u32>> {
+    /// Returns the number of strokes of one turn that may touch each tile of a strip.
+    fn tally(&mut self, g: &mut Graph, strip: Strip, turn: [u32; 2]) -> Result<Vec<u32>> {
         let mut counting = g.preceding();
         let paint = resolve::paint(&mut counting, self.resident, &self.request)?;
-        let desk = self.bind(&mut counting, band, &paint)?;
+        let desk = self.bind(&mut counting, strip, &paint)?;
         let count = desk.tiles[0] * desk.tiles[1];
         let part = counting.upload("part", &[0, count, turn[0], turn[1]])?;
         let (mut tallies, mut strokes) = (

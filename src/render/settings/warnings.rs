@@ -21,7 +21,7 @@ impl FrameConfig {
         notes.extend(self.unused());
         let phong = self.effects.phong.settings;
         if phong.backfaces == Backfaces::Drop
-            && self.decided.runs(Effect::Phong)
+            && self.decisions.runs(Effect::Phong)
             && !self.drops_back_faces(resident)
         {
             let why = match phong.normals {
@@ -34,8 +34,8 @@ impl FrameConfig {
         }
         let smooth = &self.effects.smooth;
         if smooth.settings.pixels == Pixels::Filled
-            && self.decided.runs(Effect::Smooth)
-            && !self.decided.runs(Effect::Fill)
+            && self.decisions.runs(Effect::Smooth)
+            && !self.decisions.runs(Effect::Fill)
         {
             notes.push(
                 "smooth has no effect: nothing is filled; smooth=pixels=all smooths points".into(),
@@ -44,9 +44,9 @@ impl FrameConfig {
         notes.extend(self.coarse());
         let fills_by_masks = self.effects.fill.settings.method == Method::Mask;
         let using = [
-            self.decided.runs(Effect::Fill) && fills_by_masks,
-            self.decided.runs(Effect::Transparency),
-            self.decided.runs(Effect::Shadows),
+            self.decisions.runs(Effect::Fill) && fills_by_masks,
+            self.decisions.runs(Effect::Transparency),
+            self.decisions.runs(Effect::Shadows),
         ];
         if self.layer_m > 0.0 && using == [false; 3] {
             notes.push(format!(
@@ -54,7 +54,7 @@ impl FrameConfig {
                 self.layer_m
             ));
         }
-        if self.decided.runs(Effect::Shadows) {
+        if self.decisions.runs(Effect::Shadows) {
             notes.extend(self.of_shadows(resident));
         }
         notes
@@ -66,10 +66,11 @@ impl FrameConfig {
         let (mut asked, mut usual) = (self.effects.clone(), Effects::default());
         let pairs = asked.list().into_iter().zip(usual.list());
         pairs
-            .filter(|(own, _)| *own.switch == Switch::Auto && !self.decided.runs(own.effect))
+            .filter(|(own, _)| *own.switch == Switch::Auto && !self.decisions.runs(own.effect))
             .filter_map(|(own, usual)| {
                 let chosen = chosen(&own.settings, &usual.settings);
-                let why = self.decided.reason(own.effect).map_or("", |reason| reason.why.as_str());
+                let why =
+                    self.decisions.reason(own.effect).map_or("", |reason| reason.why.as_str());
                 (!chosen.is_empty()).then(|| {
                     format!(
                         "{}: {} {} no effect, since the effect does not run: {why}",
@@ -87,9 +88,9 @@ impl FrameConfig {
         let layer = |of_effect: f64| layer_m([of_effect, self.layer_m], &self.sampling);
         let (fill, transparency) =
             (&self.effects.fill.settings, &self.effects.transparency.settings);
-        let masks = (self.decided.runs(Effect::Fill) && fill.method == Method::Mask)
+        let masks = (self.decisions.runs(Effect::Fill) && fill.method == Method::Mask)
             .then(|| layer(fill.layer));
-        let peels = self.decided.runs(Effect::Transparency).then(|| layer(transparency.layer));
+        let peels = self.decisions.runs(Effect::Transparency).then(|| layer(transparency.layer));
         let quantum_m = significant(self.quantum_m);
         if let Some(layer_m) = [masks, peels]
             .into_iter()
@@ -106,7 +107,7 @@ impl FrameConfig {
         // A surface that rises by a pixel's width per pixel is then a staircase.
         let surface = [Effect::Fill, Effect::Shape, Effect::Phong]
             .iter()
-            .any(|effect| self.decided.runs(*effect));
+            .any(|effect| self.decisions.runs(*effect));
         let pixel_m = self.sampling.pixel_m;
         (surface && pixel_m > 0.0 && pixel_m < 2.0 * self.quantum_m)
             .then(|| format!("the depth resolution in view is {quantum_m} m, and pixels are {} m wide there: surfaces show steps and gaps; move closer", significant(pixel_m)))
@@ -115,7 +116,7 @@ impl FrameConfig {
     fn of_shadows(&self, resident: &Resident) -> Vec<String> {
         let mut notes = Vec::new();
         let settings = self.effects.shadows.settings;
-        if self.decided.runs(Effect::Phong)
+        if self.decisions.runs(Effect::Phong)
             && settings.ambient != shadows::Settings::default().ambient
         {
             notes.push(
