@@ -380,11 +380,11 @@ impl<P: FnMut()> Thread<P> {
                 }
             }
         }
-        if let (Some(word), Some(marks)) = (self.shown.light(), &index.shadows) {
+        if let (Some(word), Some(shadows)) = (self.shown.light(), &index.shadows) {
             self.bytes.resize(count, 0);
-            marks.read(node, &mut self.bytes)?;
+            shadows.read(node, &mut self.bytes)?;
             read.bytes += count as u64;
-            words.iter_mut().zip(&self.bytes).for_each(|(word, &mark)| *word = mark as u32);
+            words.iter_mut().zip(&self.bytes).for_each(|(word, &value)| *word = value as u32);
             destination.put(planes + word, words);
         }
         Ok(read)

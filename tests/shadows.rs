@@ -614,7 +614,9 @@ fn marks_of_nodes_that_come_and_go_are_those_of_casting_all_anew() {
             let marks = |gpu: &mut Gpu, resident: &Resident, view: &View, anew: bool| {
                 let mut g = Graph::new(gpu);
                 if anew {
-                    ["marks", "marks beside"].iter().for_each(|name| g.invalidate(name));
+                    ["light visibility", "light visibility beside"]
+                        .iter()
+                        .for_each(|name| g.invalidate(name));
                 }
                 let scene = FrameContext::of(view, resident, light);
                 let marks = shadows::light_visibility(
@@ -657,20 +659,20 @@ fn marks_of_nodes_that_come_and_go_are_those_of_casting_all_anew() {
                 let (facts, found) = marks(gpu, resident, &view, false);
                 let (all, expected) = marks(gpu, resident, &view, true);
                 assert_eq!(
-                    (all.marked as usize, facts.cast, facts.size),
+                    (all.tested as usize, facts.cast, facts.size),
                     (resident.nodes.len(), samples as u32, all.size)
                 );
                 assert!(
                     found == expected,
-                    "step {step}, {light}: {} of {} nodes marked again",
-                    facts.marked,
-                    all.marked
+                    "step {step}, {light}: {} of {} nodes tested again",
+                    facts.tested,
+                    all.tested
                 );
                 println!(
-                    "step {step}: {} of {} nodes marked again ({facts})",
-                    facts.marked, all.marked
+                    "step {step}: {} of {} nodes tested again ({facts})",
+                    facts.tested, all.tested
                 );
-                partly += (facts.marked > 0 && facts.marked < all.marked) as u32;
+                partly += (facts.tested > 0 && facts.tested < all.tested) as u32;
                 dark |= found.iter().flatten().any(|&count| count == 0);
             }
             assert!(partly >= 2 && dark, "{light}: {partly} steps kept marks");
@@ -851,7 +853,8 @@ fn marks_agree_with_f64() {
             )
             .unwrap();
             let mut g = Graph::new(gpu);
-            let counts = g.buffer("marks", resident.nodes.len() as u64 * POINTS_PER_PAGE as u64);
+            let counts =
+                g.buffer("light visibility", resident.nodes.len() as u64 * POINTS_PER_PAGE as u64);
             let mut tally = shadows::Tally::new(&mut g, counts, false);
             let sight = LightCamera { view, margin: 0, halvings: 0, spacing_m: 0.0 };
             let reached = shadows::cast(
@@ -864,7 +867,7 @@ fn marks_agree_with_f64() {
             )
             .unwrap();
             let (counts, limit) =
-                (g.download_buffer(&tally.marks), g.download_buffer(&reached.limit));
+                (g.download_buffer(&tally.light_visibility), g.download_buffer(&reached.limit));
             let frame = g.submit_and_wait(&[]).unwrap();
             let (counts, limit): (&[u8], &[f32]) = (frame.read(&counts), frame.read(&limit));
             let source = project::Source::new(&cloud.parts[0], &view, Precision::Auto, DVec3::ZERO);

@@ -16,12 +16,12 @@ layout(local_size_x = 64) in;
 layout(scalar) readonly buffer Lists { uint word[]; } lists;
 layout(r32f) readonly uniform image2D depth;
 layout(rgba32f) readonly uniform image2D color;
-layout(r32f) readonly uniform image2D lit;
+layout(r32f) readonly uniform image2D shading;
 layout(rgba32f) writeonly uniform image2D blended;
 // Factor that remains: 1 for blended pixels, whose colour includes it.
-layout(r32f) writeonly uniform image2D left;
+layout(r32f) writeonly uniform image2D remaining_shading;
 
-layout(constant_id = 2) const bool LIT_BY = false;
+layout(constant_id = 2) const bool HAS_SHADING = false;
 
 layout(push_constant, scalar) uniform Push {
     uvec2 size; // pixels
@@ -44,7 +44,7 @@ Row row_at(ivec2 pixel, ivec2 last) {
     [[unroll]] for (int k = 0; k < 3; ++k) {
         ivec2 at = clamp(pixel + ivec2(k - 1, 0), ivec2(0), last);
         vec4 c = imageLoad(color, at);
-        float light = LIT_BY ? imageLoad(lit, at).r : 1.0;
+        float light = HAS_SHADING ? imageLoad(shading, at).r : 1.0;
         row.depths[k] = imageLoad(depth, at).r;
         row.sum += vec4(k == 1 ? 2.0 : 1.0) * vec4(c.rgb * vec3(light), c.a);
         if (k == 1) row.color = c;
@@ -65,7 +65,7 @@ void work(uint n) {
         vec4 mean = (above.sum + vec4(2.0) * own.sum + below.sum) * vec4(0.0625);
         // Pixels beyond the picture are not written.
         imageStore(blended, pixel, mix(own.color, mean, bvec4(blends)));
-        if (LIT_BY) imageStore(left, pixel, vec4(mix(own.light, 1.0, blends)));
+        if (HAS_SHADING) imageStore(remaining_shading, pixel, vec4(mix(own.light, 1.0, blends)));
         if (row == TILE_PX - 1) break;
         pixel.y += 1;
         above = own;

@@ -10,11 +10,11 @@ layout(local_size_x = 64) in;
 
 layout(scalar) readonly buffer Lists { uint word[]; } lists;
 layout(rgba32f) readonly uniform image2D blended;
-layout(r32f) readonly uniform image2D left;
+layout(r32f) readonly uniform image2D remaining_shading;
 layout(rgba32f) writeonly uniform image2D color;
-layout(r32f) writeonly uniform image2D lit;
+layout(r32f) writeonly uniform image2D shading;
 
-layout(constant_id = 0) const bool LIT_BY = false;
+layout(constant_id = 0) const bool HAS_SHADING = false;
 
 layout(push_constant, scalar) uniform Push {
     uint tiles_across;
@@ -25,7 +25,7 @@ void work(uint n) {
     // Pixels beyond the picture are not written.
     [[unroll]] for (int row = 0; row < TILE_PX; ++row) {
         imageStore(color, pixel, imageLoad(blended, pixel));
-        if (LIT_BY) imageStore(lit, pixel, imageLoad(left, pixel));
+        if (HAS_SHADING) imageStore(shading, pixel, imageLoad(remaining_shading, pixel));
         pixel.y += 1;
     }
 }

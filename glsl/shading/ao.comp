@@ -21,12 +21,12 @@
 layout(local_size_x = 64) in;
 
 layout(r32f) readonly uniform image2D depth;
-layout(r32f) readonly uniform image2D lit;
-layout(r32f) writeonly uniform image2D left;
+layout(r32f) readonly uniform image2D shading;
+layout(r32f) writeonly uniform image2D occluded_shading;
 
 layout(constant_id = 0) const bool PERSPECTIVE = true;
 // Whether an effect before has made a factor.
-layout(constant_id = 1) const bool LIT_BY = false;
+layout(constant_id = 1) const bool HAS_SHADING = false;
 // Whether the radius is in metres with perspective, instead of a share of the depth.
 layout(constant_id = 2) const bool METRES = false;
 
@@ -50,7 +50,7 @@ void main() {
     ivec2 pixel = ivec2(gl_GlobalInvocationID.xy);
     if (any(greaterThanEqual(pixel, ivec2(push.size)))) return;
     float z = imageLoad(depth, pixel).r;
-    float before = LIT_BY ? imageLoad(lit, pixel).r : 1.0;
+    float before = HAS_SHADING ? imageLoad(shading, pixel).r : 1.0;
     float hidden = 0.0;
     if (known(z)) {
         vec2 from_centre = vec2(pixel) + 0.5 - push.centre;
@@ -84,5 +84,5 @@ void main() {
         }
     }
     float own = max(0.0, 1.0 - push.strength * (hidden / float(push.directions)));
-    imageStore(left, pixel, vec4(before * own));
+    imageStore(occluded_shading, pixel, vec4(before * own));
 }

@@ -2,7 +2,7 @@
 // neighbours lie in front of it.
 //
 //   slope_k = max(0, (depth - depth_k) / width of radius_px pixels at this depth)   for 8 neighbours
-//   lit     = color * exp2(-strength * mean(slope))
+//   shaded  = color * exp2(-strength * mean(slope))
 // A slope has no unit, so neither the scale of the cloud nor the size of the picture changes the
 // shading. Empty pixels and those outside of the picture are never in front. The exponential is our
 // own, since the built-in one differs between drivers.
@@ -18,7 +18,7 @@ layout(local_size_x = 64) in;
 
 layout(r32f) readonly uniform image2D depth;
 layout(rgba32f) readonly uniform image2D color;
-layout(rgba32f) writeonly uniform image2D lit;
+layout(rgba32f) writeonly uniform image2D shaded;
 
 layout(constant_id = 0) const bool PERSPECTIVE = true;
 
@@ -52,7 +52,7 @@ void shade(ivec2 pixel) {
         }
     }
     float shade = exact_exp2(-push.strength * (sum / 8.0));
-    imageStore(lit, pixel, vec4(c.rgb * shade, c.a));
+    imageStore(shaded, pixel, vec4(c.rgb * shade, c.a));
 }
 
 void main() {

@@ -25,8 +25,8 @@ layout(rgba32f) readonly uniform image2D color;
 // Normals of points (right, down, away) and 1; 0 where unknown. Unread if points have none.
 layout(rgba32f) readonly uniform image2D facing;
 // m in red, green and blue. Unread without shadows.
-layout(rgba32f) readonly uniform image2D reached;
-layout(rgba32f) writeonly uniform image2D lit;
+layout(rgba32f) readonly uniform image2D shadow_factor;
+layout(rgba32f) writeonly uniform image2D shaded;
 
 layout(constant_id = 0) const bool PERSPECTIVE = true;
 layout(constant_id = 1) const bool OF_POINTS = false;
@@ -105,12 +105,12 @@ void shade(ivec2 pixel) {
     float facing = n.x * l.x + n.y * l.y + n.z * l.z;
     vec3 r = vec3(2.0 * facing) * n - l;
     float mirrored = r.x * v.x + r.y * v.y + r.z * v.z;
-    bool shaded = has && n != vec3(0.0) && l != vec3(0.0);
-    float diffuse = push.diffuse * mix(1.0, max(facing, 0.0), shaded);
+    bool oriented = has && n != vec3(0.0) && l != vec3(0.0);
+    float diffuse = push.diffuse * mix(1.0, max(facing, 0.0), oriented);
     // A surface that faces away from the light reflects none of it.
-    float specular = push.specular * mix(0.0, power(clamp(mirrored, 0.0, 1.0), push.shininess), shaded && facing > 0.0);
-    vec3 m = SHADOWED ? imageLoad(reached, pixel).rgb : vec3(1.0);
-    imageStore(lit, pixel, vec4(c.rgb * (vec3(push.ambient) + m * vec3(diffuse)) + m * vec3(specular * c.a), c.a));
+    float specular = push.specular * mix(0.0, power(clamp(mirrored, 0.0, 1.0), push.shininess), oriented && facing > 0.0);
+    vec3 m = SHADOWED ? imageLoad(shadow_factor, pixel).rgb : vec3(1.0);
+    imageStore(shaded, pixel, vec4(c.rgb * (vec3(push.ambient) + m * vec3(diffuse)) + m * vec3(specular * c.a), c.a));
 }
 
 void main() {

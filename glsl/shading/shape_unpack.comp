@@ -6,7 +6,7 @@
 layout(local_size_x = 64) in;
 
 layout(rgba32f) readonly uniform image2D shade;
-layout(r32f) writeonly uniform image2D lit;
+layout(r32f) writeonly uniform image2D shading;
 
 layout(push_constant, scalar) uniform Push {
     uvec2 size; // pixels
@@ -18,6 +18,6 @@ void main() {
     vec4 four = imageLoad(shade, texel);
     [[unroll]] for (int row = 0; row < 4; ++row) {
         ivec2 pixel = ivec2(texel.x, 4 * texel.y + row);
-        if (pixel.y < int(push.size.y)) imageStore(lit, pixel, vec4(four[row]));
+        if (pixel.y < int(push.size.y)) imageStore(shading, pixel, vec4(four[row]));
     }
 }

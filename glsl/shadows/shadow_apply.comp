@@ -18,7 +18,7 @@ layout(local_size_x = 64) in;
 
 layout(r32ui) readonly uniform uimage2D index;
 // Number of samples that light each point, one byte.
-layout(scalar) readonly buffer Marks { uint word[]; } marks;
+layout(scalar) readonly buffer LightVisibility { uint word[]; } light_visibility;
 // Address of the page with each node's saved visibility, two words.
 layout(scalar) readonly buffer Saved { uvec2 page[]; } saved;
 layout(rgba32f) readonly uniform image2D color;
@@ -38,7 +38,7 @@ void light(ivec2 pixel) {
     uint point = imageLoad(index, pixel).r;
     uint at = point == NO_POINT ? 0u : point;
     uint count = 0u;
-    if (!SAVED) count = marks.word[at / 4u] >> (8u * (at & 3u)) & 255u;
+    if (!SAVED) count = light_visibility.word[at / 4u] >> (8u * (at & 3u)) & 255u;
     if (SAVED && point != NO_POINT) count = Plane(saved.page[point >> POINTS_PER_PAGE_LOG2]).word[point & (POINTS_PER_PAGE - 1u)];
     vec4 c = imageLoad(color, pixel);
     // Two pictures of the light may count a point on their border.

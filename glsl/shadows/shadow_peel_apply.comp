@@ -8,12 +8,12 @@
 
 layout(local_size_x = 64) in;
 
-// Number of points that some peels have marked.
+// Number of points that some peels have reached.
 layout(scalar) buffer Peeled { uint count[]; } peeled;
 layout(scalar) buffer Keys { uvec2 key[]; } keys;
 layout(scalar) buffer Last { uvec2 key[]; } last;
 // One byte per point.
-layout(scalar) buffer Marks { uint word[]; } marks;
+layout(scalar) buffer LightVisibility { uint word[]; } light_visibility;
 
 layout(push_constant, scalar) uniform Push {
     uvec2 size; // texels
@@ -25,7 +25,7 @@ void main() {
     uint texel = at.y * push.size.x + at.x;
     uvec2 key = keys.key[texel];
     if (key.x == NO_POINT) return;
-    atomicAdd(marks.word[key.x / 4u], 1u << (8u * (key.x & 3u)));
+    atomicAdd(light_visibility.word[key.x / 4u], 1u << (8u * (key.x & 3u)));
     last.key[texel] = key;
     keys.key[texel] = uvec2(NO_POINT);
     atomicAdd(peeled.count[0], 1u);

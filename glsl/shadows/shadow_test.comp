@@ -21,7 +21,7 @@ layout(scalar) readonly buffer Shallow { uint chunk[]; } shallow;
 // Pages of a block, as texels of four words; and as words if texel buffers are too small.
 layout(rgba32ui) readonly uniform uimageBuffer pages;
 layout(scalar) readonly buffer PageWords { uvec4 four[]; } page_words;
-layout(scalar) buffer Marks { uint word[]; } marks;
+layout(scalar) buffer LightVisibility { uint word[]; } light_visibility;
 
 #include "project.glsl"
 #include "shadow_limit.glsl"
@@ -33,7 +33,7 @@ void four(uint pixel[4], float depth[4], uint first) {
         float reach = limit_at(inside ? pixel[k] : 0u);
         lit |= uint(inside && depth[k] <= reach) << (8u * k);
     }
-    marks.word[first / 4u] += lit;
+    light_visibility.word[first / 4u] += lit;
 }
 
 #define IS_TO_BE_WALKED(at) (shallow.chunk[at] != 0u)

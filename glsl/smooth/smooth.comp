@@ -24,12 +24,12 @@ layout(scalar) readonly buffer Pixels { uint column[]; } pixels;
 layout(r32f) readonly uniform image2D depth;
 layout(rgba32f) readonly uniform image2D color;
 // Visibility of the light.
-layout(rgba32f) readonly uniform image2D reached;
+layout(rgba32f) readonly uniform image2D shadow_factor;
 layout(r32f) writeonly uniform image2D smooth_depth;
 layout(rgba32f) writeonly uniform image2D smooth_color;
-layout(rgba32f) writeonly uniform image2D smooth_reached;
+layout(rgba32f) writeonly uniform image2D smooth_shadow_factor;
 
-layout(constant_id = 0) const bool REACHED = false;
+layout(constant_id = 0) const bool SHADOWED = false;
 
 layout(push_constant, scalar) uniform Push {
     uvec2 tiles;
@@ -44,7 +44,7 @@ const float LARGE = 64.0;
 struct Row {
     float depths[3];
     vec4 colors[3];
-    vec4 reached[3];
+    vec4 shadow_factor[3];
 };
 
 bool known(float z) {
@@ -57,7 +57,7 @@ Row row_at(ivec2 pixel) {
         ivec2 at = pixel + ivec2(k - 1, 0);
         row.depths[k] = imageLoad(depth, at).r;
         row.colors[k] = imageLoad(color, at);
-        row.reached[k] = REACHED ? imageLoad(reached, at) : vec4(0.0);
+        row.shadow_factor[k] = SHADOWED ? imageLoad(shadow_factor, at) : vec4(0.0);
     }
     return row;
 }
@@ -92,12 +92,12 @@ void work(uint n) {
         Row rows[3] = Row[3](above, own, below);
         float z0 = own.depths[1];
         vec4 c0 = own.colors[1];
-        vec4 m0 = own.reached[1];
+        vec4 m0 = own.shadow_factor[1];
         bool has = known(z0);
         float weights = push.weights.x;
         float rise = 0.0;
         vec3 change = vec3(0.0);
-        vec3 change_reached = vec3(0.0);
+        vec3 change_shadow_factor = vec3(0.0);
         [[unroll]] for (int k = 0; k < 8; ++k) {
             int across = (k + k / 4) % 3;
             int down = (k + k / 4) / 3;
@@ -109,14 +109,14 @@ void work(uint n) {
             // depths it must not become one.
             rise += weight * mix(0.0, (z - z0) * SMALL, counts);
             change += vec3(weight) * (rows[down].colors[across].rgb - c0.rgb);
-            if (REACHED) change_reached += vec3(weight) * (rows[down].reached[across].rgb - m0.rgb);
+            if (SHADOWED) change_shadow_factor += vec3(weight) * (rows[down].shadow_factor[across].rgb - m0.rgb);
         }
         bool blends = (blend >> line & 1u) == 1u;
         float share = mix(0.0, 1.0 / weights, blends);
         // Pixels beyond the picture are not written.
         imageStore(smooth_depth, pixel, vec4(mix(z0, z0 + rise * share * LARGE, has && blends)));
         imageStore(smooth_color, pixel, vec4(c0.rgb + change * vec3(share), c0.a));
-        if (REACHED) imageStore(smooth_reached, pixel, vec4(m0.rgb + change_reached * vec3(share), m0.a));
+        if (SHADOWED) imageStore(smooth_shadow_factor, pixel, vec4(m0.rgb + change_shadow_factor * vec3(share), m0.a));
         if (line == TILE_PX - 1) break;
         pixel.y += 1;
         above = own;

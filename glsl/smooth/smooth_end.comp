@@ -11,12 +11,12 @@ layout(local_size_x = 64) in;
 layout(scalar) readonly buffer Lists { uint word[]; } lists;
 layout(r32f) readonly uniform image2D smooth_depth;
 layout(rgba32f) readonly uniform image2D smooth_color;
-layout(rgba32f) readonly uniform image2D smooth_reached;
+layout(rgba32f) readonly uniform image2D smooth_shadow_factor;
 layout(r32f) writeonly uniform image2D depth;
 layout(rgba32f) writeonly uniform image2D color;
-layout(rgba32f) writeonly uniform image2D reached;
+layout(rgba32f) writeonly uniform image2D shadow_factor;
 
-layout(constant_id = 0) const bool REACHED = false;
+layout(constant_id = 0) const bool SHADOWED = false;
 
 layout(push_constant, scalar) uniform Push {
     uint tiles_across;
@@ -30,7 +30,7 @@ ivec2 tile_at(uint place) {
 void close(ivec2 pixel) {
     imageStore(depth, pixel, imageLoad(smooth_depth, pixel));
     imageStore(color, pixel, imageLoad(smooth_color, pixel));
-    if (REACHED) imageStore(reached, pixel, imageLoad(smooth_reached, pixel));
+    if (SHADOWED) imageStore(shadow_factor, pixel, imageLoad(smooth_shadow_factor, pixel));
 }
 
 void main() {

@@ -10,7 +10,7 @@
 layout(local_size_x = 64) in;
 
 // Projected depth, and depth after filling: they differ where pixels were filled.
-layout(r32f) readonly uniform image2D raw;
+layout(r32f) readonly uniform image2D projected_depth;
 layout(r32f) readonly uniform image2D filled;
 // One bit per pixel for every column of every tile, from the top. Starts as zeros.
 layout(scalar) writeonly buffer Pixels { uint column[]; } pixels;
@@ -31,7 +31,7 @@ void look(uint place) {
     // Both are 0 beyond the picture.
     [[unroll]] for (int row = 0; row < TILE_PX; ++row) {
         ivec2 pixel = TILE_PX * at + ivec2(column, row);
-        bool taken = floatBitsToUint(imageLoad(raw, pixel).r) != floatBitsToUint(imageLoad(filled, pixel).r);
+        bool taken = floatBitsToUint(imageLoad(projected_depth, pixel).r) != floatBitsToUint(imageLoad(filled, pixel).r);
         bits |= uint(taken) << row;
     }
     if (bits == 0u) return;

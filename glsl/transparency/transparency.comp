@@ -24,10 +24,10 @@ const bool BEHIND = true;
 layout(local_size_x = 64) in;
 
 layout(rgba32f) readonly uniform image2D color;
-layout(r32f) readonly uniform image2D lit;
+layout(r32f) readonly uniform image2D shading;
 // Depth of the layer as shown, and as projected.
 layout(r32f) readonly uniform image2D depth;
-layout(r32f) readonly uniform image2D raw;
+layout(r32f) readonly uniform image2D projected_depth;
 // Source of each pixel's depth (depth_source.glsl), four rows per texel; unread if each is its own.
 layout(rgba32f) readonly uniform image2D source;
 // Composite of the layers in front: the same image as the one below; unread for the first.
@@ -43,7 +43,7 @@ layout(scalar) buffer Left { uint any[]; } left;
 // The same as a texel.
 layout(r32ui) readonly uniform uimageBuffer any_left;
 
-layout(constant_id = 0) const bool LIT_BY = false;
+layout(constant_id = 0) const bool HAS_SHADING = false;
 // First layer: all in front is 0. Last layer: nothing behind is looked for.
 layout(constant_id = 1) const bool FIRST = false;
 layout(constant_id = 2) const bool LAST = false;
@@ -84,14 +84,14 @@ void add(ivec2 at) {
     if (at.y < 0 || any(greaterThanEqual(at, ivec2(push.size)))) return;
     ivec2 pixel = ivec2(at.x, at.y + int(push.top));
     vec4 c = imageLoad(color, pixel);
-    if (LIT_BY) c.rgb *= imageLoad(lit, pixel).r;
+    if (HAS_SHADING) c.rgb *= imageLoad(shading, pixel).r;
     vec4 sum = FIRST ? vec4(0.0) : imageLoad(front_before, pixel);
     sum += c * (1.0 - sum.a);
     imageStore(front, pixel, sum);
 
     float shown = imageLoad(depth, pixel).r;
     // Loads are outside of conditions: in a branch lavapipe loads lane by lane.
-    float projected = imageLoad(raw, pixel).r;
+    float projected = imageLoad(projected_depth, pixel).r;
     // Unknown pixels count as behind the point that was there.
     uint bits = floatBitsToUint(mix(projected, shown, shown > 0.0));
     bool goes_on = bits < INFINITY_BITS && 1.0 - sum.a >= LEAST_LIGHT;

@@ -154,7 +154,8 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
     let Done { frame, asked, notes } =
         frame::draw(&mut gpu, &view, resident, &config, progress, |g, outcome| {
             facts.strokes = outcome.strokes.as_ref().map(|painted| painted.facts);
-            facts.shadows = outcome.gbuffer.light_visibility.as_ref().map(|marks| marks.facts);
+            facts.shadows =
+                outcome.gbuffer.light_visibility.as_ref().map(|visibility| visibility.facts);
             let counts =
                 arguments.explain.is_some().then(|| tile_stats::Asked::of(g, &outcome.gbuffer));
             Ok((Downloads::ask(g, outcome, png, exr)?, counts, outcome.statistics))

@@ -17,11 +17,11 @@ pub struct Downloads {
     linear: Option<Buffer>,
     depth: Option<Buffer>,
     index: Option<Buffer>,
-    raw: Option<Buffer>,
-    raw_index: Option<Buffer>,
+    projected_depth: Option<Buffer>,
+    projected_index: Option<Buffer>,
     normal: Option<Buffer>,
     /// Shading; `None` if no effect darkens.
-    lit: Option<Buffer>,
+    shading: Option<Buffer>,
 }
 
 impl Downloads {
@@ -30,11 +30,21 @@ impl Downloads {
         let linear = layers.then(|| g.download(&outcome.picture));
         let depth = layers.then(|| g.download(&outcome.gbuffer.depth));
         let index = layers.then(|| g.download(&outcome.gbuffer.index));
-        let raw = layers.then(|| g.download(&outcome.gbuffer.projected_depth));
-        let raw_index = layers.then(|| g.download(&outcome.gbuffer.projected_index));
+        let projected_depth = layers.then(|| g.download(&outcome.gbuffer.projected_depth));
+        let projected_index = layers.then(|| g.download(&outcome.gbuffer.projected_index));
         let normal = layers.then(|| g.download(&outcome.normal));
-        let lit = outcome.gbuffer.shading.as_ref().filter(|_| layers).map(|lit| g.download(lit));
-        Ok(Downloads { picture, linear, depth, index, raw, raw_index, normal, lit })
+        let shading =
+            outcome.gbuffer.shading.as_ref().filter(|_| layers).map(|shading| g.download(shading));
+        Ok(Downloads {
+            picture,
+            linear,
+            depth,
+            index,
+            projected_depth,
+            projected_index,
+            normal,
+            shading,
+        })
     }
 
     /// Writes the requested files.
@@ -93,24 +103,26 @@ fn write_layers(
     let picture: &[[f32; 4]] = frame.read(downloads.linear.as_ref().expect("asked for with --exr"));
     let depth: &[f32] = frame.read(downloads.depth.as_ref().expect("asked for with --exr"));
     let index: &[u32] = frame.read(downloads.index.as_ref().expect("asked for with --exr"));
-    let raw: &[f32] = frame.read(downloads.raw.as_ref().expect("asked for with --exr"));
+    let projected_depth: &[f32] =
+        frame.read(downloads.projected_depth.as_ref().expect("asked for with --exr"));
     // Pixels of unknown depth are empty in the file.
     let depth: Vec<f32> =
         depth.iter().map(|&z| if z == f32::NEG_INFINITY { f32::INFINITY } else { z }).collect();
-    let raw_index: &[u32] = frame.read(downloads.raw_index.as_ref().expect("asked for with --exr"));
+    let projected_index: &[u32] =
+        frame.read(downloads.projected_index.as_ref().expect("asked for with --exr"));
     let coverage = |i: usize| match depth[i].is_finite() {
         false => 0,
-        true if index[i] == crate::config::NO_POINT || index[i] != raw_index[i] => 2,
+        true if index[i] == crate::config::NO_POINT || index[i] != projected_index[i] => 2,
         true => 1,
     };
     let coverage = (0..depth.len()).map(coverage).collect();
     let channel = |c: usize| Samples::Float(picture.iter().map(|pixel| pixel[c]).collect());
     let normal: &[[f32; 4]] = frame.read(downloads.normal.as_ref().expect("asked for with --exr"));
     let normal = |axis: usize| Samples::Float(normal.iter().map(|normal| normal[axis]).collect());
-    let lit = downloads
-        .lit
-        .as_ref()
-        .map_or_else(|| vec![1.0; raw.len()], |lit| frame.read::<f32>(lit).to_vec());
+    let shading = downloads.shading.as_ref().map_or_else(
+        || vec![1.0; projected_depth.len()],
+        |shading| frame.read::<f32>(shading).to_vec(),
+    );
     let channels = vec![
         ("R", channel(0)),
         ("G", channel(1)),
@@ -122,8 +134,8 @@ fn write_layers(
         ("normal.X", normal(0)),
         ("normal.Y", normal(1)),
         ("normal.Z", normal(2)),
-        ("lit.V", Samples::Float(lit)),
-        ("raw.Z", Samples::Float(raw.to_vec())),
+        ("lit.V", Samples::Float(shading)),
+        ("raw.Z", Samples::Float(projected_depth.to_vec())),
     ];
     image_io::write_exr(path, size, channels)
 }

@@ -3,8 +3,8 @@
 //!
 //! ```text
 //!     antialias_tiles   depth -> list of tiles with silhouettes
-//!     antialias         depth, color, lit -> blended, left     in these tiles
-//!     antialias_end     blended, left -> color, lit
+//!     antialias         depth, color, shading -> blended, remaining_shading   in these tiles
+//!     antialias_end     blended, remaining_shading -> color, shading
 //! ```
 //! A silhouette is where the Laplacian of the depth is large. Blending works on premultiplied
 //! linear colour, so the effect is the last before layers are composited, and the background shows
@@ -141,43 +141,44 @@ pub fn record(
         Dispatch::PerEightTiles(count),
     );
 
-    let GBuffer { depth, mut color, shading: mut lit, .. } = gbuffer;
+    let GBuffer { depth, mut color, mut shading, .. } = gbuffer;
     let mut blended = g.image("blended", size, Kind::Rgba32f);
     // Unread bindings need an image, too.
-    let lit_by = lit.is_some();
-    let mut left = g.image("left", if lit_by { size } else { [1, 1] }, Kind::R32f);
-    let light = lit.as_ref().unwrap_or(&depth);
+    let has_shading = shading.is_some();
+    let mut remaining_shading =
+        g.image("remaining shading", if has_shading { size } else { [1, 1] }, Kind::R32f);
+    let light = shading.as_ref().unwrap_or(&depth);
     let push = antialias::Push { size, tiles_across: across[0], jump };
-    let spec = antialias::Spec { inverse, high, lit_by };
+    let spec = antialias::Spec { inverse, high, has_shading };
     let run = Dispatch::Indirect(&lists, 0);
     g.run(
         shader::Antialias {
             lists: &lists,
             depth: &depth,
             color: &color,
-            lit: light,
+            shading: light,
             blended: &mut blended,
-            left: &mut left,
+            remaining_shading: &mut remaining_shading,
             push,
             spec,
         },
         run,
     );
-    let mut nowhere = lit.is_none().then(|| g.image("nowhere", [1, 1], Kind::R32f));
-    let light = lit.as_mut().or(nowhere.as_mut()).expect("one of them");
+    let mut nowhere = shading.is_none().then(|| g.image("nowhere", [1, 1], Kind::R32f));
+    let light = shading.as_mut().or(nowhere.as_mut()).expect("one of them");
     let (push, spec) =
-        (antialias_end::Push { tiles_across: across[0] }, antialias_end::Spec { lit_by });
+        (antialias_end::Push { tiles_across: across[0] }, antialias_end::Spec { has_shading });
     g.run(
         shader::AntialiasEnd {
             lists: &lists,
             blended: &blended,
-            left: &left,
+            remaining_shading: &remaining_shading,
             color: &mut color,
-            lit: light,
+            shading: light,
             push,
             spec,
         },
         Dispatch::Indirect(&lists, 0),
     );
-    GBuffer { depth, color, shading: lit, ..gbuffer }
+    GBuffer { depth, color, shading, ..gbuffer }
 }

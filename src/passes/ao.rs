@@ -105,7 +105,7 @@ pub fn record(
     gbuffer: GBuffer,
 ) -> GBuffer {
     let view = context.view;
-    let mut left = g.image("left", view.size, Kind::R32f);
+    let mut occluded_shading = g.image("occluded shading", view.size, Kind::R32f);
     let push = Push {
         size: view.size,
         centre: view.centre().map(|at| at as f32),
@@ -122,14 +122,20 @@ pub fn record(
     let perspective = view.camera.projection == Projection::Perspective;
     let spec = Spec {
         perspective,
-        lit_by: gbuffer.shading.is_some(),
+        has_shading: gbuffer.shading.is_some(),
         metres: perspective && settings.radius > 0.0,
     };
     // Unread bindings need an image, too.
-    let lit = gbuffer.shading.as_ref().unwrap_or(&gbuffer.depth);
+    let shading = gbuffer.shading.as_ref().unwrap_or(&gbuffer.depth);
     g.run(
-        shader::Ao { depth: &gbuffer.depth, lit, left: &mut left, push, spec },
+        shader::Ao {
+            depth: &gbuffer.depth,
+            shading,
+            occluded_shading: &mut occluded_shading,
+            push,
+            spec,
+        },
         Dispatch::PerPixel,
     );
-    GBuffer { shading: Some(left), ..gbuffer }
+    GBuffer { shading: Some(occluded_shading), ..gbuffer }
 }

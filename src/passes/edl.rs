@@ -76,7 +76,7 @@ pub fn record(
     gbuffer: GBuffer,
 ) -> GBuffer {
     let view = context.view;
-    let mut lit = g.image("lit", view.size, Kind::Rgba32f);
+    let mut shaded = g.image("shaded", view.size, Kind::Rgba32f);
     let push = Push {
         size: view.size,
         strength: settings.strength as f32,
@@ -86,8 +86,14 @@ pub fn record(
     };
     let spec = Spec { perspective: view.camera.projection == Projection::Perspective };
     g.run(
-        shader::Edl { depth: &gbuffer.depth, color: &gbuffer.color, lit: &mut lit, push, spec },
+        shader::Edl {
+            depth: &gbuffer.depth,
+            color: &gbuffer.color,
+            shaded: &mut shaded,
+            push,
+            spec,
+        },
         Dispatch::PerPixel,
     );
-    GBuffer { color: lit, ..gbuffer }
+    GBuffer { color: shaded, ..gbuffer }
 }

@@ -145,7 +145,7 @@ pub struct FrameContext<'s> {
     /// Whether points have normals.
     pub normals: bool,
     /// Whether points have saved shadows of this light.
-    pub lit: bool,
+    pub has_saved_shadows: bool,
     /// Exposure of the stations, if known.
     pub balance: Option<&'s Balance>,
     /// Screen tiles that may show several stations.
@@ -164,7 +164,10 @@ impl<'s> FrameContext<'s> {
             transparent: resident.is_transparent(),
             asked_layer_m: 0.0,
             normals: resident.shown.normal().is_some(),
-            lit: resident.light.as_ref().is_some_and(|saved| light.is_written(&saved.light)),
+            has_saved_shadows: resident
+                .light
+                .as_ref()
+                .is_some_and(|saved| light.is_written(&saved.light)),
             balance: resident.balance.as_ref(),
             overlap: Arc::new(resident.overlap(view)),
         }
@@ -332,19 +335,19 @@ macro_rules! effects {
 }
 
 effects! {
-    exposure Exposure,   // the table that colours are looked up in
-    luminance Luminance,  // sums, values -> color
-    strokes Strokes,    // keys and color in place of projected points; color -> color
-    shadows Shadows,    // marks, index, color -> color, or reached
-    visibility Visibility, // depth, index, color -> the same without what is hidden; holes
-    fill Fill,       // depth, color, reached, holes -> depth, color, reached
-    smooth Smooth,     // depth, color -> depth, color; all of it: reached, too
-    shape Shape,      // depth -> lit
-    phong Phong,      // depth, color, reached, index, normals of points -> color
-    edl Edl,        // depth, color -> color
-    ao Ao,         // depth, lit -> lit
-    antialias Antialias,  // depth, color, lit -> color, lit
-    transparency Transparency, // color, lit -> front
+    exposure Exposure,         // the table that colours are looked up in
+    luminance Luminance,       // sums, values -> color
+    strokes Strokes,           // keys and color in place of projected points; color -> color
+    shadows Shadows,           // light visibility, index, color -> color, or shadow factor
+    visibility Visibility,     // depth, index, color -> the same without what is hidden; holes
+    fill Fill,                 // depth, color, shadow factor, holes -> depth, color, shadow factor
+    smooth Smooth,             // depth, color -> depth, color; all of it: shadow factor, too
+    shape Shape,               // depth -> shading
+    phong Phong,               // depth, color, shadow factor, index, normals of points -> color
+    edl Edl,                   // depth, color -> color
+    ao Ao,                     // depth, shading -> shading
+    antialias Antialias,       // depth, color, shading -> color, shading
+    transparency Transparency, // color, shading -> front
 }
 
 /// A setting of an effect: name, help text with unit, and value.

@@ -215,7 +215,7 @@ pub fn record(
 ) -> GBuffer {
     let view = context.view;
     let facing = if settings.normals == Normals::Depth { None } else { facing(g, view, &gbuffer) };
-    let mut lit = g.image("lit", view.size, Kind::Rgba32f);
+    let mut shaded = g.image("shaded", view.size, Kind::Rgba32f);
     let push = Push {
         size: view.size,
         centre: view.centre().map(|at| at as f32),
@@ -229,17 +229,18 @@ pub fn record(
         specular: settings.specular as f32,
         shininess: settings.shininess as u32,
     };
-    let GBuffer { depth, color, shadow_factor: reached, .. } = &gbuffer;
+    let GBuffer { depth, color, shadow_factor, .. } = &gbuffer;
     let spec = Spec {
         perspective: view.camera.projection == Projection::Perspective,
         of_points: facing.is_some(),
-        shadowed: reached.is_some(),
+        shadowed: shadow_factor.is_some(),
     };
     // Unread bindings need an image, too.
-    let [facing, reached] = [facing.as_ref(), reached.as_ref()].map(|image| image.unwrap_or(color));
+    let [facing, shadow_factor] =
+        [facing.as_ref(), shadow_factor.as_ref()].map(|image| image.unwrap_or(color));
     g.run(
-        shader::Phong { depth, color, facing, reached, lit: &mut lit, push, spec },
+        shader::Phong { depth, color, facing, shadow_factor, shaded: &mut shaded, push, spec },
         Dispatch::PerPixel,
     );
-    GBuffer { color: lit, shadow_factor: None, ..gbuffer }
+    GBuffer { color: shaded, shadow_factor: None, ..gbuffer }
 }

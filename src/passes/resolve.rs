@@ -174,7 +174,7 @@ impl Resolved {
     pub fn gbuffer(self, g: &mut Graph, view: &View, resident: &Resident) -> Result<GBuffer> {
         let Resolved { depth, index, color } = self;
         let (projected_depth, projected_index) =
-            (g.copy("raw", &depth), g.copy("raw index", &index));
+            (g.copy("projected depth", &depth), g.copy("projected index", &index));
         let spacings: Vec<f32> =
             resident.nodes.iter().map(|node| node.spacing as f32).chain([0.0]).collect();
         let spacings = g.upload("spacings", &spacings)?;

@@ -66,7 +66,7 @@ pub struct Settings {
     pub least: f64,
     /// Width of the gaps that are closed in the light's picture `[texels]`.
     pub fill: f64,
-    /// Largest number of passes of index peeling; 0: until one marks nothing, 512 at most.
+    /// Largest number of passes of index peeling; 0: until one reaches nothing, 512 at most.
     pub peels: f64,
     /// Smallest <v, n>: steeper surfaces count as this steep.
     pub limit: f64,
@@ -152,7 +152,7 @@ pub fn reach_px(_view: &View, _settings: &Settings) -> Option<u32> {
 pub fn called_for(context: &FrameContext, _asked: &Effects, _before: &EffectDecisions) -> Reason {
     let why = match context.points {
         0 => "there are no points",
-        _ if context.lit => {
+        _ if context.has_saved_shadows => {
             return Reason { runs: true, why: "saved shadows cost nothing".into() };
         }
         _ => {
@@ -184,7 +184,8 @@ pub struct Facts {
     /// Samples that are cast so far.
     pub cast: u32,
     /// Nodes whose points this frame has tested; the others were kept.
-    pub marked: u32,
+    #[serde(alias = "marked")]
+    pub tested: u32,
     /// Pictures of the light, over all samples.
     pub pictures: u32,
     /// Size of the first picture `[texels]`.
@@ -215,7 +216,7 @@ impl Facts {
             saved: false,
             samples,
             cast: samples,
-            marked: 0,
+            tested: 0,
             pictures: cameras.len() as u32,
             size: first.size,
             halvings: *halvings,
@@ -239,12 +240,12 @@ impl std::fmt::Display for Facts {
         };
         write!(
             f,
-            "{}{} sample{} of the light, {} cast, points of {} nodes marked by this frame, {} picture{} each of {width} x {height} texels of {:.6} m{}; shadow begins {:.6} m behind a surface",
+            "{}{} sample{} of the light, {} cast, points of {} nodes tested by this frame, {} picture{} each of {width} x {height} texels of {:.6} m{}; shadow begins {:.6} m behind a surface",
             if self.saved { "saved ones, of all points, so that no light pass runs; " } else { "" },
             self.samples,
             plural(self.samples),
             self.cast,
-            self.marked,
+            self.tested,
             self.pictures,
             plural(self.pictures),
             self.texel_m,
@@ -268,7 +269,7 @@ pub fn light_visibility(
     if !decisions.runs(Effect::Shadows) {
         return Ok(None);
     }
-    let marks = match saved(g, context, resident) {
+    let visibility = match saved(g, context, resident) {
         Some(saved) => Some(saved?),
         None => counted(
             g,
@@ -278,7 +279,8 @@ pub fn light_visibility(
             at_once,
         )?,
     };
-    Ok(marks.map(|marks| LightVisibility { apart: decisions.runs(Effect::Phong), ..marks }))
+    Ok(visibility
+        .map(|visibility| LightVisibility { apart: decisions.runs(Effect::Phong), ..visibility }))
 }
 
 fn counted(
@@ -343,21 +345,29 @@ fn counted(
         let page = POINTS_PER_PAGE as u64;
         let parts =
             stay.iter().map(|&[from, to]| [from as u64 * page, to as u64 * page, page]).collect();
-        g.copy_parts("stay marks", &old, &mut tally.marks, parts);
+        g.copy_parts("keep light visibility", &old, &mut tally.light_visibility, parts);
         for sight in sights {
             let casters =
                 invalidation::casters(&sight.view, resident, &again, travel_px(settings, &[sight]));
-            let marked: Vec<_> = again.iter().map(|&number| &resident.nodes[number]).collect();
-            cast_on(g, &sight, resident, [&casters, &marked], around.bounds, settings, &mut tally)?;
+            let receivers: Vec<_> = again.iter().map(|&number| &resident.nodes[number]).collect();
+            cast_on(
+                g,
+                &sight,
+                resident,
+                [&casters, &receivers],
+                around.bounds,
+                settings,
+                &mut tally,
+            )?;
         }
         for view in views(kept..end)? {
             cast(g, &view, resident, around.bounds, settings, &mut tally)?;
         }
         return Ok(Some(LightVisibility {
-            counts: tally.marks,
+            counts: tally.light_visibility,
             saved: None,
             apart: false,
-            facts: Facts { cast: end, marked: again.len() as u32, ..facts },
+            facts: Facts { cast: end, tested: again.len() as u32, ..facts },
         }));
     }
     let (counts, kept) = g.persistent(PLACES[place], bytes, made_of, wanted)?;
@@ -375,16 +385,16 @@ fn counted(
         cast(g, &view, resident, around.bounds, settings, &mut tally)?;
     }
     Ok(Some(LightVisibility {
-        counts: tally.marks,
+        counts: tally.light_visibility,
         saved: None,
         apart: false,
-        facts: Facts { cast: end, marked: resident.nodes.len() as u32, ..facts },
+        facts: Facts { cast: end, tested: resident.nodes.len() as u32, ..facts },
     }))
 }
 
 /// Names of two persistent buffers: values for changed nodes go to the other one, next to those
 /// they are copied from.
-const PLACES: [&str; 2] = ["marks", "marks beside"];
+const PLACES: [&str; 2] = ["light visibility", "light visibility beside"];
 
 /// Returns the distance in the light's pictures over which a texel may change the limit of another,
 /// and one texel for rounding `[px]`.
@@ -406,7 +416,7 @@ fn saved(
     let pages = context
         .light
         .is_written(&contents.light)
-        .then(|| g.upload("saved marks", &resident.addresses(word)))?;
+        .then(|| g.upload("saved light visibility", &resident.addresses(word)))?;
     Some(pages.map(|counts| LightVisibility {
         counts,
         saved: Some(contents.full),
@@ -457,17 +467,17 @@ fn made_of(
 /// Buffers that are filled while shadows are cast.
 pub struct Tally {
     /// Number of samples that reach each point, one byte by point id.
-    pub marks: Buffer,
+    pub light_visibility: Buffer,
     /// Texels where index peeling ended early.
     pub unpeeled: Buffer,
 }
 
 impl Tally {
     /// Starts at zero, or continues with the samples that are counted already.
-    pub fn new(g: &mut Graph, marks: Buffer, goes_on: bool) -> Tally {
-        let mut tally = Tally { marks, unpeeled: g.buffer("unpeeled", 4) };
+    pub fn new(g: &mut Graph, light_visibility: Buffer, goes_on: bool) -> Tally {
+        let mut tally = Tally { light_visibility, unpeeled: g.buffer("unpeeled", 4) };
         if !goes_on {
-            g.fill(&mut tally.marks, 0);
+            g.fill(&mut tally.light_visibility, 0);
         }
         g.fill(&mut tally.unpeeled, 0);
         tally
@@ -493,12 +503,12 @@ pub fn cast(
     cast_on(g, sight, resident, [&all, &all], bounds, settings, tally)
 }
 
-/// Adds one sample to the points of `marked` nodes, with shadows cast by others.
+/// Adds one sample to the points of `receivers`, with shadows cast by others.
 fn cast_on(
     g: &mut Graph,
     sight: &LightCamera,
     resident: &Resident,
-    [casters, marked]: [&[&ResidentNode]; 2],
+    [casters, receivers]: [&[&ResidentNode]; 2],
     bounds: (DVec3, DVec3),
     settings: &Settings,
     tally: &mut Tally,
@@ -519,12 +529,14 @@ fn cast_on(
     let reached = reach(g, camera, &keys, &layer);
     let numbers =
         |nodes: &[&ResidentNode]| nodes.iter().map(|node| node.number).collect::<Vec<_>>();
-    if numbers(casters) != numbers(marked) {
-        drawn = project::draw_some(g, camera, resident, marked, Precision::Auto)?;
+    if numbers(casters) != numbers(receivers) {
+        drawn = project::draw_some(g, camera, resident, receivers, Precision::Auto)?;
         shallow = drawn.all_shallow(g);
     }
     match settings.method {
-        Method::Depth => by_depth(g, camera, &drawn, &shallow, &reached.limit, &mut tally.marks),
+        Method::Depth => {
+            by_depth(g, camera, &drawn, &shallow, &reached.limit, &mut tally.light_visibility)
+        }
         Method::Index => {
             peel::record(g, camera, &drawn, &reached.limit, settings.peels as u32, tally)?
         }
@@ -540,7 +552,7 @@ fn by_depth(
     drawn: &Drawn,
     shallow: &Shallow,
     limit: &Buffer,
-    marks: &mut Buffer,
+    light_visibility: &mut Buffer,
 ) {
     let walk = project::Walk::new(g, camera, Strip { top: 0, size: camera.size });
     for group in &drawn.groups {
@@ -571,7 +583,7 @@ fn by_depth(
                 page_words: pages,
                 limit,
                 limit_words: limit,
-                marks,
+                light_visibility,
                 push,
                 spec,
             },
@@ -587,9 +599,9 @@ pub fn record(
     gbuffer: GBuffer,
 ) -> GBuffer {
     match &gbuffer.light_visibility {
-        Some(marks) if marks.apart => shadow_factor(g, context.view.size, gbuffer),
-        Some(marks) => GBuffer {
-            color: shaded(g, context.view.size, marks, settings.ambient, &gbuffer),
+        Some(visibility) if visibility.apart => shadow_factor(g, context.view.size, gbuffer),
+        Some(visibility) => GBuffer {
+            color: shaded(g, context.view.size, visibility, settings.ambient, &gbuffer),
             ..gbuffer
         },
         None => gbuffer,
@@ -599,31 +611,33 @@ pub fn record(
 /// Looks up the visibility of each pixel's point, if lighting follows; again after pixels were
 /// given other points.
 pub fn shadow_factor(g: &mut Graph, size: [u32; 2], gbuffer: GBuffer) -> GBuffer {
-    let reached = gbuffer
+    let shadow_factor = gbuffer
         .light_visibility
         .as_ref()
-        .filter(|marks| marks.apart)
-        .map(|marks| shaded(g, size, marks, 0.0, &gbuffer));
-    GBuffer { shadow_factor: reached, ..gbuffer }
+        .filter(|visibility| visibility.apart)
+        .map(|visibility| shaded(g, size, visibility, 0.0, &gbuffer));
+    GBuffer { shadow_factor, ..gbuffer }
 }
 
 fn shaded(
     g: &mut Graph,
     size: [u32; 2],
-    marks: &LightVisibility,
+    visibility: &LightVisibility,
     ambient: f64,
     gbuffer: &GBuffer,
 ) -> Image {
-    let mut shaded = g.image(if marks.apart { "reached" } else { "shaded" }, size, Kind::Rgba32f);
-    let full = marks.saved.unwrap_or(marks.facts.cast);
+    let mut shaded =
+        g.image(if visibility.apart { "shadow factor" } else { "shaded" }, size, Kind::Rgba32f);
+    let full = visibility.saved.unwrap_or(visibility.facts.cast);
     let push = shader::shadow_apply::Push { size, full: full as f32, ambient: ambient as f32 };
-    let spec = shader::shadow_apply::Spec { saved: marks.saved.is_some(), apart: marks.apart };
+    let spec =
+        shader::shadow_apply::Spec { saved: visibility.saved.is_some(), apart: visibility.apart };
     let GBuffer { index, color, .. } = gbuffer;
     g.run(
         shader::ShadowApply {
             index,
-            marks: &marks.counts,
-            saved: &marks.counts,
+            light_visibility: &visibility.counts,
+            saved: &visibility.counts,
             color,
             shaded: &mut shaded,
             push,

@@ -170,9 +170,13 @@ pub fn record(
         );
         std::mem::swap(&mut from, &mut to);
     }
-    let mut lit = g.image("lit", size, Kind::R32f);
+    let mut shading = g.image("shading", size, Kind::R32f);
     g.run(
-        shader::ShapeUnpack { shade: &shade, lit: &mut lit, push: shape_unpack::Push { size } },
+        shader::ShapeUnpack {
+            shade: &shade,
+            shading: &mut shading,
+            push: shape_unpack::Push { size },
+        },
         Dispatch::Groups([size[0].div_ceil(64), size[1].div_ceil(4), 1]),
     );
     let color = match settings.base {
@@ -190,5 +194,5 @@ pub fn record(
             white
         }
     };
-    GBuffer { color, shading: Some(lit), ..gbuffer }
+    GBuffer { color, shading: Some(shading), ..gbuffer }
 }

@@ -2,7 +2,7 @@
 //! 2010, sec. 3.4).
 //!
 //! ```text
-//!     smooth_tiles   raw, depth -> filled pixels, and the list of tiles with some in reach
+//!     smooth_tiles   projected_depth, depth -> filled pixels, and the list of tiles with some in reach
 //!     smooth         depth, color -> smooth depth, smooth color    in these tiles, repeatedly
 //!     smooth_end     smooth depth, smooth color -> depth, color
 //! ```
@@ -175,7 +175,7 @@ pub fn record(
     let GBuffer { projected_depth, mut depth, mut color, mut shadow_factor, .. } = gbuffer;
     g.run(
         shader::SmoothTiles {
-            raw: &projected_depth,
+            projected_depth: &projected_depth,
             filled: &depth,
             pixels: &mut pixels,
             found: &mut found,
@@ -189,43 +189,43 @@ pub fn record(
     let mut smooth_color = g.image("smooth color", size, Kind::Rgba32f);
     // Depth and colour have steps wherever pixels were filled, light only at its edges; noise in it
     // is removed with all else. Unread bindings need an image, too.
-    let lit_by = all && shadow_factor.is_some();
+    let shadowed = all && shadow_factor.is_some();
     let mut nowhere = g.image("nowhere", [1, 1], Kind::Rgba32f);
-    let mut smooth_reached =
-        g.image("smooth reached", if lit_by { size } else { [1, 1] }, Kind::Rgba32f);
+    let mut smooth_shadow_factor =
+        g.image("smooth shadow factor", if shadowed { size } else { [1, 1] }, Kind::Rgba32f);
     let (filter, iterations) = chosen(settings, context.sampling.spacing_px());
     for _ in 0..iterations {
-        let light = shadow_factor.as_ref().filter(|_| lit_by).unwrap_or(&color);
-        let to = (&mut smooth_depth, &mut smooth_color, &mut smooth_reached);
+        let light = shadow_factor.as_ref().filter(|_| shadowed).unwrap_or(&color);
+        let to = (&mut smooth_depth, &mut smooth_color, &mut smooth_shadow_factor);
         let (push, spec) =
-            (smooth::Push { tiles, weights: filter.weights() }, smooth::Spec { reached: lit_by });
+            (smooth::Push { tiles, weights: filter.weights() }, smooth::Spec { shadowed });
         g.run(
             shader::Smooth {
                 lists: &lists,
                 pixels: &pixels,
                 depth: &depth,
                 color: &color,
-                reached: light,
+                shadow_factor: light,
                 smooth_depth: to.0,
                 smooth_color: to.1,
-                smooth_reached: to.2,
+                smooth_shadow_factor: to.2,
                 push,
                 spec,
             },
             Dispatch::Indirect(&lists, 0),
         );
-        let light = shadow_factor.as_mut().filter(|_| lit_by).unwrap_or(&mut nowhere);
+        let light = shadow_factor.as_mut().filter(|_| shadowed).unwrap_or(&mut nowhere);
         let (push, spec) =
-            (smooth_end::Push { tiles_across: tiles[0] }, smooth_end::Spec { reached: lit_by });
+            (smooth_end::Push { tiles_across: tiles[0] }, smooth_end::Spec { shadowed });
         g.run(
             shader::SmoothEnd {
                 lists: &lists,
                 smooth_depth: &smooth_depth,
                 smooth_color: &smooth_color,
-                smooth_reached: &smooth_reached,
+                smooth_shadow_factor: &smooth_shadow_factor,
                 depth: &mut depth,
                 color: &mut color,
-                reached: light,
+                shadow_factor: light,
                 push,
                 spec,
             },

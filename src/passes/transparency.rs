@@ -5,7 +5,7 @@
 //!     each layer
 //!         project, resolve   the nearest of the points behind the last layer    if a pixel is left
 //!         all effects        as for a picture of its own                        where points were found
-//!         transparency       color, lit -> front, in linear light
+//!         transparency       color, shading -> front, in linear light
 //!                            depth -> depth where the next layer begins, and whether a pixel is left
 //! ```
 //! A layer is everything within the layer distance of its surface. The next one begins behind that.
@@ -135,7 +135,7 @@ pub fn record(
     let mut left = g.buffer("left", 4);
     g.fill(&mut left, 0);
     // Unread bindings need an image, too.
-    let lit = gbuffer.shading.as_ref().unwrap_or(&gbuffer.depth);
+    let shading = gbuffer.shading.as_ref().unwrap_or(&gbuffer.depth);
     // The first layer covers the whole picture and reads neither.
     let (front_before, peeled_before) = if number == 0 {
         (gbuffer.color.alias(), gbuffer.depth.alias())
@@ -150,7 +150,7 @@ pub fn record(
     );
     let last = number + 1 == settings.layers as u32;
     let spec = Spec {
-        lit_by: gbuffer.shading.is_some(),
+        has_shading: gbuffer.shading.is_some(),
         first: number == 0,
         last,
         texels: g.gpu.device.has_large_texel_buffers,
@@ -169,15 +169,15 @@ pub fn record(
             apart_px: gbuffer.flat_px as i32,
         };
         let source = gbuffer.depth_source.as_ref().unwrap_or(&gbuffer.color);
-        let GBuffer { color, depth, projected_depth: raw, .. } = &gbuffer;
+        let GBuffer { color, depth, projected_depth, .. } = &gbuffer;
         let any_left = &left.racy_alias();
         let keys = &if number == 0 { left.racy_alias() } else { next.racy_alias() };
         g.run(
             shader::Transparency {
                 color,
-                lit,
+                shading,
                 depth,
-                raw,
+                projected_depth,
                 source,
                 front_before: &front_before,
                 front: &mut front,

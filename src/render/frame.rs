@@ -163,14 +163,14 @@ fn behind(
 fn kept(g: &mut Graph, gbuffer: GBuffer) -> GBuffer {
     let images = [
         ("depth", &gbuffer.depth),
-        ("raw", &gbuffer.projected_depth),
+        ("projected depth", &gbuffer.projected_depth),
         ("index", &gbuffer.index),
-        ("raw index", &gbuffer.projected_index),
+        ("projected index", &gbuffer.projected_index),
         ("color", &gbuffer.color),
     ];
     let [depth, projected_depth, index, projected_index, color] =
         images.map(|(name, image)| g.copy(name, image));
-    let shading = gbuffer.shading.as_ref().map(|shading| g.copy("lit", shading));
+    let shading = gbuffer.shading.as_ref().map(|shading| g.copy("shading", shading));
     GBuffer { depth, projected_depth, index, projected_index, color, shading, ..gbuffer }
 }
 

@@ -62,15 +62,15 @@ impl OpenOptions {
     /// Adds saved shadows and simulated faults to an index.
     fn equipped(&self, mut index: Index) -> Result<Source> {
         if let Some((path, light)) = &self.shadows {
-            let marks = index.open_shadows(path)?;
-            if !light.is_written(&marks.contents.light) {
+            let shadows = index.open_shadows(path)?;
+            if !light.is_written(&shadows.contents.light) {
                 return Err(Error::Request(format!(
                     "{} has shadows of --light {}, but the picture's light is {light}; use that light, or cast new ones with `pointillist shadows`",
                     path.display(),
-                    marks.contents.light
+                    shadows.contents.light
                 )));
             }
-            index.shadows = Some(marks);
+            index.shadows = Some(shadows);
         }
         index.hidden =
             if self.read.strays == Treatment::Hide { root_samples(&index).1 } else { None };

@@ -194,7 +194,7 @@ impl Residency {
                 .shadows
                 .as_ref()
                 .filter(|_| shown.light().is_some())
-                .map(|marks| Box::new(marks.contents.clone())),
+                .map(|shadows| Box::new(shadows.contents.clone())),
             clips: Clips::default(),
         };
         Ok(Residency {

@@ -543,7 +543,7 @@ fn hard_00_surfaces_are_part_of_every_picture() {
         overlap: StationOverlap::everywhere([16, 16]).into(),
         transparent: false,
         normals: false,
-        lit: false,
+        has_saved_shadows: false,
         balance: None,
     });
     assert!(

@@ -49,7 +49,7 @@ fn refine_shadows(
     let (scene, began) = (config.frame_context(view, resident), Instant::now());
     loop {
         let mut g = Graph::new(gpu);
-        let marks = match shadows::light_visibility(
+        let visibility = match shadows::light_visibility(
             &mut g,
             &scene,
             resident,
@@ -57,14 +57,14 @@ fn refine_shadows(
             &config.decisions,
             Some(1),
         ) {
-            Ok(marks) => marks,
+            Ok(visibility) => visibility,
             Err(error) => {
                 g.discard();
                 // Drawing reports the same error.
                 return if let Error::Request(_) = error { Ok(()) } else { Err(error) };
             }
         };
-        let Some(shadows::LightVisibility { counts, saved: None, facts, .. }) = marks else {
+        let Some(shadows::LightVisibility { counts, saved: None, facts, .. }) = visibility else {
             return Ok(());
         };
         g.submit_and_wait(&[counts.resource()])?.recycle(gpu);
@@ -240,7 +240,7 @@ impl RenderLoop {
             .gbuffer
             .light_visibility
             .as_ref()
-            .is_none_or(|marks| marks.facts.cast == marks.facts.samples);
+            .is_none_or(|visibility| visibility.facts.cast == visibility.facts.samples);
         let finest = divisor == 1 && drawn.effects == config.effects && lit && ordered;
         self.schedule.redraw = match (finest, complete) {
             (true, true) => Redraw::Nothing,

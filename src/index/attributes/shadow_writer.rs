@@ -41,23 +41,23 @@ impl<'i> ShadowWriter<'i> {
     }
 
     /// Writes all shadows of a node, replacing earlier ones.
-    pub fn put(&self, node: usize, marks: &[u8]) -> Result<()> {
-        assert_eq!(marks.len() as u32, self.index.nodes()[node].count, "node {node}");
-        self.crcs.lock().unwrap_or_else(PoisonError::into_inner)[node] = crc32c::crc32c(marks);
-        self.file.put(self.offsets[node], marks)
+    pub fn put(&self, node: usize, values: &[u8]) -> Result<()> {
+        assert_eq!(values.len() as u32, self.index.nodes()[node].count, "node {node}");
+        self.crcs.lock().unwrap_or_else(PoisonError::into_inner)[node] = crc32c::crc32c(values);
+        self.file.put(self.offsets[node], values)
     }
 
     /// Reads back the shadows of a node.
     pub fn get(&self, node: usize) -> Result<Vec<u8>> {
-        let mut marks = vec![0; self.index.nodes()[node].count as usize];
-        self.file.get(self.offsets[node], &mut marks)?;
-        if crc32c::crc32c(&marks) != self.crcs.lock().unwrap_or_else(PoisonError::into_inner)[node]
+        let mut values = vec![0; self.index.nodes()[node].count as usize];
+        self.file.get(self.offsets[node], &mut values)?;
+        if crc32c::crc32c(&values) != self.crcs.lock().unwrap_or_else(PoisonError::into_inner)[node]
         {
             return Err(Error::Request(format!(
                 "cannot read back the shadows of node {node}: the disk has lost a write; try again"
             )));
         }
-        Ok(marks)
+        Ok(values)
     }
 
     /// Computes the shadows of inner nodes from those of all leaves: of every sample the mean of
@@ -74,7 +74,7 @@ impl<'i> ShadowWriter<'i> {
                 .collect();
             at_level.into_par_iter().try_for_each(|node| {
                 // Shadows are sorted with their samples, in the column of classes.
-                let mark = |child: usize, samples: &mut Samples| {
+                let value = |child: usize, samples: &mut Samples| {
                     samples.class = Some(self.get(child)?);
                     Ok(())
                 };
@@ -82,7 +82,7 @@ impl<'i> ShadowWriter<'i> {
                     node,
                     &|record| self.index.tree_corner(record),
                     &[Plane::Weight],
-                    &mark,
+                    &value,
                 )?;
                 let below = samples.class.as_deref().unwrap_or_default();
                 let runs = merge::runs(&samples);

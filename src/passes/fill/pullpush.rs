@@ -57,7 +57,7 @@ pub fn record(
     let (depth, color) = pyramid.filled(g, &gbuffer.depth, &gbuffer.color);
     pyramid.labels = false;
     let shadow_factor =
-        gbuffer.shadow_factor.as_ref().map(|reached| pyramid.filled(g, &gbuffer.depth, reached).1);
+        gbuffer.shadow_factor.as_ref().map(|factor| pyramid.filled(g, &gbuffer.depth, factor).1);
     GBuffer { depth, color, shadow_factor, holes: None, ..gbuffer }
 }
 

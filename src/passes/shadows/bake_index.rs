@@ -110,8 +110,8 @@ pub fn cast(
                 .push(Picture { sight, keys: gpu.memory.buffer(&gpu.device, desc, "light keys")? });
         }
         let last = number + 1 == groups.len();
-        let marked = work.see(gpu, &mut room, &pictures, &mut done).and_then(|()| {
-            work.mark(gpu, &mut room, &pictures, &mut done, |node, counts| {
+        let counted = work.see(gpu, &mut room, &pictures, &mut done).and_then(|()| {
+            work.count_samples(gpu, &mut room, &pictures, &mut done, |node, counts| {
                 let mut sums =
                     if number == 0 { vec![0; counts.len()] } else { writer.get(node)? };
                 // Two pictures of the light may count a point on their border.
@@ -122,7 +122,7 @@ pub fn cast(
             })
         });
         pictures.into_iter().for_each(|picture| gpu.memory.recycle_buffer(picture.keys));
-        marked?;
+        counted?;
     }
     room.free(gpu);
     writer.merge_inner_nodes(progress)?;
@@ -220,7 +220,7 @@ impl Work<'_> {
     }
 
     /// Counts, for each point of all leaves, the samples of the pictures that reach it.
-    fn mark(
+    fn count_samples(
         &self,
         gpu: &mut Gpu,
         room: &mut Resident,
@@ -231,17 +231,18 @@ impl Work<'_> {
         for batch in self.batches {
             self.bring(gpu, room, batch, done)?;
             let mut g = Graph::new(gpu);
-            let mut marks = g.buffer("marks", batch.len() as u64 * POINTS_PER_PAGE as u64);
-            g.fill(&mut marks, 0);
+            let mut light_visibility =
+                g.buffer("light visibility", batch.len() as u64 * POINTS_PER_PAGE as u64);
+            g.fill(&mut light_visibility, 0);
             for Picture { sight, keys } in pictures {
                 let (keys, view) = (g.import("light keys", keys), &sight.view);
                 let reached =
                     reach(&mut g, view, &keys, &Layer::of(sight, self.bounds, self.settings));
                 let drawn = project::draw(&mut g, view, room, Precision::Auto)?;
                 let all = drawn.all_shallow(&mut g);
-                by_depth(&mut g, view, &drawn, &all, &reached.limit, &mut marks);
+                by_depth(&mut g, view, &drawn, &all, &reached.limit, &mut light_visibility);
             }
-            let counts = g.download_buffer(&marks);
+            let counts = g.download_buffer(&light_visibility);
             let frame = g.submit_and_wait(&[])?;
             let pages = frame.read::<u8>(&counts).chunks_exact(POINTS_PER_PAGE as usize);
             for (page, (&node, held)) in pages.zip(batch.iter().zip(&room.nodes)) {

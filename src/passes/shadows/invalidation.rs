@@ -67,8 +67,8 @@ pub fn casters<'r>(
     travel_px: f64,
 ) -> Vec<&'r ResidentNode> {
     let again: Vec<_> = again.iter().map(|&number| resident.nodes[number].bounds()).collect();
-    let marked = Boxes::of(std::slice::from_ref(view), &again, travel_px);
-    resident.nodes.iter().filter(|node| marked.meet(node.bounds())).collect()
+    let receivers = Boxes::of(std::slice::from_ref(view), &again, travel_px);
+    resident.nodes.iter().filter(|node| receivers.meet(node.bounds())).collect()
 }
 
 /// Boxes projected into pictures.

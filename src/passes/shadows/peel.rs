@@ -4,11 +4,11 @@
 //!     shadow_peel         points, limits, keys of the last peel -> keys    nearest remaining point of
 //!                         each texel within the limit; first its depth, then its id
 //!     shadow_peel_apply   keys -> visibility, keys of the last peel, count
-//!     again until a peel marks nothing
+//!     again until a peel reaches nothing
 //! ```
 //! A peel takes one point of each texel, so there are as many peels as the fullest texel has points
 //! within its layer. They are recorded in blocks; the device skips those after a block that has
-//! marked nothing ([`predicate`]). A count tells whether the last one still marked something
+//! reached nothing ([`predicate`]). A count tells whether the last one still reached something
 //! (guide: numerics, case 15).
 
 use super::Tally;
@@ -52,7 +52,15 @@ pub fn record(
             for peel in first..most.min(first + of_a_block) {
                 // The last peel may not be the end.
                 let counted = if peel + 1 == most { &mut tally.unpeeled } else { &mut peeled };
-                one(g, camera, drawn, limit, [&mut keys, &mut last], counted, &mut tally.marks);
+                one(
+                    g,
+                    camera,
+                    drawn,
+                    limit,
+                    [&mut keys, &mut last],
+                    counted,
+                    &mut tally.light_visibility,
+                );
             }
             Ok(())
         };
@@ -73,7 +81,7 @@ fn one(
     limit: &Buffer,
     [keys, last]: [&mut Buffer; 2],
     peeled: &mut Buffer,
-    marks: &mut Buffer,
+    light_visibility: &mut Buffer,
 ) {
     let size = camera.size;
     let Walk { centre, corner, size: across, near, lanes, perspective, texels, points_per_chunk } =
@@ -115,7 +123,7 @@ fn one(
     }
     let push = shadow_peel_apply::Push { size };
     g.run(
-        shader::ShadowPeelApply { peeled, keys, last, marks, push },
+        shader::ShadowPeelApply { peeled, keys, last, light_visibility, push },
         Dispatch::Groups([size[0].div_ceil(64), size[1], 1]),
     );
 }
