@@ -1,8 +1,8 @@
 //! Timings of passes at fixed views and sizes, as rows of a table, JSON and a saved baseline.
 
-pub mod dobrev;
 pub mod flight;
 pub mod index;
+pub mod layers;
 pub mod luminance;
 pub mod project;
 pub mod strokes;

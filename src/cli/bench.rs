@@ -2,9 +2,10 @@
 
 use super::options::{DetailOptions, DeviceOptions};
 use super::units::{Bytes, Size};
-use crate::bench::{self, dobrev, flight, index, luminance, project, strokes, surface, window};
+use crate::bench::{self, flight, index, layers, luminance, project, strokes, surface, window};
 use crate::error::{Error, Result};
 use crate::progress::Progress;
+use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use std::ffi::OsString;
 use std::path::PathBuf;
 
@@ -16,7 +17,7 @@ Examples:
   pointillist bench luminance --points 1000000,4000000,16000000,64000000 --size 1920x1080
                                                            frames with and without luminance correction
   pointillist bench strokes --points 14000000 --size 1000x1000 --model dragon.ply    paintings, against plain points of the same cloud: table 2 of the paper
-  pointillist bench dobrev --points 6000000 --size 512x512,1024x1024 --model dragon.ply    layers and shadows, as in the paper's table 3
+  pointillist bench layers --points 6000000 --size 512x512,1024x1024 --model dragon.ply    layers and shadows, as in the paper's table 3
   pointillist bench --json > before.json                   keep the rows
   pointillist bench --baseline before.json                 compare with rows kept before
   pointillist bench index --points 20000000 --laz          time to build an index, and its lower bound
@@ -28,8 +29,8 @@ Examples:
 #[command(after_help = EXAMPLES)]
 pub struct Arguments {
     /// Which benchmarks to run [default: project, and with --index also flight]: project, surface,
-    /// dobrev, luminance, strokes, index, flight, window
-    #[arg(value_name = "NAME", value_parser = ["project", "surface", "dobrev", "luminance", "strokes", "index", "flight", "window"])]
+    /// layers, luminance, strokes, index, flight, window
+    #[arg(value_name = "NAME", value_parser = names())]
     pub names: Vec<String>,
     /// Numbers of points
     #[arg(long, value_name = "N,...", value_delimiter = ',', default_values_t = [1_000_000, 10_000_000], value_parser = clap::value_parser!(u64).range(1..=2_000_000_000))]
@@ -42,7 +43,7 @@ pub struct Arguments {
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=10_000))]
     pub repeat: Option<u64>,
     /// Also on this cloud; repeatable
-    #[arg(long, value_name = "FILE", help_heading = "Strokes, dobrev")]
+    #[arg(long, value_name = "FILE", help_heading = "Strokes, layers")]
     pub model: Vec<PathBuf>,
     /// Index LAZ instead of LAS
     #[arg(long, help_heading = "Index")]
@@ -77,6 +78,18 @@ pub struct Arguments {
     pub device: DeviceOptions,
 }
 
+/// Parses the name of a benchmark; an old spelling becomes the new one.
+fn names() -> impl TypedValueParser<Value = String> {
+    let names =
+        ["project", "surface", "layers", "luminance", "strokes", "index", "flight", "window"];
+    let values = names.map(|name| match name {
+        "layers" => PossibleValue::new(name).alias("dobrev"),
+        _ => PossibleValue::new(name),
+    });
+    PossibleValuesParser::new(values)
+        .map(|name| if name == "dobrev" { "layers".to_string() } else { name })
+}
+
 pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
     let baseline =
         arguments.baseline.as_deref().map(bench::read_baseline).transpose()?.unwrap_or_default();
@@ -99,7 +112,8 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
         if asked("luminance", false) { luminances(arguments, progress)? } else { Vec::new() };
     let paintings =
         if asked("strokes", false) { paintings(arguments, progress)? } else { Vec::new() };
-    let dobrevs = if asked("dobrev", false) { dobrevs(arguments, progress)? } else { Vec::new() };
+    let layer_rows =
+        if asked("layers", false) { layer_rows(arguments, progress)? } else { Vec::new() };
     let flights = if asked("flight", arguments.index.is_some()) {
         flights(arguments, progress)?
     } else {
@@ -112,7 +126,7 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
         let values = values.chain(surfaces.iter().map(serde_json::to_value));
         let values = values.chain(luminances.iter().map(serde_json::to_value));
         let values = values.chain(paintings.iter().map(serde_json::to_value));
-        let values = values.chain(dobrevs.iter().map(serde_json::to_value));
+        let values = values.chain(layer_rows.iter().map(serde_json::to_value));
         let values = values.chain(windows.iter().map(serde_json::to_value));
         let values = values
             .chain(flights.iter().map(serde_json::to_value))
@@ -138,8 +152,8 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
     if !paintings.is_empty() {
         print!("{}", strokes::table(&paintings));
     }
-    if !dobrevs.is_empty() {
-        print!("{}", dobrev::table(&dobrevs));
+    if !layer_rows.is_empty() {
+        print!("{}", layers::table(&layer_rows));
     }
     if !flights.is_empty() {
         print!("{}", flight::table(&flights));
@@ -213,19 +227,19 @@ fn paintings(arguments: &Arguments, progress: &dyn Progress) -> Result<Vec<strok
     strokes::run(&arguments.device.to_options(), &plan, progress)
 }
 
-fn dobrevs(arguments: &Arguments, progress: &dyn Progress) -> Result<Vec<dobrev::Row>> {
+fn layer_rows(arguments: &Arguments, progress: &dyn Progress) -> Result<Vec<layers::Row>> {
     let mut rows = Vec::new();
     for (number, &points) in arguments.points.iter().enumerate() {
         // A model has a fixed number of points, so it is measured once.
         let models = if number == 0 { arguments.model.clone() } else { Vec::new() };
-        let plan = dobrev::Plan {
+        let plan = layers::Plan {
             points,
             models,
             sizes: sizes(arguments),
             repeat: arguments.repeat.unwrap_or(5) as usize,
             seed: arguments.seed,
         };
-        rows.extend(dobrev::run(&arguments.device.to_options(), &plan, progress)?);
+        rows.extend(layers::run(&arguments.device.to_options(), &plan, progress)?);
     }
     Ok(rows)
 }

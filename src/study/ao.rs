@@ -54,7 +54,7 @@ impl Question for Ao {
     const REFERENCE: &'static [&'static str] =
         &["visibility=on", "fill=on", "shape=off", "edl=off", "ao=on,directions=64,steps=16"];
     const AFTER: &'static [&'static str] = &["resolve", "visibility_apply", "fill"];
-    const HOW: &'static str = "Light is 0 to 1. Errors are root mean squares over interior pixels that have a depth. <em>Self</em> is the renderer's own light with 64 directions of 16 samples; the truth is the \
+    const METHOD: &'static str = "Light is 0 to 1. Errors are root mean squares over interior pixels that have a depth. <em>Self</em> is the renderer's own light with 64 directions of 16 samples; the truth is the \
         operator with 32 of 8 on ray-cast depths, in f64. Visibility and filling run before, and are not timed here.";
     type Known = Light;
 

@@ -92,7 +92,7 @@ pub trait Question {
     const REFERENCE: &'static [&'static str];
     /// The last pass before the measured ones.
     const AFTER: &'static [&'static str];
-    const HOW: &'static str;
+    const METHOD: &'static str;
     /// The reference of all configurations of a case.
     type Known;
 
@@ -183,17 +183,17 @@ pub fn run<Q: Question>(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> 
                 )
             }),
     );
-    let how = format!(
+    let method = format!(
         "{} Truth is the surface itself, ray-cast in f64. All scenes at one density are pooled: errors are sums over all pixels, milliseconds are sums over the frames, of \
          {} x {} pixels. Milliseconds are those of the passes that the settings change. n = {rounds} interleaved rounds after one that is not \
          counted. Left out: {}.",
-        Q::HOW,
+        Q::METHOD,
         options.size[0],
         options.size[1],
         if left_out.is_empty() { "nothing".into() } else { left_out.join("; ") }
     );
     let tables = vec![table::<Q>(&pools)];
-    Ok(Section { name: Q::NAME, title: Q::TITLE.into(), how, rows, figures, tables })
+    Ok(Section { name: Q::NAME, title: Q::TITLE.into(), method, rows, figures, tables })
 }
 
 fn measured<Q: Question>(

@@ -58,8 +58,8 @@ impl Question for Fill {
     const REFERENCE: &'static [&'static str] =
         &["visibility=off", "fill=off", "shape=off", "edl=off"];
     const AFTER: &'static [&'static str] = &["resolve"];
-    const HOW: &'static str = "One setting differs from what the renderer does when nothing is asked for; <em>auto</em> is that. <em>Splats</em> are discs of so many pixels' radius around \
-        points as they are; <em>dobrev</em> fills them by masks; <em>pintus</em> fills step by step; <em>pullpush</em> without visibility fills every empty pixel, the background too; <em>points</em> are all that methods are given. \
+    const METHOD: &'static str = "Every row changes one setting of the default, which is <em>auto</em>. <em>Splats</em> are discs of so many pixels' radius around \
+        points as they are; <em>mask</em> fills them by masks; <em>median</em> fills step by step; <em>pullpush</em> without visibility fills every empty pixel, the background too; <em>points</em> are the input of all methods. \
         Milliseconds are those of visibility and filling together, since splats need none. Tolerance is in widths of a pixel at the scene's depth.";
     type Known = ();
 
@@ -87,14 +87,14 @@ impl Question for Fill {
         [
             own(AUTO, AUTO, "fill=on"),
             bare("points", "fill=off"),
-            Configuration::new("method", "dobrev", &masks),
+            Configuration::new("method", "mask", &masks),
         ]
         .into_iter()
         .chain(["1", "2", "3", "4", "6", "9"].map(|radius| {
             bare(&format!("splat {radius} px"), &format!("fill=on,method=splat,radius={radius}"))
         }))
         .chain([
-            own("method", "pintus", "fill=on,method=median"),
+            own("method", "median", "fill=on,method=median"),
             own("method", "pullpush", "fill=on,method=pullpush"),
             bare("pullpush, no visibility", "fill=on,method=pullpush"),
         ])

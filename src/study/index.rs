@@ -129,7 +129,7 @@ pub fn run(_: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Section>
         Figure::of("index", metric, [x_axis, y_axis], caption, &rows, &label)
     };
     let figures = METRICS.iter().map(figure).collect();
-    let how = format!(
+    let method = format!(
         "{} points a scene at E 500 km, N 5000 km, on the finest lattice that a LAS file holds, indexed; n = {} interleaved rounds after one that is not counted. Errors are those \
          of all points in the leaves against the file's own coordinates, compared as integers: <em>all</em> planes must be exactly 0, and are what leaves keep whatever is drawn. \
          In pixels a point counts where a picture of {} x {} pixels shows it, hidden or not. A cell is the longest side of those that an inner node's samples were merged in. A sample \
@@ -140,7 +140,7 @@ pub fn run(_: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Section>
     Ok(Section {
         name: "index",
         title: "What an index keeps".into(),
-        how,
+        method,
         rows,
         figures,
         tables: vec![planes, levels],

@@ -48,7 +48,7 @@ const KNOBS: [(&str, &[Value]); 4] = [
         "distance",
         &[("1/8", "", 0.125), ("1/4", "", 0.25), ("1/2", "", 0.5), ("2", "", 2.0), ("4", "", 4.0)],
     ),
-    ("fill", &[("dobrev", "fill=method=mask", 0.0), ("off", "fill=off", 0.0)]),
+    ("fill", &[("mask", "fill=method=mask", 0.0), ("off", "fill=off", 0.0)]),
 ];
 
 /// RMS error of linear colours; share of pixels with a different number of layers.
@@ -172,7 +172,7 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
     };
     let figures = METRICS.map(figure).into_iter().collect();
     let pixels = truth.iter().flatten().count();
-    let how = format!(
+    let method = format!(
         "Nested tori of {} points in all, each of one colour and opacity {OPACITY}, unshaded; {pixels} of {} pixels, those two pixels away from contours and where surfaces are twice the automatic \
          layer distance of {layer_m:.4} m apart. Truth is every surface on the ray through the pixel's middle. <em>auto</em> peels up to 16 layers, and the device leaves out what is empty. n = {} \
          interleaved rounds after one that is not counted.",
@@ -183,7 +183,7 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
     Ok(Section {
         name: "layers",
         title: "Layers: number, distance, filling".into(),
-        how,
+        method,
         rows,
         figures,
         tables: vec![table],

@@ -201,7 +201,7 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
         })
     };
     let figures = METRICS.iter().chain(&POPPING).map(figure).collect();
-    let how = format!(
+    let method = format!(
         "{} points a scene, indexed, drawn at {} x {} pixels without effects; n = {} interleaved rounds after one that is not counted. The reference is the full cloud's own \
          picture (kind <em>self</em>, lod 0): errors are those of the cut and of nothing else. <em>auto</em> is lod {} with a budget of {} points a pixel; the other settings have \
          no budget. Colour and FLIP (at {} pixels per degree) are over the foreground, the pixels that either picture covers; depth over those that both cover. PSNR is \
@@ -222,7 +222,7 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
     Ok(Section {
         name: "lod",
         title: "Level of detail".into(),
-        how,
+        method,
         rows,
         figures,
         tables: vec![counters, dollies],

@@ -226,7 +226,7 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
         })
         .into_iter()
         .collect();
-    let how = format!(
+    let method = format!(
         "A street of {} points, scanned by five stations with exposures of {GAINS:?}; every point one pixel. Truth: the same points, all exposures 1. Exposure in a pixel is V over that of the truth; \
          <em>step</em> is its ratio between neighbouring pixels of one surface whose front points are of different stations, as the mean of |log2|. Details are what V differs from the mean of the 3 x 3, \
          divided by the exposure there; what is lost of them is 1 - &lt;picture, truth&gt; / &lt;truth, truth&gt;. Epsilon is in spacings of the points. The reference is V averaged over {NEIGHBOURS} \
@@ -236,7 +236,7 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
     Ok(Section {
         name: "luminance",
         title: "Luminance correction: steps and details".into(),
-        how,
+        method,
         rows,
         figures,
         tables: vec![table, problems::table(gpu, plan, progress)?],

@@ -31,7 +31,7 @@ const VIEWS: [(&str, DVec3, f64); 2] =
 const STYLES: [(&str, &[&str]); 4] = [
     ("auto", &["visibility=auto", "fill=auto", "shape=off", "edl=off"]),
     ("pullpush", &["visibility=auto", "fill=auto,method=pullpush", "shape=off", "edl=off"]),
-    ("pintus", &["visibility=auto", "fill=auto,method=median", "shape=off", "edl=off"]),
+    ("median", &["visibility=auto", "fill=auto,method=median", "shape=off", "edl=off"]),
     (
         "single",
         &["visibility=auto,levels=1,kernel=9", "fill=auto,method=median", "shape=off", "edl=off"],
@@ -115,7 +115,7 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
         }
     }
     mark_fronts(&mut all);
-    let how = format!(
+    let method = format!(
         "Vertices of meshes, and their triangles as truth, ray-cast in f64 as in <em>surface</em>. With c the middle of the bounding box and e its diagonal the eye is at \
          c + e (0.1, 0.15, 1.3), 45 degrees (whole), and at c + e (0.3, 0.35, 0.9), 30 degrees (near). n = {} interleaved rounds.",
         plan.repeat
@@ -123,7 +123,7 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
     Ok(Section {
         name: "meshes",
         title: "Vertices of meshes".into(),
-        how,
+        method,
         rows: all,
         figures: Vec::new(),
         tables: vec![table],

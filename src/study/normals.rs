@@ -151,14 +151,14 @@ pub fn run(_gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Secti
         )
     };
     let figures = METRICS.iter().map(figure).collect();
-    let how = format!(
+    let method = format!(
         "{} points a scene, of which at most {PLACES} in runs of {RUN} are looked at; n = {} interleaved rounds after one that is not counted, on one core of the CPU, without building the tree. <em>auto</em> is what <code>index --normals</code> does: {} neighbours and {} radii.",
         plan.points, plan.repeat, FIT.near, FIT.reach
     );
     Ok(Section {
         name: "normals",
         title: "Normals".into(),
-        how,
+        method,
         rows,
         figures,
         tables: vec![table],

@@ -155,7 +155,7 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
         )
     };
     let figures = METRICS.iter().map(figure).collect();
-    let how = format!(
+    let method = format!(
         "{} points a scene at E 500 km, N 5000 km, drawn at {} x {} pixels; n = {} interleaved rounds after one that is not counted. Errors are those of what was drawn: \
          every pixel names its point and depth, and the scan says in f64 where that point is. A pixel's error is how far outside of the pixel its point truly lies. Errors \
          of about 1e-4 px and 1e-7 of the depth are those of 32-bit arithmetic, which no number of bits removes. Only <em>pixels that show another point</em> compares with the \
@@ -165,7 +165,7 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
     Ok(Section {
         name: "precision",
         title: "Bits of position".into(),
-        how,
+        method,
         rows,
         figures,
         tables: vec![counters],

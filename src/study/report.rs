@@ -13,7 +13,7 @@ pub struct Section {
     pub name: &'static str,
     pub title: String,
     /// Method and interpretation, HTML.
-    pub how: String,
+    pub method: String,
     pub rows: Vec<Row>,
     pub figures: Vec<Figure>,
     pub tables: Vec<Table>,
@@ -150,7 +150,7 @@ th,td{padding:3px 14px 3px 0;border-bottom:1px solid #e4e7ea}th{text-align:left;
 td.n,th.n{text-align:right}code{background:#f3f4f6;padding:1px 4px;border-radius:3px;overflow-wrap:anywhere}.scroll{overflow-x:auto}";
 
 const READING: &str = "Each mark is one setting: time to the right, error upwards, both logarithmic, so down and left is better. Filled marks are on the front: no other setting is \
-both faster and more accurate; a step joins them. Hollow marks are beaten. The ring is what the renderer does when nothing is asked for. Bars are the quartiles of the times; \
+both faster and more accurate; a step joins them. Hollow marks are beaten. The ring is the default. Bars are the quartiles of the times; \
 where bars overlap, the times are not told apart. All panels of a figure share their axes.";
 
 pub fn html(sections: &[Section], plan: &Plan, origin: &Origin) -> String {
@@ -191,7 +191,7 @@ pub fn html(sections: &[Section], plan: &Plan, origin: &Origin) -> String {
             "<h2 id=\"{}\">{}</h2>\n<p>{}</p>",
             section.name,
             escaped(&section.title),
-            section.how
+            section.method
         );
         for figure in &section.figures {
             let _ = writeln!(

@@ -22,7 +22,7 @@ use crate::view::{Camera, Preset, View};
 use glam::DVec3;
 use std::f64::consts::{FRAC_PI_2, PI};
 
-pub const SUMMARY: &str = "size of the light's picture, samples, method: marks against the light that truly reaches points";
+pub const SUMMARY: &str = "size of the light's picture, samples, method: light visibility against the light that truly reaches points";
 
 /// Height of the plate above the floor `[m]`; half the light's angle `[degrees]`: half shadows are 21
 /// cm wide.
@@ -91,8 +91,8 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
     let times = sweep::interleaved(&configurations, plan.repeat, |configuration| {
         progress.tick("study shadows", 0, 0)?;
         let mut g = Graph::new(gpu);
-        let marks = cast(&mut g, &view, &resident, configuration)?;
-        let frame = g.submit_and_wait(&[marks.counts.resource()])?;
+        let visibility = cast(&mut g, &view, &resident, configuration)?;
+        let frame = g.submit_and_wait(&[visibility.counts.resource()])?;
         let ms = frame.ms("");
         frame.recycle(gpu);
         Ok(ms)
@@ -138,15 +138,15 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
             "shadows",
             metric,
             ["milliseconds of all light passes (bars: quartiles)", axis],
-            &format!("Marks: {metric}"),
+            &format!("Light visibility: {metric}"),
             &rows,
             &label,
         )
     };
     let figures = METRICS.map(figure).into_iter().collect();
-    let how = format!(
+    let method = format!(
         "A plate {HEIGHT} m above a floor, {} points in all, under a round light of {} degrees. Truth is the area of the light's disc that the plate's edge leaves, in closed form. \
-         <em>rms</em> is over floor points within the half shadow, <em>off</em> the share of all points whose mark is more than 1/16 off. <em>auto</em> has 16 stratified samples and a picture that \
+         <em>rms</em> is over floor points within the half shadow, <em>off</em> the share of all points whose visibility is more than 1/16 off. <em>auto</em> has 16 stratified samples and a picture that \
          suits the points' spacing. n = {} interleaved rounds after one that is not counted.",
         cloud.len(),
         2.0 * RADIUS,
@@ -155,7 +155,7 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
     Ok(Section {
         name: "shadows",
         title: "Shadows: picture, samples, method".into(),
-        how,
+        method,
         rows,
         figures,
         tables: vec![table],
@@ -170,9 +170,9 @@ fn cast(
 ) -> Result<shadows::LightVisibility> {
     let scene = FrameContext::of(view, resident, Light::Direction(DVec3::NEG_Z));
     let effects = &configuration.effects;
-    let marks =
+    let visibility =
         shadows::light_visibility(g, &scene, resident, effects, &effects.decide(&scene), None)?;
-    marks.ok_or(Error::Request("study shadows needs points".into()))
+    visibility.ok_or(Error::Request("study shadows needs points".into()))
 }
 
 fn error(
@@ -186,7 +186,7 @@ fn error(
         cast(&mut g, view, resident, configuration)?;
     let counts = g.download_buffer(&counts);
     let frame = g.submit_and_wait(&[])?;
-    let marks: &[u8] = frame.read(&counts);
+    let visibility: &[u8] = frame.read(&counts);
     let ids = resident
         .nodes
         .iter()
@@ -203,7 +203,7 @@ fn error(
             left_of(-p.x / (HEIGHT * RADIUS.to_radians().tan()))
         };
         let error =
-            (marks[id].min(facts.samples as u8) as f64 / facts.samples as f64 - truth).abs();
+            (visibility[id].min(facts.samples as u8) as f64 / facts.samples as f64 - truth).abs();
         if truth > 0.0 && truth < 1.0 {
             squares += error * error;
             half_shadows += 1.0;

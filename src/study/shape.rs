@@ -58,7 +58,7 @@ impl Question for Shape {
     const REFERENCE: &'static [&'static str] =
         &["visibility=on", "fill=on", "shape=on,levels=64", "edl=off"];
     const AFTER: &'static [&'static str] = &["resolve", "visibility_apply", "fill"];
-    const HOW: &'static str = "Light is 0 to 1. Errors are root mean squares over interior pixels that have a depth. <em>Self</em> is the renderer's own light with 64 levels, which is 0 there by \
+    const METHOD: &'static str = "Light is 0 to 1. Errors are root mean squares over interior pixels that have a depth. <em>Self</em> is the renderer's own light with 64 levels, which is 0 there by \
         definition; the truth is the operator with 64 levels on ray-cast depths, in f64. One level is the single pass of the paper. Visibility and filling run before, and are not timed here.";
     type Known = Light;
 

@@ -56,9 +56,9 @@ impl Question for Smooth {
         "edl=off",
     ];
     const AFTER: &'static [&'static str] = &["resolve", "visibility_apply", "fill"];
-    const HOW: &'static str = "Surfaces are filled by masks, or where <em>pintus</em> is said by medians and means. <em>auto</em> is what is done after filling by masks when nothing is asked for: the \
+    const METHOD: &'static str = "Surfaces are filled by masks, in rows named <em>median</em> by medians and means. <em>auto</em> is the default after filling by masks: the \
         alleviated Gaussian, once, where points are about a pixel apart, and the box as often as it takes where they are more, of pixels that were filled and those beside them. Filters run as often \
-        as points lie apart, too. Where <em>all</em> or <em>pintus</em> is said, the others are smoothed, too. Filling runs before, and is not timed here.";
+        as points lie apart, too. In rows named <em>all</em> or <em>median</em> the other pixels are smoothed, too. Filling runs before, and is not timed here.";
     type Known = ();
 
     fn configurations(_case: &Case) -> Vec<Configuration> {
@@ -71,7 +71,7 @@ impl Question for Smooth {
                 )
             }
         };
-        let (masks, pintus) =
+        let (masks, medians) =
             (after("visibility=off", "fill=on,method=mask"), after("visibility=on", "fill=on"));
         let filters = ["none", "alleviated", "gaussian", "box"].map(|filter| match filter {
             "none" => (filter, "smooth=off".to_string()),
@@ -90,7 +90,7 @@ impl Question for Smooth {
         });
         let others = filters
             .iter()
-            .map(|(filter, smooth)| pintus("pintus", format!("pintus, {filter}"), &all(smooth)));
+            .map(|(filter, smooth)| medians("median", format!("median, {filter}"), &all(smooth)));
         [masks(AUTO, AUTO.to_string(), "smooth=auto")]
             .into_iter()
             .chain(filter)

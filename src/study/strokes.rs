@@ -151,16 +151,16 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
         )
     };
     let figures = METRICS.map(figure).into_iter().collect();
-    let how = format!(
+    let method = format!(
         "{} points a scene. The reference is the renderer's own picture with every pixel's fragments sorted (self), which <em>auto</em> is; its difference to the f64 twin is a test. Blending, order and \
-         Gaussians make another painting, not a wrong one: how far away it is, is said here. Which strokes run through each other the twin counts, with {FEW} points. n = {} interleaved rounds after one that \
+         Gaussians make another painting, not a wrong one; its error is the difference. Which strokes run through each other the twin counts, with {FEW} points. n = {} interleaved rounds after one that \
          is not counted.",
         plan.points, plan.repeat
     );
     Ok(Section {
         name: "strokes",
         title: "Strokes: sorting, blending, order, Gaussians".into(),
-        how,
+        method,
         rows,
         figures,
         tables: vec![table, crossings],

@@ -149,7 +149,7 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
         .iter()
         .map(|&(metric, y_axis, caption)| figure(metric, y_axis, caption, &mut marks))
         .collect();
-    let how = format!(
+    let method = format!(
         "Truth is the surface itself, ray-cast in f64 at centres, corners and sides of all pixels. Scenes and meshes are sampled uniformly by area, hidden sides too, the street by its \
          scanner; <em>vertices</em> are a mesh's own. Points a pixel are those of the first surface. Noise is Gaussian along the ray to the eye, cut off at three sigma. Here points a \
          pixel, not time, lie to the right. Interior pixels are more than 2 px from creases and edges of the true depth (bent by more than 1 % of the depth, and of the depth range); \
@@ -161,7 +161,7 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
     Ok(Section {
         name: "surface",
         title: "The surface itself".into(),
-        how,
+        method,
         rows,
         figures,
         tables: vec![table],

@@ -154,7 +154,7 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
         )
     };
     let figures = METRICS.iter().map(figure).collect();
-    let how = format!(
+    let method = format!(
         "{} points a scene; n = {} rounds, on one core of the CPU, f64, from normals that are known, in the axes of the file; and of the kernel, f32, on the device. Covariance is free here, because its direction is found with the normal; the paper counts that \
          search to it. The formula of squareplate is not in the paper: it is read here as the cross product with the normal's own parts, moved on by one.",
         plan.points, plan.repeat
@@ -162,7 +162,7 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
     Ok(Section {
         name: "tangents",
         title: "Tangents".into(),
-        how,
+        method,
         rows,
         figures,
         tables: vec![table],

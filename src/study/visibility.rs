@@ -59,7 +59,7 @@ impl Question for Visibility {
     const REFERENCE: &'static [&'static str] =
         &["visibility=off", "fill=off", "shape=off", "edl=off"];
     const AFTER: &'static [&'static str] = &["resolve"];
-    const HOW: &'static str = "One setting differs from what the renderer does when nothing is asked for; <em>auto</em> is that. A single level has a kernel of 9 pixels unless another is said. Filling is off.";
+    const METHOD: &'static str = "Every row changes one setting of the default, which is <em>auto</em>. A single level has a kernel of 9 pixels, except in rows that change it. Filling is off.";
     /// Depth as projected.
     type Known = Vec<f32>;
 

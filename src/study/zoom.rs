@@ -122,14 +122,14 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
     }
     resident.free(gpu);
     mark_fronts(&mut all);
-    let how = format!(
+    let method = format!(
         "A torus whose points lie {APART_PX} px apart at first, and {} px at last; {STEP_PX} px a frame. <em>fixed</em> is one level and one filling, whatever the distance.",
         APART_PX / NEARER
     );
     Ok(Section {
         name: "zoom",
         title: "From frame to frame".into(),
-        how,
+        method,
         rows: all,
         figures: Vec::new(),
         tables: vec![table],

@@ -1,4 +1,4 @@
-//! `bench dobrev`: the cost of layers and shadows relative to local illumination. Rows and columns
+//! `bench layers`: the cost of layers and shadows relative to local illumination. Rows and columns
 //! are those of table 3 of Dobrev, Rosenthal and Linsen 2010, as times and as multiples of the
 //! first row, round by round.
 //!
@@ -116,7 +116,7 @@ fn of(
         let mut times = vec![Vec::new(); WAYS.len()];
         // The first round warms up.
         for round in 0..=plan.repeat {
-            progress.tick("bench dobrev", round as u64, plan.repeat as u64)?;
+            progress.tick("bench layers", round as u64, plan.repeat as u64)?;
             for (way, times) in WAYS.iter().zip(&mut times) {
                 let ms = draw(gpu, &view, &mut resident, way, round)?;
                 times.extend((round > 0).then_some(ms));
@@ -131,7 +131,7 @@ fn of(
             &Way,
             [[f64; 3]; 2],
         )| Row {
-            bench: "dobrev",
+            bench: "layers",
             cloud: name.into(),
             points,
             way: way.name,
