@@ -58,16 +58,18 @@ fn the_precision_study_keeps_its_promises() {
     );
 }
 
-fn csv_holds_exactly(text: &str, rows: &[Row], [study, knob, auto]: [&str; 3], count: usize) {
+fn csv_holds_exactly(text: &str, rows: &[Row], [study, parameter, auto]: [&str; 3], count: usize) {
     let mut lines = text.lines();
     assert_eq!(
         lines.next(),
-        Some("study,scene,view,knob,value,metric,error,ms_median,ms_q1,ms_q3,n,auto,front,device")
+        Some(
+            "study,scene,view,parameter,value,metric,error,ms_median,ms_q1,ms_q3,n,auto,front,device"
+        )
     );
     assert_eq!((rows.len(), lines.clone().count()), (count, count));
     for (line, row) in lines.zip(rows) {
         let fields: Vec<&str> = line.splitn(14, ',').collect();
-        assert_eq!(fields[..6], [study, row.scene, row.view, knob, &row.value, row.metric]);
+        assert_eq!(fields[..6], [study, row.scene, row.view, parameter, &row.value, row.metric]);
         let numbers: Vec<f64> = fields[6..10].iter().map(|field| field.parse().unwrap()).collect();
         assert_eq!(numbers, [row.error, row.ms[1], row.ms[0], row.ms[2]]);
         assert!(
@@ -543,7 +545,8 @@ fn of(rows: &[Row], scene: &str, metric: &str, value: &str) -> f64 {
 #[test]
 fn the_visibility_study_keeps_its_promises() {
     let rows = configured("visibility", 32, 4, 4 * 7 + 1);
-    let thresholds: Vec<_> = rows.iter().filter(|row| row.knob == "threshold").cloned().collect();
+    let thresholds: Vec<_> =
+        rows.iter().filter(|row| row.parameter == "threshold").cloned().collect();
     for scene in ["all scenes", "sphere", "torus"] {
         // A higher threshold hides more.
         let along = |metric: &str| {
@@ -869,8 +872,8 @@ fn the_normals_study_keeps_its_promises() {
     assert_eq!((rows.len(), text.lines().count(), figures), (108, 109, 3));
     fronts_are_fronts(&rows);
     for ((scene, view, metric), rows) in groups(&rows) {
-        let error = |knob: &str, value: &str| {
-            rows.iter().find(|row| row.knob == knob && row.value == value).unwrap().error
+        let error = |parameter: &str, value: &str| {
+            rows.iter().find(|row| row.parameter == parameter && row.value == value).unwrap().error
         };
         let by_radius = ["2", "3", "6"].map(|value| error("radii", value));
         println!("{scene} {view} {metric}: {by_radius:?}");

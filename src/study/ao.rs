@@ -59,26 +59,26 @@ impl Question for Ao {
     type Known = Light;
 
     fn configurations(_case: &Case) -> Vec<Configuration> {
-        let own = |knob, value: &str, settings: &str| {
+        let own = |parameter, value: &str, settings: &str| {
             Configuration::new(
-                knob,
+                parameter,
                 value,
                 &["visibility=on", "fill=on", "shape=off", "edl=off", &format!("ao=on{settings}")],
             )
         };
-        let knob = |name: &'static str, values: &[&str]| {
+        let parameter = |name: &'static str, values: &[&str]| {
             values
                 .iter()
                 .map(|value| own(name, value, &format!(",{name}={value}")))
                 .collect::<Vec<_>>()
         };
         let auto = vec![own(AUTO, AUTO, "")];
-        let knobs = [
-            knob("directions", &["2", "4", "6", "16", "32", "64"]),
-            knob("steps", &["1", "2", "8", "16"]),
-            knob("bias", &["0", "0.1", "0.4"]),
+        let parameters = [
+            parameter("directions", &["2", "4", "6", "16", "32", "64"]),
+            parameter("steps", &["1", "2", "8", "16"]),
+            parameter("bias", &["0", "0.1", "0.4"]),
         ];
-        auto.into_iter().chain(knobs.into_iter().flatten()).collect()
+        auto.into_iter().chain(parameters.into_iter().flatten()).collect()
     }
 
     fn know(case: &Case, reference: Drawing) -> Light {

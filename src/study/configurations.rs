@@ -36,11 +36,11 @@ const MOST_ROUNDS: usize = 3;
 const MOST_SIDE: u32 = 384;
 const VIEWS: usize = 1;
 
-/// The knob of the renderer's defaults.
+/// The parameter of the renderer's defaults.
 pub const AUTO: &str = "auto";
 
 pub struct Configuration {
-    pub knob: &'static str,
+    pub parameter: &'static str,
     pub value: String,
     /// Settings as after `--effect`.
     pub settings: Vec<String>,
@@ -48,12 +48,12 @@ pub struct Configuration {
 
 impl Configuration {
     pub fn new(
-        knob: &'static str,
+        parameter: &'static str,
         value: impl std::fmt::Display,
         settings: &[&str],
     ) -> Configuration {
         Configuration {
-            knob,
+            parameter,
             value: value.to_string(),
             settings: settings.iter().map(|text| text.to_string()).collect(),
         }
@@ -109,7 +109,7 @@ pub trait Question {
 /// A configuration in all cases of a scene and density.
 #[derive(Clone, Default)]
 struct Sum {
-    knob: &'static str,
+    parameter: &'static str,
     value: String,
     parts: Vec<Part>,
     counters: Vec<f64>,
@@ -165,19 +165,22 @@ pub fn run<Q: Question>(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> 
     mark_fronts(&mut rows);
     let mut figures = Q::more_figures(&rows);
     figures.extend(
-        knobs(&rows)
+        parameters(&rows)
             .into_iter()
-            .flat_map(|knob| Q::METRICS.iter().map(move |metric| (knob, metric)))
-            .map(|(knob, metric)| {
-                let shown: Vec<Row> =
-                    rows.iter().filter(|row| row.knob == knob || row.auto).cloned().collect();
+            .flat_map(|parameter| Q::METRICS.iter().map(move |metric| (parameter, metric)))
+            .map(|(parameter, metric)| {
+                let shown: Vec<Row> = rows
+                    .iter()
+                    .filter(|row| row.parameter == parameter || row.auto)
+                    .cloned()
+                    .collect();
                 let label = |row: &Row| if row.auto { AUTO.to_string() } else { row.value.clone() };
                 let axes = ["milliseconds of the passes (bars: quartiles)", metric.axis];
                 Figure::of(
-                    &format!("{}-{knob}", Q::NAME),
+                    &format!("{}-{parameter}", Q::NAME),
                     metric.name,
                     axes,
-                    &format!("{knob}. {}", metric.about),
+                    &format!("{parameter}. {}", metric.about),
                     &shown,
                     &label,
                 )
@@ -211,11 +214,11 @@ fn measured<Q: Question>(
     let known = Q::know(case, draw(gpu, &case.view, &resident, &render_settings(Q::REFERENCE)?)?);
     let mut sums = Vec::new();
     let mut asked = Vec::new();
-    for Configuration { knob, value, settings } in Q::configurations(case) {
+    for Configuration { parameter, value, settings } in Q::configurations(case) {
         let settings = render_settings(&settings.iter().map(String::as_str).collect::<Vec<_>>())?;
         let (parts, counters) =
             Q::measure(case, &known, &draw(gpu, &case.view, &resident, &settings)?);
-        sums.push(Sum { knob, value, parts, counters, times: Vec::new() });
+        sums.push(Sum { parameter, value, parts, counters, times: Vec::new() });
         asked.push(settings);
     }
     let times = sweep::interleaved(&asked, rounds, |settings| {
@@ -309,33 +312,33 @@ fn of<Q: Question>(pool: &Pool, sum: &Sum) -> Vec<Row> {
     let row = |(metric, part): (&Metric, &Part)| Row {
         scene: pool.scene,
         view: pool.sampling,
-        knob: sum.knob,
+        parameter: sum.parameter,
         value: sum.value.clone(),
         metric: metric.name,
         error: error(metric, *part),
         ms,
         n: sum.times.len(),
-        auto: sum.knob == AUTO,
+        auto: sum.parameter == AUTO,
         front: false,
     };
     Q::METRICS.iter().zip(&sum.parts).map(row).collect()
 }
 
-/// Returns the knobs except `auto`, which is on every curve.
-fn knobs(rows: &[Row]) -> Vec<&'static str> {
-    rows.iter().map(|row| row.knob).filter(|knob| *knob != AUTO).fold(
+/// Returns the parameters except `auto`, which is on every curve.
+fn parameters(rows: &[Row]) -> Vec<&'static str> {
+    rows.iter().map(|row| row.parameter).filter(|parameter| *parameter != AUTO).fold(
         Vec::new(),
-        |mut knobs, knob| {
-            if !knobs.contains(&knob) {
-                knobs.push(knob);
+        |mut parameters, parameter| {
+            if !parameters.contains(&parameter) {
+                parameters.push(parameter);
             }
-            knobs
+            parameters
         },
     )
 }
 
 fn table<Q: Question>(pools: &[Pool]) -> Table {
-    let first = ["scene", "points", "knob", "value"].map(String::from);
+    let first = ["scene", "points", "parameter", "value"].map(String::from);
     let metrics = Q::METRICS.iter().map(|metric| {
         if metric.root {
             metric.name.to_string()
@@ -355,7 +358,7 @@ fn table<Q: Question>(pools: &[Pool]) -> Table {
             false => format!("{:.3}", 100.0 * error(metric, *part)),
         });
         let names =
-            [pool.scene.to_string(), pool.sampling.into(), sum.knob.into(), sum.value.clone()]
+            [pool.scene.to_string(), pool.sampling.into(), sum.parameter.into(), sum.value.clone()]
                 .into_iter();
         let counters = sum.counters.iter().map(|count| format!("{count:.0}"));
         names

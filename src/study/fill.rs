@@ -1,6 +1,6 @@
 //! Study `fill`: the error of filled depths against their cost, and against baselines.
 //!
-//! Knobs are levels and tolerance, one at a time, iterations of the median method and the
+//! Parameters are levels and tolerance, one at a time, iterations of the median method and the
 //! neighbours from which background is filled; and the method: fixed-size splats of the points, and
 //! pull-push with and without visibility. Baselines get sizes that suit them: splats are drawn with
 //! several radii.
@@ -64,8 +64,8 @@ impl Question for Fill {
     type Known = ();
 
     fn configurations(case: &Case) -> Vec<Configuration> {
-        let own = |knob, value: &str, fill: &str| {
-            Configuration::new(knob, value, &["visibility=on", "shape=off", "edl=off", fill])
+        let own = |parameter, value: &str, fill: &str| {
+            Configuration::new(parameter, value, &["visibility=on", "shape=off", "edl=off", fill])
         };
         let bare = |value: &str, fill: &str| {
             Configuration::new("method", value, &["visibility=off", "shape=off", "edl=off", fill])

@@ -1,10 +1,11 @@
 //! Study `index`: accuracy of positions by plane, and of the samples of inner nodes.
 //!
-//! The knob is the number of position planes read of every leaf: 10, 20, all bits. The reference is
-//! the file's own lattice coordinates, exactly: the leaves' points and the file's points are sorted
-//! alike and compared one by one, in f64 from differences of integers, so that all planes must give
-//! exactly 0. Pixel errors are displacements of drawn points in the views of `precision`, over the
-//! visible points. The time is that of copying the planes out of the file and checking them.
+//! The parameter is the number of position planes read of every leaf: 10, 20, all bits. The
+//! reference is the file's own lattice coordinates, exactly: the leaves' points and the file's
+//! points are sorted alike and compared one by one, in f64 from differences of integers, so that
+//! all planes must give exactly 0. Pixel errors are displacements of drawn points in the views of
+//! `precision`, over the visible points. The time is that of copying the planes out of the file and
+//! checking them.
 //!
 //! The samples of an inner node and the points below it are both in Morton order and weights are
 //! conserved, so each sample stands for the next `weight` points of that order; its reference is
@@ -89,7 +90,7 @@ pub fn run(_: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Section>
             rows.extend(errors.iter().map(|&(metric, error)| Row {
                 scene: name,
                 view,
-                knob: "bits",
+                parameter: "bits",
                 value: SETTINGS[k].0.into(),
                 metric: METRICS[metric].0,
                 error,

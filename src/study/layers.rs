@@ -1,8 +1,8 @@
 //! Study `layers`: the difference between peeled transparent surfaces and all surfaces on each ray,
 //! exactly sorted, against the cost of peeling.
 //!
-//! The scene is nested tori of one colour each, half transparent, without shading. Knobs are the
-//! number of layers, the layer distance, and the filling, one at a time.
+//! The scene is nested tori of one colour each, half transparent, without shading. Parameters are
+//! the number of layers, the layer distance, and the filling, one at a time.
 
 use super::configurations::AUTO;
 use super::oracle::transparency::{self as oracle, Over};
@@ -32,7 +32,7 @@ const OPACITY: f64 = 0.5;
 /// A value and its settings; a layer distance is a multiple of the automatic one.
 type Value = (&'static str, &'static str, f64);
 
-const KNOBS: [(&str, &[Value]); 4] = [
+const PARAMETERS: [(&str, &[Value]); 4] = [
     (AUTO, &[(AUTO, "transparency=auto", 0.0)]),
     (
         "layers",
@@ -56,7 +56,7 @@ const METRICS: [(&str, &str); 2] =
     [("color_rms", "linear colour, RMS"), ("miscounted", "share of pixels")];
 
 struct Configuration {
-    knob: &'static str,
+    parameter: &'static str,
     value: &'static str,
     settings: RenderSettings,
 }
@@ -80,9 +80,10 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
     )?;
     resident.opacities = Opacities(vec![Rule { what: What::All, opacity: OPACITY }]);
     let layer_m = FrameContext::of(&view, &resident, RenderSettings::default().light).layer_m(0.0);
-    let configurations =
-        KNOBS.iter().flat_map(|(knob, values)| values.iter().map(move |value| (*knob, *value)));
-    let configurations = configurations.map(|(knob, (value, effect, distance))| {
+    let configurations = PARAMETERS
+        .iter()
+        .flat_map(|(parameter, values)| values.iter().map(move |value| (*parameter, *value)));
+    let configurations = configurations.map(|(parameter, (value, effect, distance))| {
         let mut settings = RenderSettings::default();
         let distance =
             (distance > 0.0).then(|| format!("transparency=layer={}", distance * layer_m));
@@ -94,7 +95,7 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
             .into_iter()
             .try_for_each(|effect| settings.effects.set_any(effect))
             .map_err(Error::Request)?;
-        Ok(Configuration { knob, value, settings })
+        Ok(Configuration { parameter, value, settings })
     });
     let configurations = configurations.collect::<Result<Vec<_>>>()?;
     let colors = COLORS.map(|color| color.map(|channel| srgb_to_linear(channel as f64 / 255.0)));
@@ -135,16 +136,18 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
     let mut rows = Vec::new();
     let mut table = Table {
         title: "All configurations".into(),
-        head: ["knob", "value", "colour, RMS", "miscounted, %", "ms"].map(String::from).to_vec(),
+        head: ["parameter", "value", "colour, RMS", "miscounted, %", "ms"]
+            .map(String::from)
+            .to_vec(),
         rows: Vec::new(),
     };
-    for ((Configuration { knob, value, .. }, errors), times) in
+    for ((Configuration { parameter, value, .. }, errors), times) in
         configurations.iter().zip(&found).zip(&times)
     {
         let ms = metrics::quartiles(times);
         rows.extend(super::rows(
             ["nested tori", "fit"],
-            [knob, value],
+            [parameter, value],
             METRICS.map(|metric| metric.0),
             errors,
             times,
@@ -154,12 +157,14 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
             format!("{:.3}", 100.0 * errors[1]),
             format!("{:.2}", ms[1]),
         ];
-        table.rows.push([knob.to_string(), value.to_string()].into_iter().chain(numbers).collect());
+        table
+            .rows
+            .push([parameter.to_string(), value.to_string()].into_iter().chain(numbers).collect());
     }
     mark_fronts(&mut rows);
     let figure = |(metric, axis): (&str, &str)| {
         let label = |row: &Row| {
-            if row.auto { AUTO.to_string() } else { format!("{} {}", row.knob, row.value) }
+            if row.auto { AUTO.to_string() } else { format!("{} {}", row.parameter, row.value) }
         };
         Figure::of(
             "layers",

@@ -1,11 +1,11 @@
 //! Study `lod`: the projected error at which refinement ends, against the picture of the full
 //! cloud.
 //!
-//! The knob is `Detail::lod_px` without a budget, and `auto`: its default with the default budget.
-//! The reference is the same renderer's picture of all leaves, lod 0. Errors are therefore those of
-//! merged samples alone: scan noise and gaps are in both pictures. Where the full cloud covers a
-//! pixel with the nearest of a hundred points, the cut covers it with their mean, which is not
-//! worse, but differs. All metrics are over the foreground: pixels that either covers.
+//! The parameter is `Detail::lod_px` without a budget, and `auto`: its default with the default
+//! budget. The reference is the same renderer's picture of all leaves, lod 0. Errors are therefore
+//! those of merged samples alone: scan noise and gaps are in both pictures. Where the full cloud
+//! covers a pixel with the nearest of a hundred points, the cut covers it with their mean, which is
+//! not worse, but differs. All metrics are over the foreground: pixels that either covers.
 
 use super::flip::{self, Seen};
 use super::popping::{self, Popping};
@@ -249,7 +249,7 @@ fn row(
     Row {
         scene,
         view,
-        knob: "lod",
+        parameter: "lod",
         value: value.into(),
         metric,
         error,
@@ -351,7 +351,7 @@ pub fn draw(gpu: &mut Gpu, view: &View, resident: &Resident) -> Result<Drawing> 
     Ok(drawing)
 }
 
-/// Returns the device time of clearing and projecting alone: nothing else depends on the knob.
+/// Returns the device time of clearing and projecting alone: nothing else depends on the parameter.
 fn project_ms(gpu: &mut Gpu, view: &View, resident: &Resident) -> Result<f64> {
     let mut g = Graph::new(gpu);
     let drawn = project::draw(&mut g, view, resident, Precision::Auto)?;

@@ -2,7 +2,7 @@
 //! the offline reference.
 //!
 //! A street is scanned from five stations with exposures from a half to twice, adjacent ones
-//! different. The same points with equal exposures give the truth in every pixel. Knobs are
+//! different. The same points with equal exposures give the truth in every pixel. Parameters are
 //! epsilon, neighbourhood and space, one at a time, and the points per pixel, by the size of the
 //! picture.
 
@@ -128,7 +128,7 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
         title: "All configurations".into(),
         head: [
             "points a pixel",
-            "knob",
+            "parameter",
             "value",
             "step, stops",
             "detail lost, %",
@@ -160,15 +160,15 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
         };
         let configurations = CONFIGURATIONS
             .iter()
-            .map(|&(knob, value, luminance)| {
+            .map(|&(parameter, value, luminance)| {
                 let epsilon = value
                     .parse::<f64>()
                     .ok()
-                    .filter(|_| knob == "epsilon")
+                    .filter(|_| parameter == "epsilon")
                     .map_or(String::new(), |spacings| {
                         format!(",epsilon={}", spacings * scene.sampling.spacing_m)
                     });
-                Ok((knob, value, render_settings(&format!("{luminance}{epsilon}"))?))
+                Ok((parameter, value, render_settings(&format!("{luminance}{epsilon}"))?))
             })
             .collect::<Result<Vec<_>>>()?;
         let of = |value: &str| if value == REFERENCE { &reference } else { &uneven };
@@ -182,11 +182,13 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
         })?;
         let view_name = ["full size", "half", "quarter"]
             [SIZES.iter().position(|own| *own == part).expect("one of them")];
-        for (((knob, value, _), errors), times) in configurations.iter().zip(&errors).zip(&times) {
+        for (((parameter, value, _), errors), times) in
+            configurations.iter().zip(&errors).zip(&times)
+        {
             let ms = metrics::quartiles(times);
             rows.extend(super::rows(
                 ["street", view_name],
-                [knob, value],
+                [parameter, value],
                 METRICS.map(|metric| metric.0),
                 errors,
                 times,
@@ -195,7 +197,7 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
             let numbers = [errors[0], 100.0 * errors[1], errors[2], psnr, ms[1]]
                 .map(|number| format!("{number:.3}"));
             table.rows.push(
-                [format!("{density:.1}"), knob.to_string(), value.to_string()]
+                [format!("{density:.1}"), parameter.to_string(), value.to_string()]
                     .into_iter()
                     .chain(numbers)
                     .collect(),
@@ -207,10 +209,10 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
     let label = |row: &Row| {
         if row.auto {
             AUTO.to_string()
-        } else if row.knob == "none" {
+        } else if row.parameter == "none" {
             row.value.clone()
         } else {
-            format!("{} {}", row.knob, row.value)
+            format!("{} {}", row.parameter, row.value)
         }
     };
     let figures = METRICS

@@ -3,7 +3,8 @@
 //!
 //! A mesh has fewer vertices where it is flat: points lie from a fraction of a pixel to tens of
 //! pixels apart in one picture. That is typical of unknown scans, and where methods fail that were
-//! tuned on evenly sampled surfaces. The knob is the filling; the metrics are those of `surface`.
+//! tuned on evenly sampled surfaces. The parameter is the filling; the metrics are those of
+//! `surface`.
 
 use super::cases;
 use super::mesh::Mesh;

@@ -1,4 +1,4 @@
-//! Studies: accuracy against time for every knob.
+//! Studies: accuracy against time for every parameter.
 //!
 //! ```text
 //!     registry of studies -> scenes with known truth (`synth`) -> `sweep` (interleaved runs)
@@ -62,7 +62,7 @@ pub struct Plan {
 pub struct Row {
     pub scene: &'static str,
     pub view: &'static str,
-    pub knob: &'static str,
+    pub parameter: &'static str,
     pub value: String,
     pub metric: &'static str,
     pub error: f64,
@@ -128,16 +128,16 @@ pub fn run(
 /// Returns the rows of a configuration, one per metric.
 fn rows(
     [scene, view]: [&'static str; 2],
-    [knob, value]: [&'static str; 2],
+    [parameter, value]: [&'static str; 2],
     metrics: impl IntoIterator<Item = &'static str>,
     errors: &[f64],
     times: &[f64],
 ) -> Vec<Row> {
-    let (ms, n, auto) = (metrics::quartiles(times), times.len(), knob == configurations::AUTO);
+    let (ms, n, auto) = (metrics::quartiles(times), times.len(), parameter == configurations::AUTO);
     let row = |(metric, &error)| Row {
         scene,
         view,
-        knob,
+        parameter,
         value: value.to_string(),
         metric,
         error,

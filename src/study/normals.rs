@@ -99,7 +99,7 @@ pub fn run(_gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Secti
             }
             Ok(ms * 1e6 / places.len().max(1) as f64)
         })?;
-        for (((knob, fit), times), found) in fits.into_iter().zip(times).zip(found) {
+        for (((parameter, fit), times), found) in fits.into_iter().zip(times).zip(found) {
             let (angles, unknown) = compare(
                 &leaf,
                 &places,
@@ -110,13 +110,14 @@ pub fn run(_gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Secti
                 angles.get((share * angles.len() as f64) as usize).copied().unwrap_or(0.0)
             });
             let ms = metrics::quartiles(&times);
-            let value = if knob == "radii" { fit.reach.to_string() } else { fit.near.to_string() };
+            let value =
+                if parameter == "radii" { fit.reach.to_string() } else { fit.near.to_string() };
             for (metric, error) in METRICS.iter().zip([median, p99, unknown]) {
                 let (value, auto) = (value.clone(), fit == FIT);
                 rows.push(Row {
                     scene: name,
                     view: "points",
-                    knob,
+                    parameter,
                     value,
                     metric: metric.0,
                     error,
@@ -139,7 +140,7 @@ pub fn run(_gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Secti
         }
     }
     mark_fronts(&mut rows);
-    let label = |row: &Row| format!("{} {}", row.value, row.knob);
+    let label = |row: &Row| format!("{} {}", row.value, row.parameter);
     let figure = |&(metric, y_axis, caption): &_| {
         Figure::of(
             "normals",

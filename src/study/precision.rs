@@ -1,11 +1,11 @@
 //! Study `precision`: bits of position against error and time.
 //!
-//! The knob is the number of planes, ten bits per axis each, read of every node: 10, 20, all, or as
-//! `auto` chooses. A pixel names its point and its depth, and the file has the point's position in
-//! f64. A pixel's error is how far outside of the pixel the point lies (0 if inside), and the
-//! difference between its depth and the point's. The reference is the scan itself, neither the
-//! renderer nor the analytic scene: noise is not an error of precision. One metric is against the
-//! renderer's own picture at full precision: the share of pixels that show another point.
+//! The parameter is the number of planes, ten bits per axis each, read of every node: 10, 20, all,
+//! or as `auto` chooses. A pixel names its point and its depth, and the file has the point's
+//! position in f64. A pixel's error is how far outside of the pixel the point lies (0 if inside),
+//! and the difference between its depth and the point's. The reference is the scan itself, neither
+//! the renderer nor the analytic scene: noise is not an error of precision. One metric is against
+//! the renderer's own picture at full precision: the share of pixels that show another point.
 
 use super::metrics::{self, Errors};
 use super::oracle::points::Points;
@@ -121,7 +121,7 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
                     rows.push(Row {
                         scene,
                         view,
-                        knob: "bits",
+                        parameter: "bits",
                         value,
                         metric,
                         error,
@@ -207,7 +207,7 @@ struct Drawing {
     depth: Vec<f32>,
     index: Vec<u32>,
     statistics: Statistics,
-    /// Time of projecting alone `[ms]`: nothing else depends on the knob.
+    /// Time of projecting alone `[ms]`: nothing else depends on the parameter.
     ms: f64,
 }
 

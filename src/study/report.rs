@@ -102,7 +102,7 @@ impl Origin {
 }
 
 pub const COLUMNS: &str =
-    "study,scene,view,knob,value,metric,error,ms_median,ms_q1,ms_q3,n,auto,front,device";
+    "study,scene,view,parameter,value,metric,error,ms_median,ms_q1,ms_q3,n,auto,front,device";
 
 pub fn write(folder: &Path, sections: &[Section], plan: &Plan, origin: &Origin) -> Result<()> {
     std::fs::create_dir_all(folder).map_err(|error| Error::io("create", folder, error))?;
@@ -131,12 +131,22 @@ pub fn csv(section: &Section, origin: &Origin) -> String {
     };
     let mut text = format!("{COLUMNS}\n");
     for row in &section.rows {
-        let Row { scene, view, knob, value, metric, error, ms: [q1, median, q3], n, auto, front } =
-            row;
+        let Row {
+            scene,
+            view,
+            parameter,
+            value,
+            metric,
+            error,
+            ms: [q1, median, q3],
+            n,
+            auto,
+            front,
+        } = row;
         let (name, device) = (section.name, field(&origin.device));
         let _ = writeln!(
             text,
-            "{name},{scene},{view},{knob},{},{metric},{error:e},{median},{q1},{q3},{n},{auto},{front},{device}",
+            "{name},{scene},{view},{parameter},{},{metric},{error:e},{median},{q1},{q3},{n},{auto},{front},{device}",
             field(value)
         );
     }
@@ -222,7 +232,7 @@ fn all_rows(section: &Section) -> Table {
             row.scene.into(),
             row.view.into(),
             row.metric.into(),
-            format!("{} {}", row.value, row.knob),
+            format!("{} {}", row.value, row.parameter),
             error,
             ms,
             row.n.to_string(),

@@ -1,9 +1,9 @@
 //! Study `shadows`: the error of light visibility at points, against the cost of casting shadows.
 //!
 //! The scene is a plate above a floor (`step`) with a round light straight above: a floor point
-//! sees a disc cut by a line, whose area is known. Points of the plate see all of it. Knobs are the
-//! size of the shadow map, the number of samples, stratified and random, and the method, one at a
-//! time.
+//! sees a disc cut by a line, whose area is known. Points of the plate see all of it. Parameters
+//! are the size of the shadow map, the number of samples, stratified and random, and the method,
+//! one at a time.
 
 use super::configurations::AUTO;
 use super::report::{Figure, Section, Table};
@@ -24,13 +24,13 @@ use std::f64::consts::{FRAC_PI_2, PI};
 
 pub const SUMMARY: &str = "size of the light's picture, samples, method: light visibility against the light that truly reaches points";
 
-/// Height of the plate above the floor `[m]`; half the light's angle `[degrees]`: half shadows are 21
-/// cm wide.
+/// Height of the plate above the floor `[m]`; half the light's angle `[degrees]`: half shadows are
+/// 21 cm wide.
 const HEIGHT: f64 = 1.0;
 const RADIUS: f64 = 6.0;
 const MOST_POINTS: u64 = 400_000;
 
-const KNOBS: [(&str, &[(&str, &str)]); 5] = [
+const PARAMETERS: [(&str, &[(&str, &str)]); 5] = [
     (AUTO, &[(AUTO, "samples=16")]),
     (
         "size",
@@ -56,20 +56,21 @@ const KNOBS: [(&str, &[(&str, &str)]); 5] = [
 const METRICS: [(&str, &str); 2] = [("rms", "share of the light"), ("off", "share of points")];
 
 struct Configuration {
-    knob: &'static str,
+    parameter: &'static str,
     value: &'static str,
     effects: Effects,
 }
 
 pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Section> {
-    let configurations =
-        KNOBS.iter().flat_map(|(knob, values)| values.iter().map(move |value| (*knob, *value)));
-    let configurations = configurations.map(|(knob, (value, settings))| {
+    let configurations = PARAMETERS
+        .iter()
+        .flat_map(|(parameter, values)| values.iter().map(move |value| (*parameter, *value)));
+    let configurations = configurations.map(|(parameter, (value, settings))| {
         let mut effects = Effects::default();
         effects
             .set_any(&format!("shadows=on,radius={RADIUS},{settings}"))
             .map_err(Error::Request)?;
-        Ok(Configuration { knob, value, effects })
+        Ok(Configuration { parameter, value, effects })
     });
     let configurations = configurations.collect::<Result<Vec<_>>>()?;
     let mut world = synth::build(synth::SceneKind::Step, plan.seed, HEIGHT);
@@ -102,7 +103,7 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
     let mut table = Table {
         title: "All configurations".into(),
         head: [
-            "knob",
+            "parameter",
             "value",
             "rms, %",
             "off, %",
@@ -115,11 +116,11 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
         rows: Vec::new(),
     };
     for ((configuration, (errors, facts)), times) in configurations.iter().zip(&found).zip(&times) {
-        let Configuration { knob, value, .. } = configuration;
+        let Configuration { parameter, value, .. } = configuration;
         let ms = metrics::quartiles(times);
         rows.extend(super::rows(
             ["step", "plate over floor"],
-            [knob, value],
+            [parameter, value],
             METRICS.map(|metric| metric.0),
             errors,
             times,
@@ -127,12 +128,14 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
         let numbers =
             [100.0 * errors[0], 100.0 * errors[1], 1e3 * facts.texel_m, 1e3 * facts.layer_m, ms[1]]
                 .map(|number| format!("{number:.3}"));
-        table.rows.push([knob.to_string(), value.to_string()].into_iter().chain(numbers).collect());
+        table
+            .rows
+            .push([parameter.to_string(), value.to_string()].into_iter().chain(numbers).collect());
     }
     mark_fronts(&mut rows);
     let figure = |(metric, axis): (&str, &str)| {
         let label = |row: &Row| {
-            if row.auto { AUTO.to_string() } else { format!("{} {}", row.knob, row.value) }
+            if row.auto { AUTO.to_string() } else { format!("{} {}", row.parameter, row.value) }
         };
         Figure::of(
             "shadows",

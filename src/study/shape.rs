@@ -63,8 +63,8 @@ impl Question for Shape {
     type Known = Light;
 
     fn configurations(_case: &Case) -> Vec<Configuration> {
-        let own = |knob, value: &str, shape: &str| {
-            Configuration::new(knob, value, &["visibility=on", "fill=on", "edl=off", shape])
+        let own = |parameter, value: &str, shape: &str| {
+            Configuration::new(parameter, value, &["visibility=on", "fill=on", "edl=off", shape])
         };
         let levels = ["1", "2", "4", "6", "12", "16", "32", "64"]
             .map(|levels| own("levels", levels, &format!("shape=on,levels={levels}")));

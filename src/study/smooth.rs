@@ -63,9 +63,9 @@ impl Question for Smooth {
 
     fn configurations(_case: &Case) -> Vec<Configuration> {
         let after = |visibility: &'static str, fill: &'static str| {
-            move |knob, value: String, smooth: &str| {
+            move |parameter, value: String, smooth: &str| {
                 Configuration::new(
-                    knob,
+                    parameter,
                     value,
                     &[visibility, fill, smooth, "antialias=off", "shape=off", "edl=off"],
                 )

@@ -24,7 +24,7 @@ pub const SUMMARY: &str =
 
 const SCENES: [(&str, SceneKind); 2] = [("torus", SceneKind::Torus), ("street", SceneKind::Street)];
 
-const KNOBS: [(&str, &[(&str, &str)]); 5] = [
+const PARAMETERS: [(&str, &[(&str, &str)]); 5] = [
     (AUTO, &[(AUTO, "strokes=on")]),
     (
         "passes",
@@ -58,27 +58,28 @@ const FEW: u64 = 3000;
 const SMALL: [u32; 2] = [96, 72];
 
 struct Configuration {
-    knob: &'static str,
+    parameter: &'static str,
     value: &'static str,
     settings: RenderSettings,
 }
 
 pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Section> {
-    let configurations =
-        KNOBS.iter().flat_map(|(knob, values)| values.iter().map(move |value| (*knob, *value)));
-    let configurations = configurations.map(|(knob, (value, effect))| {
+    let configurations = PARAMETERS
+        .iter()
+        .flat_map(|(parameter, values)| values.iter().map(move |value| (*parameter, *value)));
+    let configurations = configurations.map(|(parameter, (value, effect))| {
         let mut settings =
             RenderSettings { effects: Effects::of(Style::Strokes), ..RenderSettings::default() };
         for effect in ["edl=off", effect] {
             settings.effects.set_any(effect).map_err(Error::Request)?;
         }
-        Ok(Configuration { knob, value, settings })
+        Ok(Configuration { parameter, value, settings })
     });
     let configurations = configurations.collect::<Result<Vec<_>>>()?;
     let mut rows = Vec::new();
     let mut table = Table {
         title: "All configurations".into(),
-        head: ["scene", "knob", "value", "RMS", "ms", "fragments", "in a pixel at most"]
+        head: ["scene", "parameter", "value", "RMS", "ms", "fragments", "in a pixel at most"]
             .map(String::from)
             .to_vec(),
         rows: Vec::new(),
@@ -112,13 +113,13 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
             Ok(draw(gpu, &view, &resident, configuration)?.ms)
         })?;
         resident.free(gpu);
-        for ((Configuration { knob, value, .. }, drawing), times) in
+        for ((Configuration { parameter, value, .. }, drawing), times) in
             configurations.iter().zip(&drawings).zip(&times)
         {
             let error = rms(&drawing.picture, &drawings[0].picture);
             rows.extend(super::rows(
                 [name, "fit"],
-                [knob, value],
+                [parameter, value],
                 METRICS.map(|metric| metric.0),
                 &[error],
                 times,
@@ -126,7 +127,7 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
             let numbers = [format!("{error:.5}"), format!("{:.2}", metrics::quartiles(times)[1])];
             let counts = [drawing.fragments.to_string(), drawing.deepest.to_string()];
             table.rows.push(
-                [name, knob, value]
+                [name, parameter, value]
                     .map(String::from)
                     .into_iter()
                     .chain(numbers)
@@ -139,7 +140,7 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
     mark_fronts(&mut rows);
     let figure = |(metric, axis): (&str, &str)| {
         let label = |row: &Row| {
-            if row.auto { AUTO.to_string() } else { format!("{} {}", row.knob, row.value) }
+            if row.auto { AUTO.to_string() } else { format!("{} {}", row.parameter, row.value) }
         };
         Figure::of(
             "strokes",

@@ -1,9 +1,9 @@
 //! Study `surface`: the error of the depth image of points against the surface they were sampled
 //! from.
 //!
-//! The knob is the style, as command line settings. Scenes, views, densities and noise are those of
-//! `cases`, the metrics those of `truth`. Points alone are the baseline; they are also the input of
-//! every style, so they tell which visible points should be hidden.
+//! The parameter is the style, as command line settings. Scenes, views, densities and noise are
+//! those of `cases`, the metrics those of `truth`. Points alone are the baseline; they are also the
+//! input of every style, so they tell which visible points should be hidden.
 
 use super::cases::{self, Case, Options, Sampling};
 use super::chart::{Chart, Mark, Panel};
@@ -215,7 +215,7 @@ fn row(case: &Case, style: &str, metric: &'static str, error: f64, ms: [f64; 3],
     Row {
         scene: case.scene,
         view: case.view_name,
-        knob: "style",
+        parameter: "style",
         value,
         metric,
         error,

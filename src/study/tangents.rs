@@ -121,7 +121,7 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
                 rows.push(Row {
                     scene: name,
                     view: "outside",
-                    knob: "tangents",
+                    parameter: "tangents",
                     value,
                     metric: metric.0,
                     error,

@@ -1,8 +1,8 @@
 //! Study `visibility`: how well hidden points are told from visible ones, and holes from
 //! background, against the cost.
 //!
-//! Knobs are levels, kernel, threshold and the opening, one at a time; and for a single level, as
-//! in the paper, kernel, sectors, and how far in front something must be to hide. A point is
+//! Parameters are levels, kernel, threshold and the opening, one at a time; and for a single level,
+//! as in the paper, kernel, sectors, and how far in front something must be to hide. A point is
 //! visible if it belongs to the first surface of its pixel (`truth`). Pixels without a point are
 //! holes if inside of the silhouette.
 
@@ -65,15 +65,15 @@ impl Question for Visibility {
 
     fn configurations(_case: &Case) -> Vec<Configuration> {
         let single = "levels=1,kernel=9";
-        let own = |knob: &'static str, value: &str| {
-            let setting = match knob.strip_prefix("single ") {
-                _ if knob == AUTO => "visibility=on".into(),
-                Some(knob) => format!("visibility=on,{single},{knob}={value}"),
-                None => format!("visibility=on,{knob}={value}"),
+        let own = |parameter: &'static str, value: &str| {
+            let setting = match parameter.strip_prefix("single ") {
+                _ if parameter == AUTO => "visibility=on".into(),
+                Some(parameter) => format!("visibility=on,{single},{parameter}={value}"),
+                None => format!("visibility=on,{parameter}={value}"),
             };
-            Configuration::new(knob, value, &["fill=off", "shape=off", "edl=off", &setting])
+            Configuration::new(parameter, value, &["fill=off", "shape=off", "edl=off", &setting])
         };
-        let knobs: [(&str, &[&str]); 8] = [
+        let parameters: [(&str, &[&str]); 8] = [
             (AUTO, &[AUTO]),
             ("levels", &["2", "3", "5", "8"]),
             ("kernel", &["3", "5", "9"]),
@@ -83,9 +83,9 @@ impl Question for Visibility {
             ("single sectors", &["4", "16"]),
             ("single lead", &["0", "3.5", "14"]),
         ];
-        knobs
+        parameters
             .into_iter()
-            .flat_map(|(knob, values)| values.iter().map(move |value| own(knob, value)))
+            .flat_map(|(parameter, values)| values.iter().map(move |value| own(parameter, value)))
             .collect()
     }
 
@@ -124,7 +124,8 @@ fn curve(rows: &[Row]) -> Figure {
     let least = 1e-6;
     let mut panels: Vec<Panel> = Vec::new();
     let of = |metric: &'static str| {
-        rows.iter().filter(move |row| row.metric == metric && (row.auto || row.knob == "threshold"))
+        rows.iter()
+            .filter(move |row| row.metric == metric && (row.auto || row.parameter == "threshold"))
     };
     for (shown, lost) in of("shown_hidden").zip(of("lost_visible")) {
         let title = format!("{}, {}", shown.scene, shown.view);

@@ -2,7 +2,7 @@
 //!
 //! The focal length grows to four times in steps so small that nothing moves by more than 0.1 px a
 //! frame. All changes are therefore due to methods: levels that begin to act, and fillings that
-//! take turns. The knob is the surface; the error is FLIP between consecutive frames over what
+//! take turns. The parameter is the surface; the error is FLIP between consecutive frames over what
 //! either covers: maximum and median. Points alone flicker too, whenever they cross into another
 //! pixel.
 

@@ -447,8 +447,14 @@ fn furnish(
         let base = DVec3::new(-5.55, -17.0 + 1.4 * k as f64, 0.13);
         let part = next();
         solids.push(pole(base, DVec3::Z, 0.055, 0.75, iron, part, CLASS_FURNITURE));
-        let knob = Shape::Ellipsoid { semi_axes: DVec3::splat(0.085) };
-        solids.push(solid(Pose::at(base + DVec3::Z * 0.80), knob, iron, part, CLASS_FURNITURE));
+        let parameter = Shape::Ellipsoid { semi_axes: DVec3::splat(0.085) };
+        solids.push(solid(
+            Pose::at(base + DVec3::Z * 0.80),
+            parameter,
+            iron,
+            part,
+            CLASS_FURNITURE,
+        ));
     }
     covers
 }
