@@ -21,7 +21,7 @@ use crate::cloud::octahedral;
 use crate::config::{BITS_PER_PLANE, PATIENCE, POINTS_PER_PAGE};
 use crate::error::{Error, Result};
 use crate::index::attributes::strokes;
-use crate::index::format::fault_injection::FaultKind;
+use crate::index::fault_injection::FaultKind;
 use crate::index::format::spacing::spacing;
 use crate::index::format::{Index, NodeRecord, PLANES, Plane};
 use queue::{Next, Queue};

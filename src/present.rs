@@ -19,7 +19,7 @@
 //!   the last presentation has copied this one, while the CPU is ahead of both;
 //! - textures of the panel change when all slots are done;
 //! - pages of an index, which frames read and presentations do not, are reused once the frame that
-//!   read them is done (`resident::residency`);
+//!   read them is done (`resident::streaming`);
 //! - the swapchain, and all of this at the end, is freed when the device is idle.
 //!
 //! A swapchain that no longer fits its window is recreated before the next picture, and so is a

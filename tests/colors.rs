@@ -5,7 +5,7 @@
 
 mod support;
 
-use pointillist::cloud::color::{By, RgbRange};
+use pointillist::cloud::rgb_range::{By, RgbRange};
 use pointillist::cloud::{self, Cloud, ColumnSet, ReadOptions};
 use pointillist::error::Result;
 use pointillist::progress::Silent;

@@ -60,7 +60,7 @@ const CIRCLES: &[&str] = &[
     "cloud/table: heading sniff values",
     "cloud: las point_lookup stream",
     "passes/strokes: brush settings",
-    "passes/strokes: coverage quads",
+    "passes/strokes: quads surface",
     "passes: fill visibility",
     "study: lod popping",
     "synth: airborne scanner terrestrial",

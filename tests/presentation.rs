@@ -17,7 +17,7 @@ use pointillist::progress::Silent;
 use pointillist::render::frame;
 use pointillist::render::settings::{FrameConfig, RenderSettings};
 use pointillist::resident::pages::PAGE_BYTES;
-use pointillist::resident::residency::Residency;
+use pointillist::resident::streaming::Residency;
 use pointillist::select::lod::Detail;
 use pointillist::view::View;
 use std::sync::Arc;

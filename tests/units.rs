@@ -7,8 +7,8 @@ mod support;
 
 use glam::DVec3;
 use pointillist::app::measure::{Measure, Picked};
+use pointillist::cloud::crs::{self, Crs, Kind};
 use pointillist::cloud::point_lookup::{self, LookupQuery};
-use pointillist::cloud::system::{self, Kind, System};
 use pointillist::cloud::{self, Cloud, ColumnSet, Header, ReadOptions};
 use pointillist::index::format::Index;
 use pointillist::progress::Silent;
@@ -26,7 +26,7 @@ fn read(paths: &[&Path]) -> Cloud {
     cloud::read(&paths, &ALL, &Silent).unwrap()
 }
 
-fn system_of(cloud: &Cloud) -> &System {
+fn system_of(cloud: &Cloud) -> &Crs {
     cloud.parts[0].header.system.as_ref().expect("a system")
 }
 
@@ -470,10 +470,10 @@ fn an_e57_in_degrees_and_facts_that_say_it() {
         );
     }
     let said = |what: &str, text: &str| {
-        System::of(&Header { facts: vec![(what.into(), text.into())], ..Header::default() })
+        Crs::of(&Header { facts: vec![(what.into(), text.into())], ..Header::default() })
     };
-    assert_eq!(said(system::DEGREES.0, system::DEGREES.1), Some(System::degrees()));
-    assert_eq!(said("columns", "lat lon alt"), Some(System::degrees()));
+    assert_eq!(said(crs::DEGREES.0, crs::DEGREES.1), Some(Crs::degrees()));
+    assert_eq!(said("columns", "lat lon alt"), Some(Crs::degrees()));
     assert_eq!(
         (said("columns", "x y z"), said("comment", "lat lon"), said("columns", "late long")),
         (None, None, None)

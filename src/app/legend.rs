@@ -2,7 +2,7 @@
 
 use crate::cloud::attribute::{Attribute, DisplayAttribute};
 use crate::cloud::colormap;
-use crate::cloud::system::Reference;
+use crate::cloud::crs::Reference;
 use egui::{Color32, Rect, Sense, Ui, pos2, vec2};
 
 /// Side of a swatch and height of a ramp `[points]`.

@@ -3,8 +3,8 @@
 use super::cancel::CancelToken;
 use super::navigation::Subject;
 use crate::cloud::attribute::{Attribute, DisplayAttribute, ExtraAttributes};
+use crate::cloud::crs::Reference;
 use crate::cloud::histograms::Histograms;
-use crate::cloud::system::Reference;
 use crate::cloud::{ColumnSet, ReadOptions, Station};
 use crate::error::{Error, Result};
 use crate::index::attributes::strokes::StrokeCache;

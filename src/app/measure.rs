@@ -1,9 +1,9 @@
 //! Measures of picked points: lengths, heights, angles and areas, and their files. Pure, f64.
 
 use crate::cloud::attribute::STATION_SHIFT;
+use crate::cloud::crs::Reference;
 use crate::cloud::digits::{number, round};
 use crate::cloud::point_lookup::{Extras, Record, hex};
-use crate::cloud::system::Reference;
 use crate::resident::Point;
 use glam::DVec3;
 use serde_json::{Value, json};

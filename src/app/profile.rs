@@ -5,7 +5,7 @@ use super::actions::Action;
 use super::measure;
 use crate::cloud::attribute::DisplayAttribute;
 use crate::cloud::colormap;
-use crate::cloud::system::Reference;
+use crate::cloud::crs::Reference;
 use crate::resident::slab_query::{Slab, SlabPoint, SlabPoints};
 use egui::{Color32, ColorImage, RichText, TextureHandle, TextureOptions, Ui, Vec2};
 use glam::{DVec2, DVec3};

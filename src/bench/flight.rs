@@ -17,7 +17,7 @@ use crate::render::frame;
 use crate::render::settings::{FrameConfig, RenderSettings};
 use crate::render::source;
 use crate::resident::pages::PAGE_BYTES;
-use crate::resident::{Residency, residency::Update};
+use crate::resident::{Residency, streaming::Update};
 use crate::select::lod::Detail;
 use crate::view::{Camera, Preset, View};
 use glam::DVec3;

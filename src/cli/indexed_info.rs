@@ -11,10 +11,10 @@ use super::info::{
     Bounds, Class, LISTED, Spacing, gain, listed, system_words, uneven, unit_words, words,
 };
 use crate::cloud::Station;
+use crate::cloud::crs::Unit;
 use crate::cloud::histograms::Histograms;
 use crate::cloud::spacing::{self, Around};
 use crate::cloud::strays::Strays;
-use crate::cloud::system::Unit;
 use crate::error::{Error, Result};
 use crate::index::format::Balance;
 use crate::index::format::{Index, IndexedPart, PLANES};

@@ -21,11 +21,11 @@
 
 use super::indexed_info;
 use super::options::{ColorOptions, TextArguments};
-use crate::cloud::color::Scale;
+use crate::cloud::crs::{Crs, Reference, Unit};
 use crate::cloud::digits::{self, Digits};
 use crate::cloud::histograms::Histograms;
+use crate::cloud::rgb_range::Scale;
 use crate::cloud::strays::Strays;
-use crate::cloud::system::{Reference, System, Unit};
 use crate::cloud::{self, Cloud, ColumnSet, Extra, Header, Part, ReadOptions, Station, spacing};
 use crate::error::{Error, Result};
 use crate::index::attributes::exposure::{Exposures, exposures};
@@ -501,7 +501,7 @@ fn bounds(bounds: Option<(DVec3, DVec3)>, digits: &Digits) -> Option<Bounds> {
 }
 
 /// Formats a coordinate system, its units, and the plane its degrees are drawn in.
-pub fn system_words(system: &System) -> String {
+pub fn system_words(system: &Crs) -> String {
     let unit = match &system.unit {
         Some(unit) if unit.is_metre() => ", in metres".into(),
         Some(unit) => format!(", in {} ({} m)", unit.name, unit.metres),

@@ -5,7 +5,7 @@ use super::units::Size;
 use crate::app::{self, Options, keys, navigation::NavigationStyle, panel::SaveSize};
 use crate::error::Result;
 use crate::gpu;
-use crate::index::format::fault_injection::Fault;
+use crate::index::fault_injection::Fault;
 use crate::progress::Progress;
 use crate::render::scene::Scene;
 use crate::render::source::OpenOptions;

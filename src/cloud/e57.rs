@@ -7,10 +7,10 @@
 //! loop are refused.
 
 use super::catch_panic::catch_panic;
-use super::color::By;
+use super::crs;
 use super::from_floats::{ColorUnit, Floats, Point, Role, there};
 use super::input::{Input, Meter};
-use super::system;
+use super::rgb_range::By;
 use super::{Header, Part, ReadOptions};
 use crate::error::Result;
 use crate::progress::Progress;
@@ -63,7 +63,7 @@ pub fn read(
             points: Some(scan.records),
             bounds: bounds(scan),
             facts: file_facts.iter().cloned().chain(scan_facts(scan)).collect(),
-            system: reader.coordinate_metadata().and_then(system::wkt::system),
+            system: reader.coordinate_metadata().and_then(crs::wkt::parse),
             ..Header::default()
         };
         let unit = ColorUnit::Limits(found.color_limits);

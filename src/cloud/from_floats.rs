@@ -8,12 +8,12 @@
 //! which loses nothing and makes the numbers small.
 
 use super::axis::Axis;
-use super::color::{By, Scale};
-use super::colors;
+use super::crs::Crs;
 use super::digits::number;
 use super::input::Input;
+use super::rgb_conversion;
+use super::rgb_range::{By, Scale};
 use super::strays::RobustBounds;
-use super::system::System;
 use super::{ColumnSet, Columns, Header, Lattice, Part};
 use glam::DVec3;
 use rayon::prelude::*;
@@ -247,7 +247,7 @@ impl Floats {
                 self.not_finite
             ));
         }
-        let is_angular = System::of(&header).is_some_and(|system| system.degrees.is_some());
+        let is_angular = Crs::of(&header).is_some_and(|system| system.degrees.is_some());
         let mut columns = Columns {
             class: self.class,
             returns: self.returns,
@@ -262,7 +262,7 @@ impl Floats {
         columns.rgb = self.rgb;
         if let Some(color) = self.color {
             let asked = input.rgb_range.filter(|_| unit != ColorUnit::Harmonics);
-            let converted = colors::convert(&color, unit.limits(), asked);
+            let converted = rgb_conversion::convert(&color, unit.limits(), asked);
             clamped += converted.clamped;
             rgb_scale = converted.scale;
             notes.extend(converted.note.map(|note| format!("{name}: {note}")));

@@ -3,7 +3,7 @@
 //! Readers request ranges from several threads at once, so there is no shared file position.
 //! Nothing is mapped, because a mapped file that shrinks kills the process (guide: reliability).
 
-use super::color::RgbRange;
+use super::rgb_range::RgbRange;
 use crate::error::{Error, Result};
 use crate::progress::Progress;
 use std::fs::File;

@@ -13,16 +13,16 @@ pub mod read_point;
 pub mod records;
 mod sample;
 
+use super::crs::Sample;
 use super::input::{Input, Meter};
 use super::strays::Extent;
-use super::system::Sample;
-use super::{ColumnSet, Part, ReadOptions, color};
+use super::{ColumnSet, Part, ReadOptions, rgb_range};
 use crate::error::Result;
 use crate::progress::{Progress, Silent};
-use color::{By, Occurred, RgbRange, Scale};
 use header::Layout;
 use rayon::prelude::*;
 use records::{BLOCK, Census, Fields, Lane, Pile, Window};
+use rgb_range::{By, Occurred, RgbRange, Scale};
 pub use sample::sample;
 use std::sync::Mutex;
 

@@ -10,9 +10,8 @@
 pub mod attribute;
 mod axis;
 mod catch_panic;
-pub mod color;
 pub mod colormap;
-mod colors;
+pub mod crs;
 pub mod digits;
 pub mod e57;
 mod encoding;
@@ -25,25 +24,26 @@ pub mod octahedral;
 pub mod ply;
 pub mod point_lookup;
 pub mod ptx;
+mod rgb_conversion;
+pub mod rgb_range;
 pub mod robust_bounds;
 pub mod spacing;
 pub mod strays;
 pub mod stream;
-pub mod system;
 pub mod table;
 mod text;
 pub mod xyz;
 
 use crate::error::{Error, Result};
 use crate::progress::Progress;
-use color::{RgbRange, Scale};
+use crs::{Crs, Sample};
 use glam::DVec3;
 use input::Input;
 use rayon::prelude::*;
+use rgb_range::{RgbRange, Scale};
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 use strays::Treatment;
-use system::{Sample, System};
 use table::TextOptions;
 
 /// The integer grid of a part's points: `world = offset + step * q` per axis, f64, in metres (or
@@ -265,8 +265,8 @@ pub struct Header {
     pub strays: bool,
     /// Coordinate system, if the file has one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub system: Option<System>,
-    /// Approximate location of the points, until [`system::settle`] has used it.
+    pub system: Option<Crs>,
+    /// Approximate location of the points, until [`crs::settle`] has used it.
     #[serde(skip)]
     pub sample: Option<Sample>,
 }
@@ -375,7 +375,7 @@ impl Part {
     /// has.
     fn look_around(&mut self) {
         if self.header.sample.is_none()
-            && System::of(&self.header).is_some_and(|system| system.degrees.is_some())
+            && Crs::of(&self.header).is_some_and(|system| system.degrees.is_some())
         {
             let Columns { x, y, z, .. } = &self.columns;
             let every = x.len().div_ceil(SAMPLE).max(1);
@@ -429,14 +429,9 @@ pub fn read(paths: &[PathBuf], options: &ReadOptions, progress: &dyn Progress) -
             )?);
             far_error(path, part.lattice, bounds)?;
             part.look_around();
-            part.lattice = system::settle(
-                &mut part.header,
-                part.lattice,
-                &mut plane,
-                &title,
-                &mut cloud.notes,
-            );
-            if let Some(lie) = system::lie(&part.header).filter(|_| options.strict) {
+            part.lattice =
+                crs::settle(&mut part.header, part.lattice, &mut plane, &title, &mut cloud.notes);
+            if let Some(lie) = crs::lie(&part.header).filter(|_| options.strict) {
                 return Err(Error::format(path, lie));
             }
             if options.strays == Treatment::Hide {
@@ -454,7 +449,7 @@ pub fn read(paths: &[PathBuf], options: &ReadOptions, progress: &dyn Progress) -
             cloud.parts.push(part);
         }
     }
-    cloud.notes.extend(system::differences(cloud.parts.iter().map(|part| &part.header)));
+    cloud.notes.extend(crs::differences(cloud.parts.iter().map(|part| &part.header)));
     Ok(cloud)
 }
 
@@ -476,7 +471,7 @@ pub fn sample(
         let Some(mut part) = las::sample(&input, options.wanted, share, progress)? else {
             return Ok(None);
         };
-        part.lattice = system::settle(
+        part.lattice = crs::settle(
             &mut part.header,
             part.lattice,
             &mut plane,

@@ -7,11 +7,11 @@
 //! their source holds the columns. Notes and errors are those of [`super::read`]; [`Streamed`] has
 //! what only the points can tell.
 
-use super::color::{Occurred, Scale};
+use super::crs::{self, plane::Plane};
 use super::input::{Input, Meter};
 use super::las::records::{self, Fields, Lane, Pile};
 use super::las::{self, Las, Places};
-use super::system::{self, plane::Plane};
+use super::rgb_range::{Occurred, Scale};
 use super::{ColumnSet, Columns, Header, Lattice, Part, ReadOptions};
 use crate::error::{Error, Result};
 use crate::progress::Progress;
@@ -87,7 +87,7 @@ pub fn open(
                 .for_each(|part| push(Contents::Part(Box::new(part))));
         }
     }
-    notes.extend(system::differences(sources.iter().map(Source::header)));
+    notes.extend(crs::differences(sources.iter().map(Source::header)));
     Ok(sources)
 }
 
@@ -130,7 +130,7 @@ impl Source {
             }
         };
         let mut notes = Vec::new();
-        let lattice = system::settle(header, lattice, plane, &title, &mut notes);
+        let lattice = crs::settle(header, lattice, plane, &title, &mut notes);
         Source { path: path.to_owned(), strict, lattice, notes, contents }
     }
 
@@ -295,7 +295,7 @@ impl Source {
             self.strict,
         )?);
         super::far_error(&self.path, own, world)?;
-        if let Some(lie) = system::lie(self.header()).filter(|_| self.strict) {
+        if let Some(lie) = crs::lie(self.header()).filter(|_| self.strict) {
             return Err(Error::format(&self.path, lie));
         }
         notes.extend(self.notes.iter().cloned());

@@ -8,7 +8,7 @@ use super::from_floats::{Floats, Point, Role, there};
 use super::input::{Input, Meter};
 use super::table::line::{Line, Missing, Splitter};
 use super::table::{Source, Table, sniff};
-use super::{Extra, Header, Part, ReadOptions, encoding, ptx, system, text};
+use super::{Extra, Header, Part, ReadOptions, crs, encoding, ptx, text};
 use crate::error::Result;
 use crate::progress::Progress;
 
@@ -44,7 +44,7 @@ pub fn read(
         .join(", ");
     let named = Some(("names".to_string(), names))
         .filter(|_| table.columns.iter().any(|column| column.name.is_some()));
-    let angles = Some(system::DEGREES)
+    let angles = Some(crs::DEGREES)
         .filter(|_| names_angles(&table))
         .map(|(what, text)| (what.into(), text.into()));
     let facts =

@@ -4,12 +4,16 @@
 //!   records in them
 //! - [`attributes`]: what is derived from a point's neighbours: normals, strokes, luminance; and
 //!   the exposure of stations
+//! - [`merge`](mod@merge): a parent's samples of its children's
 //! - [`build`]: from points to nodes, in memory or out of core
 //! - [`cache`]: indexes kept in the user's cache folder
+//! - [`fault_injection`]: faults of reading nodes, for tests
 
 pub mod attributes;
 pub mod build;
 pub mod cache;
+pub mod fault_injection;
 pub mod format;
+pub mod merge;
 
 pub use build::partition::{Arrangement, Node, Partition, partition, shuffled_partition};

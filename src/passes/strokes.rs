@@ -24,18 +24,18 @@
 //! from outside.
 
 mod abuffer;
+mod bins;
 mod blur;
 pub mod brush;
 mod constants;
-pub mod coverage;
 mod fragments;
 mod nearest;
-mod order;
 mod quads;
 mod settings;
+mod sort;
 mod stats;
+pub mod surface;
 pub mod tangents;
-mod tile_binning;
 
 pub use blur::record;
 pub use settings::{Blend, Order, Settings, Sort, Tangents};
@@ -143,7 +143,7 @@ pub fn begin<'f>(
 }
 
 fn margin(view: &View, settings: &Settings) -> u32 {
-    (MARGIN * settings.largest_px(view.whole)).ceil() as u32 + coverage::ENCLOSED_PX
+    (MARGIN * settings.largest_px(view.whole)).ceil() as u32 + surface::ENCLOSED_PX
 }
 
 /// Returns the same camera with `margin` more pixels on every side.
@@ -191,7 +191,7 @@ impl Painting<'_> {
     /// Returns strips that fit into `limit` bytes with their surroundings.
     pub fn strips(&self, limit: u64) -> Vec<Strip> {
         let [width, height] = self.view.size;
-        let around = 2 * coverage::ENCLOSED_PX;
+        let around = 2 * surface::ENCLOSED_PX;
         let strips = project::strips(
             [width + around, height],
             project::KEY_BYTES,

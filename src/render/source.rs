@@ -1,12 +1,12 @@
 //! Sources of points: files read whole, or an index read on demand, through one interface.
 
 use crate::cloud::attribute::{Attribute, DisplayAttribute, ExtraAttributes};
-use crate::cloud::color::RgbRange;
+use crate::cloud::crs::Reference;
 use crate::cloud::histograms::Histograms;
+use crate::cloud::rgb_range::RgbRange;
 use crate::cloud::robust_bounds::without_strays;
 use crate::cloud::strays::{RobustBounds, Strays, Treatment};
 use crate::cloud::stream::FileSummary;
-use crate::cloud::system::Reference;
 use crate::cloud::{self, Cloud, ReadOptions, Station};
 use crate::config;
 use crate::error::{Error, Result};
@@ -14,11 +14,11 @@ use crate::graph::Gpu;
 use crate::index::attributes::luminance;
 use crate::index::attributes::strokes::StrokeCache;
 use crate::index::cache::{self, Cached};
-use crate::index::format::fault_injection::Fault;
+use crate::index::fault_injection::Fault;
 use crate::index::format::{Index, Plane};
 use crate::index::{self, build};
 use crate::progress::Progress;
-use crate::resident::{CloudUpload, Residency, Resident, residency::Update};
+use crate::resident::{CloudUpload, Residency, Resident, streaming::Update};
 use crate::select::clip::{Clip, Clips};
 use crate::select::lod::Detail;
 use crate::select::opacity::Opacities;

@@ -2,7 +2,7 @@
 //!
 //! A page holds one plane of one node: 65,536 words of 32 bits, in a [`pool`] of equal pages. A
 //! small cloud is partitioned in memory and is resident as a whole ([`Resident::fill`]); nodes of
-//! an index are streamed ([`residency`]). Either way frames draw from [`Resident::nodes`].
+//! an index are streamed ([`streaming`]). Either way frames draw from [`Resident::nodes`].
 //!
 //! Shaders address pages by pointer, because storage buffer bindings may end at 128 MiB. A point's
 //! id is `number * points per page + i`, where `number` is the index of its node in the frame.
@@ -14,15 +14,15 @@ mod leaves;
 pub mod pages;
 pub mod point_density;
 pub mod pool;
-pub mod residency;
 pub mod slab_query;
 mod staging_ring;
 pub mod station_overlap;
+pub mod streaming;
 
 pub use cloud_upload::{CloudUpload, Partitioner};
 pub use point_density::PointDensity;
-pub use residency::Residency;
 pub use station_overlap::StationOverlap;
+pub use streaming::Residency;
 
 use crate::cloud::attribute::DisplayAttribute;
 use crate::cloud::histograms::Histograms;

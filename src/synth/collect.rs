@@ -1,7 +1,7 @@
 //! Simulated scans in memory, for benchmarks, studies and tests.
 
 use super::{Chunk, World, scan};
-use crate::cloud::color::{By, RgbRange, Scale};
+use crate::cloud::rgb_range::{By, RgbRange, Scale};
 use crate::cloud::{Cloud, Columns, Header, Lattice, Part};
 use crate::error::Result;
 use crate::progress::Progress;

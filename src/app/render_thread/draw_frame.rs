@@ -16,7 +16,7 @@ use crate::render::scene::Scene;
 use crate::render::settings::{FrameConfig, RenderSettings};
 use crate::render::source::GpuCloud;
 use crate::resident::Resident;
-use crate::resident::residency::Update;
+use crate::resident::streaming::Update;
 use crate::view::View;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};

@@ -4,9 +4,9 @@
 //! for a bad projection record. Every field that controls reading is therefore checked here, and
 //! every other one is only reported.
 
+use crate::cloud::crs::{Crs, geotiff, wkt};
 use crate::cloud::digits::number;
 use crate::cloud::input::Input;
-use crate::cloud::system::{System, geotiff, wkt};
 use crate::cloud::{Header, Lattice};
 use crate::error::Result;
 use glam::DVec3;
@@ -290,8 +290,8 @@ impl Projection {
     }
 
     /// Returns the system. WKT is preferred to keys, which say less.
-    fn system(&self) -> Option<System> {
-        let text = self.wkt.as_ref().and_then(|text| wkt::system(&String::from_utf8_lossy(text)));
+    fn system(&self) -> Option<Crs> {
+        let text = self.wkt.as_ref().and_then(|text| wkt::parse(&String::from_utf8_lossy(text)));
         text.or_else(|| self.geotiff.system())
     }
 }

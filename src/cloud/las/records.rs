@@ -6,7 +6,7 @@
 //! is faster than a point at a time.
 
 use super::header::Layout;
-use crate::cloud::color::{Occurred, RgbRange, to_8_bits};
+use crate::cloud::rgb_range::{Occurred, RgbRange, to_8_bits};
 use crate::cloud::strays::{Extent, Kept};
 use crate::cloud::{ColumnSet, Columns};
 use crate::error::Result;

@@ -6,7 +6,8 @@ use crate::index::format::samples::Samples;
 use crate::index::format::shadow_file::{
     FileHeader, HEADER_BYTES, MAGIC, ShadowContents, VERSION, is_shadow_file, offsets,
 };
-use crate::index::format::{self, Index, Plane, merge};
+use crate::index::format::{self, Index, Plane};
+use crate::index::merge;
 use crate::progress::Progress;
 use rayon::prelude::*;
 use std::path::Path;

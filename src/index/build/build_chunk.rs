@@ -22,9 +22,9 @@ use crate::cloud::{ColumnSet, Lattice};
 use crate::config::{BITS_PER_PLANE, POINTS_PER_PAGE, POSITION_PLANES};
 use crate::error::Result;
 use crate::index::format::NodeRecord;
-use crate::index::format::merge::{Gains, Merged, merge};
 use crate::index::format::morton;
 use crate::index::format::samples::{DerivedColumns, DerivedPlanes, Samples};
+use crate::index::merge::{Gains, Merged, merge};
 use glam::DVec3;
 use std::sync::Arc;
 

@@ -3,15 +3,15 @@
 use super::build_chunk::BuiltNode;
 use super::point_record::Colors;
 use super::spill_bucket::Spill;
-use crate::cloud::color::RgbRange;
 use crate::cloud::histograms::Tally;
+use crate::cloud::rgb_range::RgbRange;
 use crate::cloud::stream::Source;
 use crate::cloud::table::TextOptions;
 use crate::cloud::{ColumnSet, ReadOptions};
 use crate::config::INDEX_MEMORY;
-use crate::index::format::merge::Gains;
 use crate::index::format::samples::DerivedPlanes;
 use crate::index::format::{Contents, IndexedPart, Writer};
+use crate::index::merge::Gains;
 use crate::progress::Progress;
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex};

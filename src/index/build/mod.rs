@@ -35,11 +35,11 @@ mod point_record;
 mod spill_bucket;
 
 use super::attributes::derive;
-use super::format::merge::Gains;
 pub use super::format::samples::DerivedPlanes;
 use super::format::samples::{self, Samples};
 use super::format::schema;
 use super::format::{Contents, Directory, NodeRecord, Writer};
+use super::merge::Gains;
 use crate::cloud::ReadOptions;
 use crate::cloud::attribute::percentiles;
 use crate::cloud::histograms::Tally;

@@ -12,7 +12,6 @@
 //! position, or an attribute. A frame reads the planes that it needs. The header is written last,
 //! after the rest is on the disk (guide: reliability): an index is complete or absent.
 
-use super::fault_injection::Fault;
 use super::mmap::Map;
 use super::schema::{
     CHECKSUMS, Contents, Directory, IndexedPart, NodeRecord, PLANES, Plane, bounds, lattice,
@@ -21,10 +20,11 @@ use super::schema::{
 use super::shadow_file::SavedShadows;
 use super::writer::{FileHeader, HEADER_BYTES, MAGIC, VERSION};
 use crate::cloud::Lattice;
+use crate::cloud::crs::Reference;
 use crate::cloud::strays::RobustBounds;
-use crate::cloud::system::Reference;
 use crate::config::{BITS_PER_PLANE, POINTS_PER_PAGE, POSITION_PLANES};
 use crate::error::{Error, Result};
+use crate::index::fault_injection::Fault;
 use bytemuck::Zeroable;
 use glam::DVec3;
 use std::fs::File;

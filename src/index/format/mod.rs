@@ -1,12 +1,9 @@
 //! The files NAME.pnti and NAME.shadows, and their contents.
 //!
 //! `schema` defines planes, node records and the directory; `samples` packs samples into planes;
-//! `merge` makes a parent's samples of its children's; `writer` and `file` write and read an index;
-//! `shadow_file` reads saved shadows.
+//! `writer` and `file` write and read an index; `shadow_file` reads saved shadows.
 
-pub mod fault_injection;
 mod file;
-pub mod merge;
 mod mmap;
 pub mod morton;
 pub mod samples;

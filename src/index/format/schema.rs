@@ -1,8 +1,8 @@
 //! Planes, node records and the directory of an index.
 
 use crate::cloud::attribute::Attribute;
-use crate::cloud::color::Scale;
 use crate::cloud::histograms::Histograms;
+use crate::cloud::rgb_range::Scale;
 use crate::cloud::{Header, Lattice, Station};
 use crate::config::BITS_PER_PLANE;
 use crate::error::Result;

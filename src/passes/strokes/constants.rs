@@ -1,8 +1,8 @@
 //! Constants that all strokes of a frame share, and the cache key of a kept A-buffer.
 
 use super::brush::Bristles;
-use super::coverage::{NEARER, NEARER_PX};
 use super::settings::{Blend, Settings};
+use super::surface::{NEARER, NEARER_PX};
 use super::{HIDES, LEAST_PX, Painting};
 use crate::passes::project::Strip;
 use crate::passes::resolve::ColorLookup;

@@ -1,8 +1,8 @@
 //! Evaluates the strokes of tiles, a chunk of each tile at a time: the nearest of each pixel, and
 //! its fragments or their number.
 
+use super::bins::Bins;
 use super::settings::Order;
-use super::tile_binning::Bins;
 use super::{Found, Painting, StrokeInputs, TILE_PIXELS, groups};
 use crate::error::Result;
 use crate::graph::{Buffer, Graph};

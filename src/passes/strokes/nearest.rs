@@ -1,8 +1,8 @@
 //! Draws the nearest stroke of each pixel, z-buffered, where a surface is.
 
 use super::Painting;
-use super::coverage::{self, ENCLOSED_PX};
 use super::quads::{Quads, STROKE_BYTES};
+use super::surface::{self, ENCLOSED_PX};
 use crate::error::Result;
 use crate::graph::{Buffer, Dispatch, Graph};
 use crate::passes::project::Strip;
@@ -22,7 +22,7 @@ impl Painting<'_> {
         self.facts.listed += desk.places as u64;
         self.facts.parts += desk.places.max(1).div_ceil(at_once);
         self.facts.bytes = self.facts.bytes.max(STROKE_BYTES * at_once.min(desk.places) as u64);
-        let surface = coverage::surface(g, &ground, strip);
+        let surface = surface::surface(g, &ground, strip);
         let mut around = g.buffer("keys around", nearest.desc.bytes());
         g.copy_out(&nearest, &mut around);
         let [width, height] = strip.size;

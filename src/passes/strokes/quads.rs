@@ -4,7 +4,7 @@
 //! their points. Of strokes at the same depth the first one drawn stays, which has the lowest
 //! number, in every picture and all its pieces.
 
-use super::coverage::ENCLOSED_PX;
+use super::surface::ENCLOSED_PX;
 use super::{Painting, StrokeInputs};
 use crate::error::Result;
 use crate::graph::{Buffer, Graph, Image, ImageDesc, Vertices};

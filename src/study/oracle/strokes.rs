@@ -14,7 +14,7 @@ use crate::index::attributes::axes;
 use crate::index::attributes::strokes::{Stroke, householder};
 use crate::index::format::Axes;
 use crate::passes::strokes::brush::{Bristles, turns};
-use crate::passes::strokes::coverage::{DIRECTIONS, ENCLOSED_PX, NEARER, NEARER_PX};
+use crate::passes::strokes::surface::{DIRECTIONS, ENCLOSED_PX, NEARER, NEARER_PX};
 use crate::passes::strokes::{Blend, LEAST_PX, Order, Settings, Tangents};
 use crate::view::{Projection, View};
 use glam::{DVec2, DVec3};

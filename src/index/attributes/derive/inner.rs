@@ -12,9 +12,9 @@ use super::super::linear_algebra::eigen;
 use super::super::strokes;
 use crate::cloud::octahedral;
 use crate::error::Result;
-use crate::index::format::merge::{self, Runs};
 use crate::index::format::samples::DerivedColumns;
 use crate::index::format::{NodeRecord, Plane};
+use crate::index::merge::{self, Runs};
 use glam::DVec3;
 use std::ops::Range;
 

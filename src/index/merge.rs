@@ -18,9 +18,9 @@
 //! fine as M samples allow, whatever the shape of the data. All sums are integers, so that the
 //! result does not depend on any order of execution.
 
-use super::morton;
-use super::samples::{Cell, DerivedColumns, Samples};
-use super::schema::Balance;
+use super::format::morton;
+use super::format::samples::{Cell, DerivedColumns, Samples};
+use super::format::schema::Balance;
 use crate::cloud::ColumnSet;
 use crate::config::{BITS_PER_PLANE, POINTS_PER_PAGE, POSITION_PLANES};
 use std::borrow::Cow;

@@ -4,7 +4,7 @@
 //! and units, and the parameters of the commonest projections without a code. Keys that point
 //! outside their record are ignored.
 
-use super::{Kind, System, Unit};
+use super::{Crs, Kind, Unit};
 
 /// The contents of the three records.
 #[derive(Clone, Debug, Default)]
@@ -30,7 +30,7 @@ const VERTICAL_UNIT: u16 = 4099;
 const OF_THE_USER: u16 = 32767;
 
 impl Records {
-    pub fn system(&self) -> Option<System> {
+    pub fn system(&self) -> Option<Crs> {
         let model = self.short(MODEL);
         let [projected, geographic] =
             [PROJECTED, GEOGRAPHIC].map(|key| self.short(key).filter(|code| *code != 0));
@@ -62,7 +62,7 @@ impl Records {
             .into_iter()
             .find_map(|key| self.text(key))
             .or_else(|| self.text(GEOGRAPHIC_CITATION));
-        let system = System { name, epsg, kind, unit, height_unit, degrees, ..System::default() };
+        let system = Crs { name, epsg, kind, unit, height_unit, degrees, ..Crs::default() };
         let proj = system
             .unit
             .as_ref()

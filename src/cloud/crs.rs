@@ -1,6 +1,6 @@
 //! Coordinate systems: units, projections, and positions on the Earth.
 //!
-//! A [`System`] is parsed from WKT of either version (`wkt`) or GeoTIFF keys (`geotiff`). Files
+//! A [`Crs`] is parsed from WKT of either version (`wkt`) or GeoTIFF keys (`geotiff`). Files
 //! without one use metres. Points in degrees are drawn on a local [`Plane`].
 
 pub mod geotiff;
@@ -102,7 +102,7 @@ pub enum Kind {
 
 /// The coordinate system of a file.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct System {
+pub struct Crs {
     pub name: Option<String>,
     pub epsg: Option<u32>,
     pub kind: Kind,
@@ -129,20 +129,20 @@ pub const DEGREES: (&str, &str) = ("coordinates", "longitude and latitude in deg
 /// Facts that may name a system.
 const COORDINATES: [&str; 4] = ["coordinates", "coordinate system", "columns", "units"];
 
-impl System {
+impl Crs {
     /// Returns longitude and latitude on WGS 84.
-    pub fn degrees() -> System {
-        System {
+    pub fn degrees() -> Crs {
+        Crs {
             name: Some("longitude and latitude".into()),
             kind: Kind::Geographic,
             unit: Some(Unit::default()),
             degrees: Some(1.0),
-            ..System::default()
+            ..Crs::default()
         }
     }
 
     /// Returns the system of a header, from its own field or its facts.
-    pub fn of(header: &Header) -> Option<System> {
+    pub fn of(header: &Header) -> Option<Crs> {
         let says = |what: &str, text: &str| {
             let text = text.to_lowercase();
             let has = |words: [&str; 2]| {
@@ -150,13 +150,12 @@ impl System {
             };
             COORDINATES.contains(&what) && has(["longitude", "lon"]) && has(["latitude", "lat"])
         };
-        let said =
-            || header.facts.iter().any(|(what, text)| says(what, text)).then(System::degrees);
+        let said = || header.facts.iter().any(|(what, text)| says(what, text)).then(Crs::degrees);
         header.system.clone().or_else(said)
     }
 
     /// Adds what the EPSG code implies, if the file states no more or the same.
-    fn completed(mut self, of_file: Option<String>) -> System {
+    fn completed(mut self, of_file: Option<String>) -> Crs {
         let known = self
             .epsg
             .and_then(|code| crs_definitions::from_code(code.try_into().ok()?))
@@ -226,7 +225,7 @@ fn unit_of(proj: &str) -> Option<Unit> {
     }
 }
 
-impl fmt::Display for System {
+impl fmt::Display for Crs {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let kind = match self.kind {
             Kind::Projected => "projected",
@@ -273,7 +272,7 @@ impl Sample {
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Reference {
     /// `None` if no file has one, or files have different ones.
-    pub system: Option<System>,
+    pub system: Option<Crs>,
     pub digits: Digits,
 }
 
@@ -287,7 +286,7 @@ impl Reference {
 
     /// Returns the unit of lengths; metres if not stated.
     pub fn unit(&self) -> Unit {
-        self.system.as_ref().map(System::unit).unwrap_or_default()
+        self.system.as_ref().map(Crs::unit).unwrap_or_default()
     }
 
     pub fn height_unit(&self) -> Unit {
@@ -315,11 +314,11 @@ impl Reference {
 
 /// Returns notes on differences between systems of files opened together.
 pub fn differences<'a>(headers: impl Iterator<Item = &'a Header>) -> Option<String> {
-    let systems: Vec<Option<&System>> = headers.map(|header| header.system.as_ref()).collect();
+    let systems: Vec<Option<&Crs>> = headers.map(|header| header.system.as_ref()).collect();
     let mut units: Vec<Unit> =
-        systems.iter().map(|system| system.map(System::unit).unwrap_or_default()).collect();
+        systems.iter().map(|system| system.map(Crs::unit).unwrap_or_default()).collect();
     units.dedup();
-    let is_angular = |system: &Option<&System>| system.is_some_and(|system| system.plane.is_some());
+    let is_angular = |system: &Option<&Crs>| system.is_some_and(|system| system.plane.is_some());
     if units.len() > 1 {
         let names: Vec<&str> = units.iter().map(|unit| unit.name.as_str()).collect();
         return Some(format!(
@@ -349,7 +348,7 @@ pub fn settle(
     notes: &mut Vec<String>,
 ) -> Lattice {
     let sample = header.sample.take();
-    header.system = System::of(header);
+    header.system = Crs::of(header);
     let Some(system) = &mut header.system else { return lattice };
     let Some(degrees) = system.degrees.filter(|_| system.kind == Kind::Geographic) else {
         if let (Some(unit), Some(height)) = (&system.unit, &system.height_unit) {

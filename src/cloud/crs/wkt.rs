@@ -5,7 +5,7 @@
 //! parses the projection.
 
 use super::super::catch_panic::catch_panic;
-use super::{Kind, System, Unit};
+use super::{Crs, Kind, Unit};
 
 /// A keyword and the contents of its brackets.
 #[derive(Debug, Default)]
@@ -19,7 +19,7 @@ struct Node {
 const DEEPEST: usize = 64;
 
 /// Parses the system of a text; `None` if it is not WKT.
-pub fn system(text: &str) -> Option<System> {
+pub fn parse(text: &str) -> Option<Crs> {
     let text = text.trim_matches(|c: char| c == '\0' || c.is_whitespace());
     let root = node(&mut text.chars().peekable(), 0)?;
     let (horizontal, vertical) = root.halves()?;
@@ -33,14 +33,14 @@ pub fn system(text: &str) -> Option<System> {
         unit = Some(Unit::default());
     }
     let height_unit = height.filter(|height| unit.as_ref() != Some(height));
-    let system = System {
+    let system = Crs {
         name: horizontal.texts.first().cloned(),
         epsg: horizontal.epsg(),
         kind,
         unit,
         height_unit,
         degrees,
-        ..System::default()
+        ..Crs::default()
     };
     if system.name.is_none() && system.unit.is_none() && system.epsg.is_none() {
         return None;
@@ -227,17 +227,14 @@ mod tests {
     fn text_that_is_none_or_ends_early_is_no_panic() {
         let whole = r#"COMPD_CS["a ""b"" c",PROJCS["NAD83 / X",GEOGCS["NAD83",UNIT["degree",0.0174532925199433]],UNIT["US survey foot",0.3048006096012192,AUTHORITY["EPSG","9003"]],AUTHORITY["EPSG","2263"]],VERT_CS["NAVD88",UNIT["metre",1]]]"#;
         for end in 0..=whole.len() {
-            let _ = system(&whole[..end]);
+            let _ = parse(&whole[..end]);
         }
-        let found = system(whole).unwrap();
+        let found = parse(whole).unwrap();
         assert_eq!(
             (found.epsg, found.kind, found.unit.unwrap().symbol()),
             (Some(2263), Kind::Projected, "ftUS")
         );
         assert_eq!(found.height_unit, Some(Unit::default()));
-        assert_eq!(
-            (system(""), system("WGS 84"), system(&"A[".repeat(100_000))),
-            (None, None, None)
-        );
+        assert_eq!((parse(""), parse("WGS 84"), parse(&"A[".repeat(100_000))), (None, None, None));
     }
 }

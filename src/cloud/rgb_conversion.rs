@@ -3,7 +3,7 @@
 //! A range stated by the file or its format holds if the values of most points agree with it;
 //! otherwise they decide.
 
-use super::color::{By, OTHERWISE, RgbRange, Scale, UNIT_LIMIT, is_many, range_of};
+use super::rgb_range::{By, OTHERWISE, RgbRange, Scale, UNIT_LIMIT, is_many, range_of};
 use rayon::prelude::*;
 
 pub struct Converted {
