@@ -208,7 +208,7 @@ impl Table {
         let are_fractions =
             self.columns.iter().filter(|column| matches!(column.role, Role::Color(_))).all(
                 |column| {
-                    let name = column.name.as_deref().map(names::key).unwrap_or_default();
+                    let name = column.name.as_deref().map(names::normalized).unwrap_or_default();
                     names::FRACTIONS.contains(&name.as_str())
                 },
             );

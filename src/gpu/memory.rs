@@ -229,7 +229,7 @@ const MAX_OVERSIZE: u64 = 4;
 /// change size.
 const MAX_PLACED: usize = 4096;
 
-/// A buffer that outlives the frame, with the key of its contents and the number of completed
+/// A buffer that outlives the frame, with the cache key of its contents and the number of completed
 /// steps; `None` until a frame has filled it.
 struct PersistentBuffer {
     buffer: RawBuffer,
@@ -577,7 +577,7 @@ impl Memory {
         Ok((&kept.buffer, steps))
     }
 
-    /// Returns key and completed steps of a persistent buffer; `None` if it holds nothing.
+    /// Returns cache key and completed steps of a persistent buffer; `None` if it holds nothing.
     pub fn persistent_state(&self, name: &str) -> Option<(&[u64], u32)> {
         self.persistent
             .get(name)?
@@ -591,7 +591,8 @@ impl Memory {
         self.persistent.get_mut(name).into_iter().for_each(|kept| kept.state = None);
     }
 
-    /// Sets key and completed steps of a persistent buffer; `None` while a frame is filling it.
+    /// Sets cache key and completed steps of a persistent buffer; `None` while a frame is filling
+    /// it.
     pub fn set_persistent_state(&mut self, name: &str, state: Option<(Vec<u64>, u32)>) {
         self.persistent.get_mut(name).expect("a name that persistent_buffer was asked for").state =
             state;

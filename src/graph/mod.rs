@@ -382,7 +382,7 @@ impl<'g> Graph<'g> {
         Ok((Buffer { id, desc }, held))
     }
 
-    /// Returns key and completed steps of a persistent buffer; `None` if it holds nothing.
+    /// Returns cache key and completed steps of a persistent buffer; `None` if it holds nothing.
     pub fn persistent_state(&self, name: &str) -> Option<(&[u64], u32)> {
         self.gpu.memory.persistent_state(name)
     }

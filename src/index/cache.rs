@@ -56,7 +56,7 @@ pub fn is_there(paths: &[PathBuf], place: &CacheLocation, options: &Options) -> 
 }
 
 fn name(paths: &[PathBuf], options: &Options) -> Result<String> {
-    Ok(format!("{}-{}.pnti", stem(&paths[0]), key(paths, options)?))
+    Ok(format!("{}-{}.pnti", stem(&paths[0]), cache_key(paths, options)?))
 }
 
 pub fn find_or_build(
@@ -98,7 +98,8 @@ fn stem(path: &Path) -> String {
     stem.chars().filter(|c| c.is_ascii_alphanumeric() || matches!(c, '-' | '_')).take(40).collect()
 }
 
-fn key(paths: &[PathBuf], options: &Options) -> Result<String> {
+/// Returns a hash of all that an index depends on.
+fn cache_key(paths: &[PathBuf], options: &Options) -> Result<String> {
     let mut hash = blake3::Hasher::new();
     hash.update(&GENERATION.to_le_bytes());
     hash.update(

@@ -195,8 +195,8 @@ pub struct Facts {
     pub halvings: u32,
     /// Side of a texel `[m]`, in the middle of the cloud if the light has a position.
     pub texel_m: f64,
-    /// Distance behind a surface that faces the light where shadow begins `[m]`. On a slanted surface
-    /// it is measured across the surface.
+    /// Distance behind a surface that faces the light where shadow begins `[m]`. On a slanted
+    /// surface it is measured across the surface.
     pub layer_m: f64,
 }
 
@@ -313,8 +313,9 @@ fn counted(
     let facts =
         Facts::new(&cameras::cameras(context.light, &around, places[0])?, around.bounds, settings);
 
-    let (light, nodes) = (made_of(context, resident, settings, &around), resident.nodes_identity());
-    let made_of = [light.as_slice(), &nodes].concat();
+    let (light, nodes) =
+        (cache_key(context, resident, settings, &around), resident.nodes_identity());
+    let cache_key = [light.as_slice(), &nodes].concat();
     let place = (0..2)
         .find(|&place| {
             g.persistent_state(PLACES[place]).is_some_and(|(of, _)| of.starts_with(&light))
@@ -326,7 +327,9 @@ fn counted(
         .map(|(of, steps)| (of.to_vec(), steps));
     // If few samples are cast per frame, changed nodes start again with one sample.
     if let Some((before, kept)) = before.filter(|(before, kept)| {
-        *before != made_of && settings.method == Method::Depth && (*kept == 1 || at_once != Some(0))
+        *before != cache_key
+            && settings.method == Method::Depth
+            && (*kept == 1 || at_once != Some(0))
     }) && let sights = views(0..kept)?
         && let Some(Changed { stay, again }) = invalidation::changed(
             &before[light.len()..],
@@ -339,7 +342,7 @@ fn counted(
         let bytes_before =
             (before.len() - light.len()) as u64 / IDENTITY_WORDS as u64 * POINTS_PER_PAGE as u64;
         let (old, _) = g.persistent(PLACES[place], bytes_before, before, |held| held)?;
-        let (counts, _) = g.persistent(PLACES[1 - place], bytes, made_of, |_| end)?;
+        let (counts, _) = g.persistent(PLACES[1 - place], bytes, cache_key, |_| end)?;
         g.invalidate(PLACES[place]);
         let mut tally = Tally::new(g, counts, false);
         let page = POINTS_PER_PAGE as u64;
@@ -370,7 +373,7 @@ fn counted(
             facts: Facts { cast: end, tested: again.len() as u32, ..facts },
         }));
     }
-    let (counts, kept) = g.persistent(PLACES[place], bytes, made_of, wanted)?;
+    let (counts, kept) = g.persistent(PLACES[place], bytes, cache_key, wanted)?;
     let end = wanted(kept);
     if end == kept {
         return Ok(Some(LightVisibility {
@@ -426,7 +429,7 @@ fn saved(
 }
 
 /// Returns a cache key of all that the visibility depends on, except the nodes.
-fn made_of(
+fn cache_key(
     context: &FrameContext,
     resident: &Resident,
     settings: &Settings,

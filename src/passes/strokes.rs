@@ -212,18 +212,18 @@ impl Painting<'_> {
 
     /// Paints all strokes of a strip over each other.
     fn layers(&mut self, g: &mut Graph, paint: &ColorLookup, strip: Strip) -> Result<Buffer> {
-        let made_of =
-            self.at_once.filter(|_| strip.size == self.view.size).map(|_| self.made_of(paint));
-        if let Some(made_of) = &made_of
-            && let Some(notes) = abuffer::held(g, made_of)
+        let cache_key =
+            self.at_once.filter(|_| strip.size == self.view.size).map(|_| self.cache_key(paint));
+        if let Some(cache_key) = &cache_key
+            && let Some(notes) = abuffer::held(g, cache_key)
         {
             self.facts = Facts::of(notes);
-            return self.go_on(g, paint, strip, made_of);
+            return self.go_on(g, paint, strip, cache_key);
         }
         let found = Found { surface: self.surface(g, strip)?, listed: self.listed(g, strip)? };
         let parts = self.parts(g, strip, &found)?;
         let desk = self.bind(g, strip, paint)?;
-        self.paint(g, &desk, &found, &parts, made_of.as_deref())
+        self.paint(g, &desk, &found, &parts, cache_key.as_deref())
     }
 
     /// Returns the parts that are painted at once: one, unless memory is short.
@@ -266,18 +266,18 @@ impl Painting<'_> {
         allowed.min(g.binding_limit())
     }
 
-    /// Paints parts. The A-buffer is kept as `made_of` if everything is painted at once.
+    /// Paints parts. The A-buffer is kept under `cache_key` if everything is painted at once.
     fn paint(
         &mut self,
         g: &mut Graph,
         desk: &StrokeInputs,
         found: &Found,
         parts: &[Part],
-        made_of: Option<&[u64]>,
+        cache_key: Option<&[u64]>,
     ) -> Result<Buffer> {
         let listed = &found.listed;
         let room = self.room(g, 2);
-        let kept = made_of.filter(|_| parts.len() == 1 && self.size(desk.strip).fits(room));
+        let kept = cache_key.filter(|_| parts.len() == 1 && self.size(desk.strip).fits(room));
         let surface = g.upload("surface", &found.surface)?;
         let mut keys = None;
         for part in parts {
@@ -290,9 +290,9 @@ impl Painting<'_> {
                     + abuffer::bytes(sum(&part.fragments)),
             );
             let mut abuffer = match kept {
-                Some(made_of) => {
+                Some(cache_key) => {
                     let (mut kept, abuffer) =
-                        self.keep(g, desk.strip, made_of, Some(&part.fragments))?;
+                        self.keep(g, desk.strip, cache_key, Some(&part.fragments))?;
                     g.fill(&mut kept, u32::MAX);
                     keys = Some(kept);
                     abuffer
@@ -335,12 +335,12 @@ impl Painting<'_> {
         g: &mut Graph,
         paint: &ColorLookup,
         strip: Strip,
-        made_of: &[u64],
+        cache_key: &[u64],
     ) -> Result<Buffer> {
         let canvas = g.upload("canvas", &[self.canvas(strip, paint)])?;
         let [across, down] = tiles(strip.size);
         let part = g.upload("part", &[0, across * down])?;
-        let (keys, abuffer) = self.keep(g, strip, made_of, None)?;
+        let (keys, abuffer) = self.keep(g, strip, cache_key, None)?;
         self.blend(g, [&canvas, &part], strip, across * down, abuffer, self.facts.deepest)?;
         Ok(keys)
     }
@@ -349,13 +349,13 @@ impl Painting<'_> {
         &self,
         g: &mut Graph,
         strip: Strip,
-        made_of: &[u64],
+        cache_key: &[u64],
         counted: Option<&[u32]>,
     ) -> Result<(Buffer, Abuffer)> {
-        let made_of = [made_of, &self.facts.notes()].concat();
+        let cache_key = [cache_key, &self.facts.notes()].concat();
         let last = self.settings.last().min(self.facts.deepest).max(1);
         let more = self.at_once.unwrap_or(last).max(1);
-        abuffer::keep(g, &made_of, &self.size(strip), counted, |ordered| {
+        abuffer::keep(g, &cache_key, &self.size(strip), counted, |ordered| {
             ordered.saturating_add(more).min(last)
         })
     }

@@ -149,7 +149,7 @@ impl Chart {
         let zeros = marks().any(|mark| mark.y == 0.0);
         root.fill(&WHITE)?;
         root.draw_text(&self.title, &text(19, &INK, true, HPos::Left, VPos::Top), (LEFT, 14))?;
-        self.key(root, (LEFT, 50))?;
+        self.legend(root, (LEFT, 50))?;
         let middle = (TOP + size[1] - BOTTOM) / 2;
         let upright =
             text(13, &INK, false, HPos::Center, VPos::Center).transform(FontTransform::Rotate270);
@@ -170,7 +170,7 @@ impl Chart {
     }
 
     /// Draws the legend.
-    fn key(
+    fn legend(
         &self,
         root: &Area,
         (x, y): (i32, i32),

@@ -164,7 +164,7 @@ const UNITS: &[&str] = &[
 ];
 
 /// Normalises a name: lower case, no unit, no separators, no `scalar_` of CloudCompare.
-pub fn key(name: &str) -> String {
+pub fn normalized(name: &str) -> String {
     let name = name
         .trim_matches(|c: char| {
             c.is_whitespace() || matches!(c, '"' | '\'' | '/' | '#' | '%' | '\u{feff}')
@@ -191,10 +191,10 @@ pub fn role(name: &str) -> Option<Role> {
 }
 
 fn ranked(name: &str) -> Option<(Role, usize)> {
-    let key = key(name);
+    let name = normalized(name);
     NAMES
         .iter()
-        .find_map(|(role, names)| Some((*role, names.iter().position(|known| *known == key)?)))
+        .find_map(|(role, names)| Some((*role, names.iter().position(|known| *known == name)?)))
 }
 
 /// Returns the roles of columns with these names, each role once, and triples only if complete: `b`

@@ -120,7 +120,8 @@ pub fn sniff(start: &[u8], is_whole: bool, asked: &TextOptions) -> Result<Table,
 fn read_as_intensity(table: &mut Table, name: &str) -> Result<(), String> {
     let titles: Vec<String> =
         (0..table.columns.len()).map(|place| table.extra(place).name).collect();
-    let is_it = |title: &&String| **title == name || names::key(title) == names::key(name);
+    let is_it =
+        |title: &&String| **title == name || names::normalized(title) == names::normalized(name);
     let place = titles
         .iter()
         .position(|title| title == name)

@@ -55,14 +55,14 @@ pub struct Stroke {
 pub struct StrokeCache(Mutex<Vec<CachedWords>>);
 
 struct CachedWords {
-    key: Hash,
+    input_hash: Hash,
     words: Arc<Vec<[u32; 2]>>,
     /// Whether the current cloud has requested it.
     requested: bool,
 }
 
 /// Returns the hash of all that a part's strokes depend on: positions and colours.
-fn key(columns: &Columns, lattice: &Lattice) -> Hash {
+fn input_hash(columns: &Columns, lattice: &Lattice) -> Hash {
     let mut hasher = Hasher::new();
     let places = [lattice.step, lattice.offset].map(|place| place.to_array());
     hasher.update(bytemuck::bytes_of(&places)).update(&columns.len().to_le_bytes());
@@ -83,13 +83,13 @@ impl StrokeCache {
         lattice: &Lattice,
         progress: &dyn Progress,
     ) -> Result<Arc<Vec<[u32; 2]>>> {
-        let key = key(columns, lattice);
-        if let Some(kept) = self.all().iter_mut().find(|kept| kept.key == key) {
+        let input_hash = input_hash(columns, lattice);
+        if let Some(kept) = self.all().iter_mut().find(|kept| kept.input_hash == input_hash) {
             kept.requested = true;
             return Ok(kept.words.clone());
         }
         let words = Arc::new(words(columns, lattice, progress)?);
-        self.all().push(CachedWords { key, words: words.clone(), requested: true });
+        self.all().push(CachedWords { input_hash, words: words.clone(), requested: true });
         Ok(words)
     }
 

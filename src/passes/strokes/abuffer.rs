@@ -61,10 +61,10 @@ impl Size {
     }
 }
 
-/// Returns the notes stored behind `made_of` if an A-buffer of it is kept completely.
-pub fn held<const N: usize>(g: &Graph, made_of: &[u64]) -> Option<[u64; N]> {
+/// Returns the notes stored behind `cache_key` if an A-buffer of it is kept completely.
+pub fn held<const N: usize>(g: &Graph, cache_key: &[u64]) -> Option<[u64; N]> {
     let (whole, _) = g.persistent_state(PLACES[2])?;
-    let notes = whole.strip_prefix(made_of)?.try_into().ok()?;
+    let notes = whole.strip_prefix(cache_key)?.try_into().ok()?;
     PLACES
         .iter()
         .all(|place| g.persistent_state(place).is_some_and(|(of, _)| of == whole))
@@ -75,7 +75,7 @@ pub fn held<const N: usize>(g: &Graph, made_of: &[u64]) -> Option<[u64; N]> {
 /// 0 if just counted, to the number after this frame.
 pub fn keep(
     g: &mut Graph,
-    made_of: &[u64],
+    cache_key: &[u64],
     size: &Size,
     counted: Option<&[u32]>,
     next: impl Fn(u32) -> u32,
@@ -84,9 +84,9 @@ pub fn keep(
         PLACES.iter().for_each(|place| g.invalidate(place));
     }
     let [of_keys, of_starts, of_fragments] = size.bytes();
-    let (keys, _) = g.persistent(PLACES[0], of_keys, made_of.to_vec(), |_| 1)?;
-    let (mut starts, _) = g.persistent(PLACES[1], of_starts, made_of.to_vec(), |_| 1)?;
-    let (fragments, ordered) = g.persistent(PLACES[2], of_fragments, made_of.to_vec(), &next)?;
+    let (keys, _) = g.persistent(PLACES[0], of_keys, cache_key.to_vec(), |_| 1)?;
+    let (mut starts, _) = g.persistent(PLACES[1], of_starts, cache_key.to_vec(), |_| 1)?;
+    let (fragments, ordered) = g.persistent(PLACES[2], of_fragments, cache_key.to_vec(), &next)?;
     if let Some(per_pixel) = counted {
         let counted = g.upload("starts", &sums(per_pixel))?;
         g.copy_parts("keep starts", &counted, &mut starts, vec![[0, 0, of_starts]]);

@@ -142,7 +142,7 @@ impl Painting<'_> {
     /// Returns the words of all brushes, computed if the kept ones differ.
     pub(super) fn brushes(&self, g: &mut Graph, turns: &Buffer) -> Result<Buffer> {
         let bristles = Bristles::of(&self.settings);
-        let made_of = [
+        let cache_key = [
             bristles.amplitude,
             bristles.gamma,
             bristles.sigma_x,
@@ -150,9 +150,9 @@ impl Painting<'_> {
             bristles.dev,
             self.settings.noise,
         ];
-        let made_of =
-            made_of.map(f64::to_bits).into_iter().chain([bristles.places() as u64]).collect();
-        let (mut brushes, kept) = g.persistent("brushes", 4 * WORDS as u64, made_of, |_| 1)?;
+        let cache_key =
+            cache_key.map(f64::to_bits).into_iter().chain([bristles.places() as u64]).collect();
+        let (mut brushes, kept) = g.persistent("brushes", 4 * WORDS as u64, cache_key, |_| 1)?;
         if kept == 0 {
             let inverse = |sigma: f64| (1.0 / (sigma * sigma)) as f32;
             let push = stroke_brush::Push {

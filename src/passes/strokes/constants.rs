@@ -49,7 +49,7 @@ impl Painting<'_> {
     }
 
     /// Returns all that fragments depend on.
-    pub(super) fn made_of(&self, paint: &ColorLookup) -> Vec<u64> {
+    pub(super) fn cache_key(&self, paint: &ColorLookup) -> Vec<u64> {
         let Settings {
             brush,
             blend,
