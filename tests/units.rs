@@ -138,7 +138,7 @@ fn units_are_those_of_text_and_of_keys() {
         );
         assert_eq!(system.height_unit.as_ref().map(|unit| unit.symbol()), height, "{name}");
         assert_eq!(
-            cloud.notes.iter().any(|note| note.contains("slanted lengths are wrong")),
+            cloud.notes.iter().any(|note| note.contains("times as steep as they are")),
             height.is_some(),
             "{name}: {:?}",
             cloud.notes

@@ -58,6 +58,12 @@ impl Measure {
         self.points.iter().map(|picked| picked.point.position).collect()
     }
 
+    /// Returns the positions with heights in the unit of lengths, too.
+    fn scaled_places(&self) -> Vec<DVec3> {
+        let scale = DVec3::new(1.0, 1.0, self.reference.height_scale());
+        self.points.iter().map(|picked| scale * picked.point.position).collect()
+    }
+
     /// Stores the record of the points at a place; returns their numbers, counted from 1.
     pub fn found(&mut self, place: DVec3, record: &Option<Record>) -> Vec<usize> {
         let looked =
@@ -70,14 +76,15 @@ impl Measure {
         found.into_iter().map(|number| number + 1).collect()
     }
 
-    /// Returns the length of the line through all points, in the unit of the points.
+    /// Returns the length of the line through all points, in the unit of lengths.
     pub fn length(&self) -> f64 {
-        self.places().windows(2).map(|pair| pair[0].distance(pair[1])).sum()
+        self.scaled_places().windows(2).map(|pair| pair[0].distance(pair[1])).sum()
     }
 
-    /// Returns the straight distance from the first to the last point, in the unit of the points.
+    /// Returns the straight distance from the first to the last point, in the unit of lengths.
     pub fn distance(&self) -> f64 {
-        self.ends().map_or(0.0, |[first, last]| first.distance(last))
+        let places = self.scaled_places();
+        if let [first, .., last] = places[..] { first.distance(last) } else { 0.0 }
     }
 
     /// Returns the height of the last point above the first, in the unit of heights.
@@ -85,24 +92,24 @@ impl Measure {
         self.ends().map_or(0.0, |[first, last]| last.z - first.z)
     }
 
-    /// Returns the horizontal distance from the first to the last point, in the unit of the points.
+    /// Returns the horizontal distance from the first to the last point, in the unit of lengths.
     pub fn horizontal(&self) -> f64 {
         self.ends().map_or(0.0, |[first, last]| (last - first).truncate().length())
     }
 
     /// Returns the angle at the last point but one `[degrees]`; None if points coincide.
     pub fn angle(&self) -> Option<f64> {
-        let &[.., a, b, c] = &self.places()[..] else { return None };
+        let &[.., a, b, c] = &self.scaled_places()[..] else { return None };
         let to = |other: DVec3| (other - b).try_normalize();
         let (u, v) = (to(a)?, to(c)?);
         // Cross and dot product together are exact for small and for flat angles.
         Some(u.cross(v).length().atan2(u.dot(v)).to_degrees())
     }
 
-    /// Returns the area of the polygon in the plane that fits it best, in squares of the unit; None
-    /// for fewer than three points.
+    /// Returns the area of the polygon in the plane that fits it best, in squares of the unit of
+    /// lengths; None for fewer than three points.
     pub fn area(&self) -> Option<f64> {
-        let places = self.places();
+        let places = self.scaled_places();
         let (&first, rest) = places.split_first()?;
         // Relative to the first point, since coordinates are large and areas small.
         let from_first = |place: &DVec3| *place - first;
@@ -189,12 +196,13 @@ impl Measure {
         let mut facts = json!({
             "length_m": length * to_metres, "distance_m": distance * to_metres, "height_m": height * up, "angle_deg": self.angle()
         });
-        if !unit.is_metre() {
+        if !unit.is_metre() || !height_unit.is_metre() {
             let own = [
                 ("length", json!(length)),
                 ("distance", json!(distance)),
                 ("height", json!(height)),
                 ("unit", json!(unit.symbol())),
+                ("height_unit", json!(height_unit.symbol())),
             ];
             own.into_iter().for_each(|(key, value)| facts[key] = value);
         }
@@ -263,6 +271,7 @@ impl std::fmt::Display for Measure {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::cloud::crs::{Crs, Unit};
 
     const ORIGIN: DVec3 = DVec3::new(500_000.0, 5_000_000.0, 100.0);
 
@@ -298,6 +307,29 @@ mod tests {
         assert_eq!((edge.angle(), edge.area()), (None, None));
         is(measure(&[[1.0, 0.0, 0.0], [0.0, 0.0, 0.0], [-1.0, 0.0, 0.0]]).angle().unwrap(), 180.0);
         assert_eq!(measure(&[[1.0; 3], [1.0; 3], [2.0; 3]]).angle(), None);
+    }
+
+    #[test]
+    fn heights_in_another_unit_are_converted() {
+        // 3 ft across and 1.2192 m = 4 ft up.
+        let mut slope = measure(&[[0.0; 3], [3.0, 0.0, 1.2192], [3.0, 2.0, 1.2192]]);
+        slope.reference.system = Some(Crs {
+            unit: Some(Unit::of(0.3048, "foot")),
+            height_unit: Some(Unit::default()),
+            ..Crs::default()
+        });
+        is(slope.length(), 7.0);
+        is(slope.distance(), 29f64.sqrt());
+        is(slope.height(), 1.2192);
+        is(slope.horizontal(), 13f64.sqrt());
+        is(slope.angle().unwrap(), 90.0);
+        is(slope.area().unwrap(), 5.0);
+        let facts = &slope.geojson()["features"][0]["properties"];
+        is(facts["length_m"].as_f64().unwrap(), 7.0 * 0.3048);
+        is(facts["height_m"].as_f64().unwrap(), 1.2192);
+        assert_eq!((&facts["unit"], &facts["height_unit"]), (&json!("ft"), &json!("m")));
+        slope.points.pop();
+        is(slope.distance(), 5.0);
     }
 
     #[test]

@@ -42,9 +42,10 @@ impl Profile {
     }
 
     /// Returns how much larger the picture draws heights than distances.
-    fn raised(&self) -> f64 {
+    fn raised(&self, reference: &Reference) -> f64 {
         let [lo, hi] = self.heights;
-        (SIZE[1] as f64 / (hi - lo)) / (SIZE[0] as f64 / self.slab.length)
+        let height = (hi - lo) * reference.height_scale();
+        (SIZE[1] as f64 / height) / (SIZE[0] as f64 / self.slab.length)
     }
 
     fn pixel(&self, found: &SlabPoint) -> [usize; 2] {
@@ -123,7 +124,7 @@ impl Profile {
             None => format!(
                 "heights {lo:.2} to {hi:.2} {}, exaggerated {:.2} times",
                 reference.height_unit().symbol(),
-                self.raised()
+                self.raised(reference)
             ),
         });
         ui.label(RichText::new(self.summary(reference)).weak());

@@ -305,6 +305,11 @@ impl Reference {
         place * DVec3::new(horizontal, horizontal, self.height_unit().metres)
     }
 
+    /// Returns the unit of heights in units of lengths.
+    pub fn height_scale(&self) -> f64 {
+        self.height_unit().metres / self.unit().metres
+    }
+
     /// Returns longitude, latitude and height `[m]`.
     pub fn on_earth(&self, place: DVec3) -> Option<[f64; 3]> {
         let [lon, lat] = self.system.as_ref()?.lonlat(place)?;
@@ -353,8 +358,10 @@ pub fn settle(
     let Some(degrees) = system.degrees.filter(|_| system.kind == Kind::Geographic) else {
         if let (Some(unit), Some(height)) = (&system.unit, &system.height_unit) {
             notes.push(format!(
-                "{name}: heights are in {}, distances in {}: slanted lengths are wrong",
-                height.name, unit.name
+                "{name}: heights are in {}, distances in {}: slopes look {:.4} times as steep as they are, and measures are converted",
+                height.name,
+                unit.name,
+                unit.metres / height.metres
             ));
         }
         return lattice;
