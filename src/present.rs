@@ -307,9 +307,9 @@ impl Present {
             self.device.end_command_buffer(slot.commands).map_err(failed("vkEndCommandBuffer"))?;
             self.device.reset_fences(&[slot.done]).map_err(failed("vkResetFences"))?;
             self.device
-                .queue_submit2(gpu.device.queue, &[submission], slot.done)
+                .queue_submit2(gpu.device.own_queue(), &[submission], slot.done)
                 .map_err(failed("vkQueueSubmit2"))?;
-            self.swapchains.queue_present(gpu.device.queue, &info)
+            self.swapchains.queue_present(gpu.device.own_queue(), &info)
         };
         self.next = (self.next + 1) % self.slots.len();
         let shown = match presented {

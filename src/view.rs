@@ -92,6 +92,8 @@ pub struct View {
     /// Top left pixel of the window in the whole picture.
     pub corner: [i32; 2],
     pub basis: Basis,
+    /// Principal point from the middle of the whole picture `[px]`, for off-centre projections.
+    pub shift: [f64; 2],
 }
 
 impl View {
@@ -113,7 +115,8 @@ impl View {
                 return needs("an ortho_height, metres, as it is orthographic; it has none");
             }
         }
-        Ok(View { camera, size, whole: size, corner: [0, 0], basis: camera.basis()? })
+        let basis = camera.basis()?;
+        Ok(View { camera, size, whole: size, corner: [0, 0], basis, shift: [0.0, 0.0] })
     }
 
     /// Returns a window of the whole picture, which may extend beyond it. Depths and pixels are
@@ -129,7 +132,12 @@ impl View {
 
     /// Returns the principal point `[px]`, from the window's top left.
     pub fn centre(&self) -> [f64; 2] {
-        [0, 1].map(|axis| self.whole[axis] as f64 / 2.0 - self.corner[axis] as f64)
+        [0, 1].map(|axis| self.middle()[axis] - self.corner[axis] as f64)
+    }
+
+    /// Returns the principal point `[px]`, from the whole picture's top left.
+    pub fn middle(&self) -> [f64; 2] {
+        [0, 1].map(|axis| self.whole[axis] as f64 / 2.0 + self.shift[axis])
     }
 
     /// Returns pixels per unit of X/Z (perspective) or per metre (orthographic).

@@ -5,6 +5,7 @@
 //! their messages are collected and turned into errors of the submission that caused them.
 
 use super::failed;
+use super::requirements::{self, Features};
 use crate::error::{Error, Result};
 use ash::{ext, khr, vk};
 use std::ffi::{CStr, c_char, c_void};
@@ -31,14 +32,15 @@ pub struct DeviceOptions {
     pub unmapped: bool,
 }
 
-/// An open device with one queue for compute and graphics.
+/// A device with one queue for compute and graphics, or a host's device without a queue.
 pub struct Device {
     /// Keeps the Vulkan library loaded.
     pub entry: ash::Entry,
     pub instance: ash::Instance,
     pub physical: vk::PhysicalDevice,
     pub raw: ash::Device,
-    pub queue: vk::Queue,
+    /// `None` for a host's device: nothing is submitted to it, and it is not destroyed here.
+    pub queue: Option<vk::Queue>,
     pub family: u32,
     pub limits: vk::PhysicalDeviceLimits,
     pub name: String,
@@ -62,6 +64,17 @@ pub struct Device {
     messenger: Option<(ext::debug_utils::Instance, vk::DebugUtilsMessengerEXT)>,
     // Boxed, because the messenger holds its address.
     messages: Box<Mutex<Vec<String>>>,
+}
+
+/// Vulkan objects of a host, and the optional features that it has enabled.
+pub struct HostDevice {
+    pub get_instance_proc_addr: vk::PFN_vkGetInstanceProcAddr,
+    pub instance: vk::Instance,
+    pub physical_device: vk::PhysicalDevice,
+    pub device: vk::Device,
+    pub queue_family: u32,
+    pub has_int64_atomics: bool,
+    pub has_debug_utils: bool,
 }
 
 /// Texels of 32 bits in the largest storage buffer that Vulkan devices commonly bind (128 MiB).
@@ -93,7 +106,7 @@ impl Device {
             Some(debug) if options.validate => Some(create_debug_messenger(debug, &messages)?),
             _ => None,
         };
-        let (physical, properties, missing_int64) = match choose(&instance, options) {
+        let (physical, missing_int64) = match choose(&instance, options) {
             Ok(choice) => choice,
             Err(error) => {
                 if let (Some(debug), Some(messenger)) = (&debug, messenger) {
@@ -113,22 +126,71 @@ impl Device {
         // SAFETY: `open_device` requested this family and its queue 0.
         let queue = unsafe { raw.get_device_queue(family, 0) };
         let labels = debug.as_ref().map(|_| ext::debug_utils::Device::new(&instance, &raw));
+        let mut device = Device::around(entry, instance, physical, raw, family);
+        device.queue = Some(queue);
+        device.int64_atomics = int64_atomics;
+        device.has_host_visible_vram &= !options.unmapped;
+        device.has_large_texel_buffers &= !options.no_texels;
+        (device.labels, device.messenger, device.messages) =
+            (labels, debug.zip(messenger), messages);
+        Ok(device)
+    }
+
+    /// Uses a device of a host.
+    ///
+    /// # Safety
+    /// The handles are valid until the result is dropped, the device belongs to the instance and
+    /// has the family, and all that [`requirements`] lists as required is enabled.
+    pub unsafe fn adopt(host: &HostDevice) -> Result<Device> {
+        // SAFETY: as the caller ensures.
+        let (entry, instance, raw) = unsafe {
+            let entry = ash::Entry::from_static_fn(ash::StaticFn {
+                get_instance_proc_addr: host.get_instance_proc_addr,
+            });
+            let instance = ash::Instance::load(entry.static_fn(), host.instance);
+            let raw = ash::Device::load(instance.fp_v1_0(), host.device);
+            (entry, instance, raw)
+        };
+        let physical = host.physical_device;
+        if let missing @ [_, ..] = &requirements::check(&instance, physical)[..] {
+            return Err(Error::Device(format!("the device lacks {}", missing.join(", "))));
+        }
+        let mut device = Device::around(entry, instance, physical, raw, host.queue_family);
+        device.int64_atomics = host.has_int64_atomics;
+        device.labels = host
+            .has_debug_utils
+            .then(|| ext::debug_utils::Device::new(&device.instance, &device.raw));
+        Ok(device)
+    }
+
+    /// Describes a device, without a queue and without optional features.
+    fn around(
+        entry: ash::Entry,
+        instance: ash::Instance,
+        physical: vk::PhysicalDevice,
+        raw: ash::Device,
+        family: u32,
+    ) -> Device {
+        // SAFETY: plain queries of a live instance.
+        let (properties, memory) = unsafe {
+            (
+                instance.get_physical_device_properties(physical),
+                instance.get_physical_device_memory_properties(physical),
+            )
+        };
         let (driver, max_allocation) = driver(&instance, physical);
-        // SAFETY: a plain query of a live instance.
-        let memory = unsafe { instance.get_physical_device_memory_properties(physical) };
-        Ok(Device {
+        Device {
             physical,
             raw,
-            queue,
+            queue: None,
             family,
             limits: properties.limits,
             name: text(&properties.device_name),
             driver,
             is_cpu: properties.device_type == vk::PhysicalDeviceType::CPU,
-            int64_atomics,
-            has_host_visible_vram: !options.unmapped && has_host_visible_vram(&memory),
-            has_large_texel_buffers: !options.no_texels
-                && properties.limits.max_texel_buffer_elements >= MIN_TEXELS,
+            int64_atomics: false,
+            has_host_visible_vram: has_host_visible_vram(&memory),
+            has_large_texel_buffers: properties.limits.max_texel_buffer_elements >= MIN_TEXELS,
             max_workgroups: match properties.device_type {
                 vk::PhysicalDeviceType::CPU => {
                     8 * std::thread::available_parallelism().map_or(1, |cores| cores.get() as u32)
@@ -136,12 +198,17 @@ impl Device {
                 _ => properties.limits.max_compute_work_group_count[0],
             },
             max_allocation,
-            labels,
-            messenger: debug.zip(messenger),
-            messages,
+            labels: None,
+            messenger: None,
+            messages: Box::default(),
             instance,
             entry,
-        })
+        }
+    }
+
+    /// Returns the queue of a device of our own.
+    pub fn own_queue(&self) -> vk::Queue {
+        self.queue.expect("nothing is submitted to a host's device")
     }
 
     /// Returns the messages of the validation layers since the last call as an error, if there are
@@ -183,6 +250,9 @@ fn has_host_visible_vram(memory: &vk::PhysicalDeviceMemoryProperties) -> bool {
 
 impl Drop for Device {
     fn drop(&mut self) {
+        if self.queue.is_none() {
+            return;
+        }
         // SAFETY: all objects of the device borrow or own it and are gone by now; the device is
         // idle because every submission has been waited for.
         unsafe {
@@ -298,7 +368,8 @@ unsafe extern "system" fn debug_callback(
     vk::FALSE
 }
 
-type Choice = (vk::PhysicalDevice, vk::PhysicalDeviceProperties, bool);
+/// A device, and whether it lacks 64-bit atomics.
+type Choice = (vk::PhysicalDevice, bool);
 
 fn choose(instance: &ash::Instance, options: &DeviceOptions) -> Result<Choice> {
     let wanted = options.device.as_deref();
@@ -324,12 +395,13 @@ fn choose(instance: &ash::Instance, options: &DeviceOptions) -> Result<Choice> {
         if !matches {
             continue;
         }
-        let (mut missing, no_int64) = missing(instance, device, &properties);
+        let mut missing = requirements::check(instance, device);
         if options.window && !has_swapchains(instance, device) {
             missing.push("swapchains");
         }
         if missing.is_empty() {
-            fit.push((rank(properties.device_type), index, (device, properties, no_int64)));
+            let no_int64 = !requirements::has_optional(instance, device);
+            fit.push((rank(properties.device_type), index, (device, no_int64)));
         } else {
             unfit.push(format!("{name} lacks {}", missing.join(", ")));
         }
@@ -349,38 +421,6 @@ fn choose(instance: &ash::Instance, options: &DeviceOptions) -> Result<Choice> {
             ),
         })
     })
-}
-
-/// Returns the missing required features, and whether 64-bit atomics, which are optional, are
-/// missing.
-fn missing(
-    instance: &ash::Instance,
-    device: vk::PhysicalDevice,
-    properties: &vk::PhysicalDeviceProperties,
-) -> (Vec<&'static str>, bool) {
-    if properties.api_version < vk::API_VERSION_1_3 {
-        return (vec!["Vulkan 1.3"], true);
-    }
-    let mut v12 = vk::PhysicalDeviceVulkan12Features::default();
-    let mut v13 = vk::PhysicalDeviceVulkan13Features::default();
-    let mut features =
-        vk::PhysicalDeviceFeatures2::default().push_next(&mut v12).push_next(&mut v13);
-    // SAFETY: the device has Vulkan 1.3, so it knows these structures.
-    unsafe { instance.get_physical_device_features2(device, &mut features) };
-    let int64 = features.features.shader_int64;
-    let required = [
-        (features.features.fragment_stores_and_atomics, "fragmentStoresAndAtomics"),
-        (v13.synchronization2, "synchronization2"),
-        (v13.dynamic_rendering, "dynamicRendering"),
-        (v13.maintenance4, "maintenance4"),
-        (v13.robust_image_access, "robustImageAccess"),
-        (v12.timeline_semaphore, "timelineSemaphore"),
-        (v12.buffer_device_address, "bufferDeviceAddress"),
-        (v12.scalar_block_layout, "scalarBlockLayout"),
-    ];
-    let missing =
-        required.iter().filter(|(has, _)| *has == vk::FALSE).map(|&(_, name)| name).collect();
-    (missing, int64 == vk::FALSE || v12.shader_buffer_int64_atomics == vk::FALSE)
 }
 
 fn has_swapchains(instance: &ash::Instance, device: vk::PhysicalDevice) -> bool {
@@ -404,27 +444,16 @@ fn open_device(
     let queues = [vk::DeviceQueueCreateInfo::default()
         .queue_family_index(family)
         .queue_priorities(&priorities)];
-    let mut v12 = vk::PhysicalDeviceVulkan12Features::default()
-        .timeline_semaphore(true)
-        .buffer_device_address(true)
-        .scalar_block_layout(true)
-        .shader_buffer_int64_atomics(int64_atomics);
-    let mut v13 = vk::PhysicalDeviceVulkan13Features::default()
-        .synchronization2(true)
-        .dynamic_rendering(true)
-        .maintenance4(true)
-        .shader_demote_to_helper_invocation(true)
-        .robust_image_access(true);
-    let features = vk::PhysicalDeviceFeatures::default()
-        .shader_int64(int64_atomics)
-        .fragment_stores_and_atomics(true);
+    let mut features = Features::default();
+    requirements::enable(&mut features, int64_atomics);
+    let Features { v10, v12, v13 } = &mut features;
     let info = vk::DeviceCreateInfo::default()
         .queue_create_infos(&queues)
         .enabled_extension_names(extensions)
-        .enabled_features(&features)
-        .push_next(&mut v12)
-        .push_next(&mut v13);
-    // SAFETY: every pointer in `info` outlives the call, and `missing` has checked the features.
+        .enabled_features(v10)
+        .push_next(v12)
+        .push_next(v13);
+    // SAFETY: every pointer in `info` outlives the call, and `check` has found the features.
     unsafe { instance.create_device(physical, &info, None) }.map_err(failed("vkCreateDevice"))
 }
 

@@ -246,6 +246,8 @@ pub struct Memory {
     buffer_requirements: HashMap<u64, MemoryRequirements>,
     persistent: HashMap<String, PersistentBuffer>,
     device: ash::Device,
+    /// Whether images may be presented; those of a host's frames are recycled when it is done.
+    presents: bool,
     /// Bytes allocated, in use or recycled.
     pub allocated: u64,
     pub alive: LifetimeGuard,
@@ -271,6 +273,7 @@ impl Memory {
             buffer_requirements: HashMap::new(),
             persistent: HashMap::new(),
             device: device.raw.clone(),
+            presents: device.queue.is_some(),
             allocated: 0,
             alive: LifetimeGuard::new(),
         })
@@ -517,11 +520,18 @@ impl Memory {
     /// Recycles a block; its next user must wait for submissions in flight.
     pub fn recycle_block(&mut self, mut block: Block) {
         if block.images.len() + block.buffers.len() > MAX_PLACED {
-            // SAFETY: as in `destroy_block`.
-            let _ = unsafe { self.device.device_wait_idle() };
+            self.wait_for_presentation();
             self.empty(&mut block);
         }
         self.blocks.push(Block { recycled_at: self.blocks_asked, ..block });
+    }
+
+    /// Waits for presentations, which may still use a block that has been recycled. This is rare.
+    fn wait_for_presentation(&self) {
+        if self.presents {
+            // SAFETY: only this thread submits to the device. A lost device is idle.
+            let _ = unsafe { self.device.device_wait_idle() };
+        }
     }
 
     fn empty(&self, block: &mut Block) {
@@ -539,8 +549,7 @@ impl Memory {
     }
 
     fn destroy_block(&mut self, mut block: Block) {
-        // A presentation may still use a block that has been recycled: rare enough to wait for.
-        let _ = unsafe { self.device.device_wait_idle() };
+        self.wait_for_presentation();
         self.empty(&mut block);
         self.free(block.allocation);
     }

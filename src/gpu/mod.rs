@@ -1,6 +1,6 @@
 //! Vulkan objects, independent of points.
 //!
-//! `device` finds and opens a device; `memory` creates named buffers and images and recycles freed
+//! `device` finds and opens a device, or uses a host's; `requirements` lists what it must have; `memory` creates named buffers and images and recycles freed
 //! ones; `kernel` creates compute pipelines and `raster` graphics pipelines; `timeline` wraps a
 //! timeline semaphore; `timing` reads timestamps; `breadcrumbs` names the pass that was running
 //! when a device was lost.
@@ -10,10 +10,11 @@ pub mod device;
 pub mod kernel;
 pub mod memory;
 pub mod raster;
+pub mod requirements;
 pub mod timeline;
 pub mod timing;
 
-pub use device::{Device, DeviceOptions};
+pub use device::{Device, DeviceOptions, HostDevice};
 pub use kernel::{Access, Binding, Code, Kind};
 pub use memory::{BufferDesc, ImageDesc, Memory, MemoryRequirements, Place};
 

@@ -4,6 +4,7 @@
 //! whose barriers, dropped passes and memory reuse are decided by the pure [`plan`]. Handles are
 //! not `Clone`, so that the borrow checker refuses one image as input and output of a pass.
 
+pub(crate) mod host;
 pub mod plan;
 mod record;
 mod tiles;
@@ -19,6 +20,7 @@ use crate::gpu::timeline::Timeline;
 use crate::gpu::{Device, raster};
 use crate::progress::Progress;
 use ash::vk;
+use host::HostQueue;
 use plan::{Pass, Plan, Resource, Shape};
 use tiles::TileMask;
 
@@ -202,13 +204,31 @@ pub struct Gpu {
     pub residents: u64,
     /// Submissions that run detached.
     detached: Vec<PendingSubmission>,
+    /// The host that submits, if the device is not ours.
+    pub(crate) host: Option<HostQueue>,
     pub memory: Memory,
     pub device: Device,
 }
 
 impl Gpu {
     pub fn open(options: &crate::gpu::DeviceOptions) -> Result<Gpu> {
-        let device = Device::open(options)?;
+        let mut gpu = Gpu::on(Device::open(options)?)?;
+        (gpu.lost_after, gpu.surface_lost_after) = (options.lost_after, options.surface_lost_after);
+        Ok(gpu)
+    }
+
+    /// Records into a host's command buffers.
+    ///
+    /// # Safety
+    /// As for [`Device::adopt`].
+    pub unsafe fn adopt(host: &crate::gpu::HostDevice) -> Result<Gpu> {
+        // SAFETY: as the caller ensures.
+        let mut gpu = Gpu::on(unsafe { Device::adopt(host) }?)?;
+        gpu.host = Some(HostQueue::default());
+        Ok(gpu)
+    }
+
+    fn on(device: Device) -> Result<Gpu> {
         let memory = Memory::new(&device)?;
         let completed = Timeline::new(&device, &memory.alive, "completed")?;
         let (kernels, raster) = (Kernels::new(&device), raster::Rasters::new(&device));
@@ -217,16 +237,22 @@ impl Gpu {
             raster,
             completed,
             submitted: 0,
-            lost_after: options.lost_after,
-            surface_lost_after: options.surface_lost_after,
+            lost_after: None,
+            surface_lost_after: None,
             residents: 0,
             detached: Vec::new(),
+            host: None,
             memory,
             device,
         })
     }
 
-    /// Waits for detached submissions.
+    /// Returns the number of the last submission that the device has completed.
+    pub fn completed(&self) -> Result<u64> {
+        self.host.as_ref().map_or_else(|| self.completed.value(), |host| Ok(host.safe_frame))
+    }
+
+    /// Waits for detached submissions. A host's are not waited for.
     pub fn wait_detached(&mut self) -> Result<()> {
         std::mem::take(&mut self.detached)
             .into_iter()
@@ -692,8 +718,11 @@ impl<'g> Graph<'g> {
     }
 
     /// Submits without a handle to wait for; later submissions start when it is done. Returns its
-    /// number, as [`Gpu::completed`] counts.
+    /// number, as [`Gpu::completed`] counts. For a host, records into its current command buffer.
     pub fn submit_detached(self, wanted: &[ResourceId]) -> Result<u64> {
+        if self.gpu.host.is_some() {
+            return host::record_detached(self, wanted);
+        }
         let (pending, gpu) = self.begin(wanted)?;
         gpu.detached.push(pending);
         let (done, left) =
@@ -712,6 +741,18 @@ impl<'g> Graph<'g> {
     }
 
     fn begin(mut self, wanted: &[ResourceId]) -> Result<(PendingSubmission, &'g mut Gpu)> {
+        if self.gpu.host.is_some() {
+            self.discard();
+            return Err(Error::Request(
+                "this needs results of the device while a frame is recorded, which a host's queue does not allow".into(),
+            ));
+        }
+        let plan = self.complete(wanted)?;
+        record::launch(self, plan)
+    }
+
+    /// Uploads what is known when recording is complete, and plans.
+    fn complete(&mut self, wanted: &[ResourceId]) -> Result<Plan> {
         for (id, words) in std::mem::take(&mut self.wanted) {
             let Shape::Buffer(desc) = self.resources[id.0].shape else {
                 unreachable!("made by gated")
@@ -728,9 +769,7 @@ impl<'g> Graph<'g> {
                 _ => None,
             }
         }));
-        let plan =
-            plan::plan(&self.passes, &self.resources, &wanted, self.gpu.device.max_allocation);
-        record::launch(self, plan)
+        Ok(self.plan(&wanted))
     }
 }
 

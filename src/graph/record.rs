@@ -1,4 +1,5 @@
-//! Records and submits a plan: the only place that records compute passes.
+//! Records a plan, and submits it or leaves that to a host: the only place that records compute
+//! passes.
 //!
 //! Every pass has a debug label, a timestamp pair and a breadcrumb.
 
@@ -13,7 +14,6 @@ use crate::gpu::kernel::descriptor_type;
 use crate::gpu::memory::{Block, RawBuffer, RawImage, Texels};
 use crate::gpu::timing::Timing;
 use crate::gpu::{failed, raster};
-use crate::progress::Progress;
 use ash::vk;
 use std::collections::HashMap;
 
@@ -55,15 +55,77 @@ impl PhysicalResource {
 /// A submission in flight, with all that it uses.
 #[must_use = "what it uses is free again only when it is finished"]
 pub struct PendingSubmission {
+    recorded: Recorded,
+    submission: Submission,
+}
+
+/// Recorded commands, with all that they use until the device has completed them.
+#[must_use = "what it uses is free again only when it is finished"]
+pub struct Recorded {
     plan: Plan,
     names: Vec<String>,
     held: Resources,
     timing: Timing,
-    context: CommandContext,
     breadcrumbs: Breadcrumbs,
+    /// Dropped with the rest.
+    _recorder: Recorder,
 }
 
+/// Plans are submitted by us.
 pub(super) fn launch<'g>(graph: Graph<'g>, plan: Plan) -> Result<(PendingSubmission, &'g mut Gpu)> {
+    let progress = graph.progress;
+    let (recorded, submission, gpu) = record(graph, plan, |gpu, recording| {
+        let submission = Submission::new(gpu)?;
+        let commands = submission.commands;
+        submission.begin()?;
+        let steps = recording.plan.steps.len();
+        let recorded = recording.steps(gpu, commands, |gpu, breadcrumbs, order| {
+            let pause = gpu.device.is_cpu && order > 0 && order % STEPS_PER_FLUSH == 0;
+            let Some(progress) = progress.filter(|_| pause) else { return Ok(()) };
+            submission.flush(gpu, breadcrumbs)?;
+            progress.tick("drawing", order as u64, steps as u64)
+        })?;
+        match submission.submit_rest(gpu, &recorded.1) {
+            Ok(()) => Ok((recorded, submission)),
+            Err(error) => {
+                recorded.1.recycle(&mut gpu.memory);
+                Err(error)
+            }
+        }
+    })?;
+    Ok((PendingSubmission { recorded, submission }, gpu))
+}
+
+/// Records a plan into a command buffer that a host submits.
+pub(super) fn into_host<'g>(
+    graph: Graph<'g>,
+    plan: Plan,
+    commands: vk::CommandBuffer,
+) -> Result<(Recorded, &'g mut Gpu)> {
+    let (recorded, (), gpu) = record(graph, plan, |gpu, recording| {
+        Ok((recording.steps(gpu, commands, |_, _, _| Ok(()))?, ()))
+    })?;
+    Ok((recorded, gpu))
+}
+
+/// A plan with its memory, to be recorded.
+struct Recording<'r> {
+    plan: &'r Plan,
+    names: &'r [String],
+    work: &'r [Work],
+    physical: &'r HashMap<usize, PhysicalResource>,
+    barriers: bool,
+}
+
+/// What recording the steps makes.
+type Steps = (Timing, Breadcrumbs, Recorder);
+
+/// Allocates what a plan uses, and has `steps` record it.
+fn record<'g, T>(
+    graph: Graph<'g>,
+    plan: Plan,
+    steps: impl FnOnce(&mut Gpu, Recording) -> Result<(Steps, T)>,
+) -> Result<(Recorded, T, &'g mut Gpu)> {
     let Graph {
         gpu,
         passes,
@@ -72,7 +134,7 @@ pub(super) fn launch<'g>(graph: Graph<'g>, plan: Plan) -> Result<(PendingSubmiss
         uploads,
         imports,
         persistent,
-        progress,
+        progress: _,
         predicate: _,
         wanted: _,
         tile_mask: _,
@@ -82,9 +144,10 @@ pub(super) fn launch<'g>(graph: Graph<'g>, plan: Plan) -> Result<(PendingSubmiss
     let names: Vec<String> = plan.steps.iter().map(|step| passes[step.pass].name.clone()).collect();
     let mut held = Resources::default();
     let begun = allocate(gpu, &plan, &resources, uploads, &imports, &mut held).and_then(|()| {
-        execute(gpu, &plan, &names, &work, &held.physical, progress, !without_barriers)
+        let (plan, names, work, physical) = (&plan, &names[..], &work[..], &held.physical);
+        steps(gpu, Recording { plan, names, work, physical, barriers: !without_barriers })
     });
-    let (timing, context, breadcrumbs) = match begun {
+    let ((timing, breadcrumbs, recorder), made) = match begun {
         Ok(begun) => begun,
         Err(error) => {
             drop(recycle(gpu, &plan, held, false));
@@ -97,21 +160,41 @@ pub(super) fn launch<'g>(graph: Graph<'g>, plan: Plan) -> Result<(PendingSubmiss
     filled.for_each(|(_, name, cache_key, steps)| {
         gpu.memory.set_persistent_state(&name, Some((cache_key, steps)))
     });
-    Ok((PendingSubmission { plan, names, held, timing, context, breadcrumbs }, gpu))
+    let recorded = Recorded { plan, names, held, timing, breadcrumbs, _recorder: recorder };
+    Ok((recorded, made, gpu))
 }
 
 impl PendingSubmission {
     /// Returns whether [`PendingSubmission::finish`] returns at once.
     pub fn is_done(&self) -> bool {
-        self.context.is_done()
+        self.submission.is_done()
     }
 
     /// Waits until the device is done.
     pub fn finish(self, gpu: &mut Gpu) -> Result<CompletedSubmission> {
-        let PendingSubmission { plan, names, held, timing, context, breadcrumbs } = self;
-        let done = context
-            .wait(&breadcrumbs)
-            .and_then(|()| gpu.check_simulated_loss(&breadcrumbs))
+        let PendingSubmission { recorded, submission } = self;
+        let waited = submission
+            .wait(&recorded.breadcrumbs)
+            .and_then(|()| gpu.check_simulated_loss(&recorded.breadcrumbs));
+        recorded.complete(gpu, waited)
+    }
+}
+
+impl Recorded {
+    /// Returns the memory of an image that was requested.
+    pub fn image(&self, image: &super::Image) -> RawImage {
+        let memory = self.plan.memory[image.id.0].expect("an image that was requested");
+        *self.held.physical[&memory].image()
+    }
+
+    /// Returns the results; the device must have completed the commands.
+    pub fn finish(self, gpu: &mut Gpu) -> Result<CompletedSubmission> {
+        self.complete(gpu, Ok(()))
+    }
+
+    fn complete(self, gpu: &mut Gpu, waited: Result<()>) -> Result<CompletedSubmission> {
+        let Recorded { plan, names, held, timing, breadcrumbs, _recorder } = self;
+        let done = waited
             .and_then(|()| timing.read())
             .and_then(|times| gpu.device.take_validation_errors().map(|()| times));
         breadcrumbs.recycle(&mut gpu.memory);
@@ -167,63 +250,69 @@ fn recycle(
 /// submission costs a tenth of a millisecond.
 const STEPS_PER_FLUSH: usize = 4;
 
-/// Records and submits the steps.
-fn execute(
-    gpu: &mut Gpu,
-    plan: &Plan,
-    names: &[String],
-    work: &[Work],
-    physical: &HashMap<usize, PhysicalResource>,
-    progress: Option<&dyn Progress>,
-    barriers: bool,
-) -> Result<(Timing, CommandContext, Breadcrumbs)> {
-    let timing = Timing::new(&gpu.device, names.len() as u32)?;
-    let context = CommandContext::new(gpu, plan, work)?;
-    let breadcrumbs = Breadcrumbs::new(&gpu.device, &mut gpu.memory, names.to_vec())?;
-    let commands = context.commands;
-    let recorded = (|| {
-        context.begin()?;
-        timing.reset(commands);
-        for (order, step) in plan.steps.iter().enumerate() {
-            let pause = gpu.device.is_cpu && order > 0 && order % STEPS_PER_FLUSH == 0;
-            if let Some(progress) = progress.filter(|_| pause) {
-                context.flush(gpu, &breadcrumbs)?;
-                progress.tick("drawing", order as u64, plan.steps.len() as u64)?;
-            }
-            let label = std::ffi::CString::new(names[order].as_str()).unwrap_or_default();
-            if let Some(labels) = &gpu.device.labels {
-                // SAFETY: the command buffer is being recorded; the label outlives the call.
-                unsafe {
-                    labels.cmd_begin_debug_utils_label(
-                        commands,
-                        &vk::DebugUtilsLabelEXT::default().label_name(&label),
-                    )
+impl Recording<'_> {
+    /// Records the steps, after `before` each. Every submission shares persistent buffers and
+    /// recycled memory with others, so the first step waits for all earlier work of the queue.
+    fn steps(
+        self,
+        gpu: &mut Gpu,
+        commands: vk::CommandBuffer,
+        mut before: impl FnMut(&mut Gpu, &Breadcrumbs, usize) -> Result<()>,
+    ) -> Result<Steps> {
+        let Recording { plan, names, work, physical, barriers } = self;
+        let timing = Timing::new(&gpu.device, names.len() as u32)?;
+        let recorder = Recorder::new(gpu, plan, work, commands)?;
+        let breadcrumbs = Breadcrumbs::new(&gpu.device, &mut gpu.memory, names.to_vec())?;
+        let recorded = (|| {
+            timing.reset(commands);
+            for (order, step) in plan.steps.iter().enumerate() {
+                before(gpu, &breadcrumbs, order)?;
+                let label = std::ffi::CString::new(names[order].as_str()).unwrap_or_default();
+                if let Some(labels) = &gpu.device.labels {
+                    // SAFETY: the command buffer is being recorded; the label outlives the call.
+                    unsafe {
+                        labels.cmd_begin_debug_utils_label(
+                            commands,
+                            &vk::DebugUtilsLabelEXT::default().label_name(&label),
+                        )
+                    };
+                }
+                breadcrumbs.mark(&gpu.device, commands, order);
+                if order == 0 || (step.barrier && barriers) {
+                    let discards = step.discards.iter().map(|memory| physical[memory].image());
+                    barrier(gpu, commands, discards);
+                }
+                timing.mark(commands, order, false);
+                let at = |id: &ResourceId| {
+                    &physical[&plan.memory[id.0].expect("a kept pass's resource has memory")]
                 };
+                recorder.pass(gpu, &work[step.pass], at)?;
+                timing.mark(commands, order, true);
+                if let Some(labels) = &gpu.device.labels {
+                    // SAFETY: closes the label opened above.
+                    unsafe { labels.cmd_end_debug_utils_label(commands) };
+                }
             }
-            breadcrumbs.mark(&gpu.device, commands, order);
-            // Submissions share persistent buffers and recycled memory: the first step waits for
-            // all earlier submissions.
-            if order == 0 || (step.barrier && barriers) {
-                barrier(gpu, commands, step.discards.iter().map(|memory| physical[memory].image()));
-            }
-            timing.mark(commands, order, false);
-            let at = |id: &ResourceId| {
-                &physical[&plan.memory[id.0].expect("a kept pass's resource has memory")]
+            let to_host = [vk::MemoryBarrier2::default()
+                .src_stage_mask(vk::PipelineStageFlags2::ALL_COMMANDS)
+                .src_access_mask(vk::AccessFlags2::MEMORY_WRITE)
+                .dst_stage_mask(vk::PipelineStageFlags2::HOST)
+                .dst_access_mask(vk::AccessFlags2::HOST_READ)];
+            // SAFETY: recorded outside of rendering.
+            unsafe {
+                gpu.device.raw.cmd_pipeline_barrier2(
+                    commands,
+                    &vk::DependencyInfo::default().memory_barriers(&to_host),
+                )
             };
-            context.pass(gpu, &work[step.pass], at)?;
-            timing.mark(commands, order, true);
-            if let Some(labels) = &gpu.device.labels {
-                // SAFETY: closes the label opened above.
-                unsafe { labels.cmd_end_debug_utils_label(commands) };
+            Ok(())
+        })();
+        match recorded {
+            Ok(()) => Ok((timing, breadcrumbs, recorder)),
+            Err(error) => {
+                breadcrumbs.recycle(&mut gpu.memory);
+                Err(error)
             }
-        }
-        context.submit_rest(gpu, &breadcrumbs)
-    })();
-    match recorded {
-        Ok(()) => Ok((timing, context, breadcrumbs)),
-        Err(error) => {
-            breadcrumbs.recycle(&mut gpu.memory);
-            Err(error)
         }
     }
 }
@@ -346,17 +435,22 @@ fn barrier<'a>(
     };
 }
 
-/// Objects of one submission: command pool, descriptor pool, fence.
-struct CommandContext {
+/// Records passes into a command buffer, with descriptors from a pool of its own.
+struct Recorder {
     device: ash::Device,
-    command_pool: vk::CommandPool,
     commands: vk::CommandBuffer,
     descriptors: vk::DescriptorPool,
-    fence: vk::Fence,
 }
 
-impl CommandContext {
-    fn new(gpu: &Gpu, plan: &Plan, work: &[Work]) -> Result<CommandContext> {
+impl Drop for Recorder {
+    fn drop(&mut self) {
+        // SAFETY: the commands have been completed, or were never submitted.
+        unsafe { self.device.destroy_descriptor_pool(self.descriptors, None) };
+    }
+}
+
+impl Recorder {
+    fn new(gpu: &Gpu, plan: &Plan, work: &[Work], commands: vk::CommandBuffer) -> Result<Recorder> {
         let device = gpu.device.raw.clone();
         let (mut sets, mut buffers, mut texels, mut images) = (0, 0, 0, 0);
         for step in &plan.steps {
@@ -382,42 +476,11 @@ impl CommandContext {
             size(vk::DescriptorType::STORAGE_TEXEL_BUFFER, texels),
             size(vk::DescriptorType::STORAGE_IMAGE, images),
         ];
-        let pool_info = vk::CommandPoolCreateInfo::default()
-            .queue_family_index(gpu.device.family)
-            .flags(vk::CommandPoolCreateFlags::TRANSIENT);
-        // SAFETY: plain creations on a live device, destroyed in `drop`.
-        unsafe {
-            let command_pool = device
-                .create_command_pool(&pool_info, None)
-                .map_err(failed("vkCreateCommandPool"))?;
-            let commands = device
-                .allocate_command_buffers(
-                    &vk::CommandBufferAllocateInfo::default()
-                        .command_pool(command_pool)
-                        .command_buffer_count(1),
-                )
-                .map_err(failed("vkAllocateCommandBuffers"))?[0];
-            let descriptors = device
-                .create_descriptor_pool(
-                    &vk::DescriptorPoolCreateInfo::default()
-                        .max_sets(sets.max(1))
-                        .pool_sizes(&sizes),
-                    None,
-                )
-                .map_err(failed("vkCreateDescriptorPool"))?;
-            let fence = device
-                .create_fence(&vk::FenceCreateInfo::default(), None)
-                .map_err(failed("vkCreateFence"))?;
-            Ok(CommandContext { device, command_pool, commands, descriptors, fence })
-        }
-    }
-
-    fn begin(&self) -> Result<()> {
-        let info = vk::CommandBufferBeginInfo::default()
-            .flags(vk::CommandBufferUsageFlags::ONE_TIME_SUBMIT);
-        // SAFETY: a fresh command buffer.
-        unsafe { self.device.begin_command_buffer(self.commands, &info) }
-            .map_err(failed("vkBeginCommandBuffer"))
+        let info = vk::DescriptorPoolCreateInfo::default().max_sets(sets.max(1)).pool_sizes(&sizes);
+        // SAFETY: a plain creation on a live device, destroyed in `drop`.
+        let descriptors = unsafe { device.create_descriptor_pool(&info, None) }
+            .map_err(failed("vkCreateDescriptorPool"))?;
+        Ok(Recorder { device, commands, descriptors })
     }
 
     /// Allocates and writes the descriptor set of a stage. `last` is the last binding's view if
@@ -685,6 +748,48 @@ impl CommandContext {
         }
         Ok(())
     }
+}
+
+/// A submission of ours: command buffer and fence.
+struct Submission {
+    device: ash::Device,
+    command_pool: vk::CommandPool,
+    commands: vk::CommandBuffer,
+    fence: vk::Fence,
+}
+
+impl Submission {
+    fn new(gpu: &Gpu) -> Result<Submission> {
+        let device = gpu.device.raw.clone();
+        let pool_info = vk::CommandPoolCreateInfo::default()
+            .queue_family_index(gpu.device.family)
+            .flags(vk::CommandPoolCreateFlags::TRANSIENT);
+        // SAFETY: plain creations on a live device, destroyed in `drop`.
+        unsafe {
+            let command_pool = device
+                .create_command_pool(&pool_info, None)
+                .map_err(failed("vkCreateCommandPool"))?;
+            let commands = device
+                .allocate_command_buffers(
+                    &vk::CommandBufferAllocateInfo::default()
+                        .command_pool(command_pool)
+                        .command_buffer_count(1),
+                )
+                .map_err(failed("vkAllocateCommandBuffers"))?[0];
+            let fence = device
+                .create_fence(&vk::FenceCreateInfo::default(), None)
+                .map_err(failed("vkCreateFence"))?;
+            Ok(Submission { device, command_pool, commands, fence })
+        }
+    }
+
+    fn begin(&self) -> Result<()> {
+        let info = vk::CommandBufferBeginInfo::default()
+            .flags(vk::CommandBufferUsageFlags::ONE_TIME_SUBMIT);
+        // SAFETY: a fresh command buffer.
+        unsafe { self.device.begin_command_buffer(self.commands, &info) }
+            .map_err(failed("vkBeginCommandBuffer"))
+    }
 
     /// Submits what has been recorded, waits, and continues recording. Pages return to the loader
     /// only after the last submission.
@@ -703,18 +808,6 @@ impl CommandContext {
 
     /// Submits the remaining commands and raises the timeline.
     fn submit_rest(&self, gpu: &mut Gpu, breadcrumbs: &Breadcrumbs) -> Result<()> {
-        let to_host = [vk::MemoryBarrier2::default()
-            .src_stage_mask(vk::PipelineStageFlags2::ALL_COMMANDS)
-            .src_access_mask(vk::AccessFlags2::MEMORY_WRITE)
-            .dst_stage_mask(vk::PipelineStageFlags2::HOST)
-            .dst_access_mask(vk::AccessFlags2::HOST_READ)];
-        // SAFETY: recorded outside of rendering.
-        unsafe {
-            self.device.cmd_pipeline_barrier2(
-                self.commands,
-                &vk::DependencyInfo::default().memory_barriers(&to_host),
-            )
-        };
         gpu.submitted += 1;
         let passed = [vk::SemaphoreSubmitInfo::default()
             .semaphore(gpu.completed.raw)
@@ -751,18 +844,17 @@ impl CommandContext {
         unsafe {
             self.device.end_command_buffer(self.commands).map_err(failed("vkEndCommandBuffer"))?;
             self.device
-                .queue_submit2(gpu.device.queue, &[submission], self.fence)
+                .queue_submit2(gpu.device.own_queue(), &[submission], self.fence)
                 .map_err(|code| breadcrumbs.blame(code))
         }
     }
 }
 
-impl Drop for CommandContext {
+impl Drop for Submission {
     fn drop(&mut self) {
         // SAFETY: the submission was waited for, or never made.
         unsafe {
             self.device.destroy_fence(self.fence, None);
-            self.device.destroy_descriptor_pool(self.descriptors, None);
             self.device.destroy_command_pool(self.command_pool, None);
         }
     }

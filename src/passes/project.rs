@@ -80,7 +80,7 @@ pub(super) struct Walk {
 impl Walk {
     pub fn new(g: &Graph, view: &View, strip: Strip) -> Walk {
         Walk {
-            centre: view.whole.map(|side| side as f32 / 2.0),
+            centre: view.middle().map(|at| at as f32),
             corner: [view.corner[0] as f32, (view.corner[1] + strip.top as i32) as f32],
             size: strip.size.map(|side| side as f32),
             near: NEAR_M,

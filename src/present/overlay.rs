@@ -67,7 +67,9 @@ impl OverlayRenderer {
         for (id, deltas) in std::mem::take(&mut textures.set) {
             deltas
                 .iter()
-                .try_for_each(|delta| self.renderer.set_texture(device.queue, pool, id, delta))
+                .try_for_each(|delta| {
+                    self.renderer.set_texture(device.own_queue(), pool, id, delta)
+                })
                 .map_err(failed)?;
         }
         for id in std::mem::take(&mut textures.free) {

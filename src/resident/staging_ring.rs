@@ -57,7 +57,7 @@ impl StagingRing {
             self.memory.push(gpu.memory.buffer(&gpu.device, desc, "ring")?);
         }
         if self.has_pending_copies() {
-            let passed = gpu.completed.value()?;
+            let passed = gpu.completed()?;
             self.landing.retain(|(run, submission)| {
                 let landed = *submission <= passed;
                 if landed {

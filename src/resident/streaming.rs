@@ -432,7 +432,7 @@ impl Residency {
     /// Frees pages that no submission reads any more.
     fn reclaim(&mut self, gpu: &Gpu) -> Result<()> {
         if !self.retired.is_empty() {
-            let passed = gpu.completed.value()?;
+            let passed = gpu.completed()?;
             let pages = &mut self.resident.pool.pages;
             self.retired.retain(|(run, read_by)| {
                 let free = *read_by <= passed;
@@ -600,7 +600,7 @@ impl Residency {
                 }
             }
             let victims = victims.get_or_insert_with(|| {
-                let passed = gpu.completed.value().unwrap_or(0);
+                let passed = gpu.completed().unwrap_or(0);
                 let free = |(&node, entry): (&usize, &Entry)| {
                     entry.here?;
                     let kept = protected.get(&node).copied();

@@ -21,7 +21,7 @@ impl Painting<'_> {
         Canvas {
             size: strip.size,
             tiles: tiles(strip.size),
-            middle: self.view.whole.map(|side| side as f32 / 2.0),
+            middle: self.view.middle().map(|at| at as f32),
             corner: self.corner(strip),
             focal: self.wide.focal_px() as f32,
             right: basis.right.as_vec3().to_array(),
@@ -73,7 +73,7 @@ impl Painting<'_> {
         } = self.settings;
         let Bristles { size, amplitude, gamma, sigma_x, sigma_y, dev, gaussians } =
             Bristles::of(&self.settings);
-        let View { camera, size: pixels, whole, corner, basis: _ } = self.view;
+        let View { camera, size: pixels, whole, corner, basis: _, shift } = self.view;
         let Camera { eye, target, up, fov_y, projection, ortho_height } = camera;
         let numbers = [
             size,
@@ -91,6 +91,7 @@ impl Painting<'_> {
             ortho_height.unwrap_or(0.0),
         ];
         let places = [eye, target, up].map(|place| place.to_array()).concat();
+        let numbers = numbers.into_iter().chain(*shift);
         let of_points = self
             .resident
             .opacities
@@ -110,7 +111,7 @@ impl Painting<'_> {
             factors.len() as u64,
         ];
         let shape = [*pixels, *whole, corner.map(|at| at as u32)].concat();
-        let numbers = numbers.into_iter().chain(places).map(f64::to_bits);
+        let numbers = numbers.chain(places).map(f64::to_bits);
         choices
             .into_iter()
             .chain(shape.into_iter().map(u64::from))

@@ -1,0 +1,105 @@
+//! What rendering needs of a Vulkan device, as data: for choosing a device, for creating one, and
+//! for hosts that create their own.
+//!
+//! No extension is needed beside Vulkan 1.3. Required features are those without which nothing
+//! runs; optional ones make it faster.
+
+use ash::vk;
+
+/// The feature structures that rendering uses.
+#[derive(Clone, Copy, Default)]
+pub struct Features {
+    pub v10: vk::PhysicalDeviceFeatures,
+    pub v12: vk::PhysicalDeviceVulkan12Features<'static>,
+    pub v13: vk::PhysicalDeviceVulkan13Features<'static>,
+}
+
+/// A feature that rendering uses.
+pub struct Feature {
+    /// Name of the member in Vulkan's structures.
+    pub name: &'static str,
+    /// Vulkan's structure that has the member.
+    pub structure: &'static str,
+    pub required: bool,
+    /// What it is needed for.
+    pub purpose: &'static str,
+    field: fn(&mut Features) -> &mut vk::Bool32,
+}
+
+macro_rules! features {
+    ($($required:literal $structure:literal $part:ident.$field:ident $name:literal: $purpose:literal),* $(,)?) => {
+        &[$(Feature {
+            name: $name,
+            structure: $structure,
+            required: $required,
+            purpose: $purpose,
+            field: |features| &mut features.$part.$field,
+        }),*]
+    };
+}
+
+/// The features, required ones first.
+pub const FEATURES: &[Feature] = features![
+    true "VkPhysicalDeviceFeatures" v10.fragment_stores_and_atomics "fragmentStoresAndAtomics":
+        "strokes count fragments while they are drawn",
+    true "VkPhysicalDeviceVulkan12Features" v12.timeline_semaphore "timelineSemaphore":
+        "the loader tells which nodes it has written",
+    true "VkPhysicalDeviceVulkan12Features" v12.buffer_device_address "bufferDeviceAddress":
+        "kernels read pages of points by address",
+    true "VkPhysicalDeviceVulkan12Features" v12.scalar_block_layout "scalarBlockLayout":
+        "structures have the same layout in Rust and GLSL",
+    true "VkPhysicalDeviceVulkan13Features" v13.synchronization2 "synchronization2":
+        "barriers",
+    true "VkPhysicalDeviceVulkan13Features" v13.dynamic_rendering "dynamicRendering":
+        "draws have no render passes",
+    true "VkPhysicalDeviceVulkan13Features" v13.maintenance4 "maintenance4":
+        "memory is planned before images exist",
+    true "VkPhysicalDeviceVulkan13Features" v13.robust_image_access "robustImageAccess":
+        "kernels read beyond the edges of pictures",
+    true "VkPhysicalDeviceVulkan13Features"
+        v13.shader_demote_to_helper_invocation "shaderDemoteToHelperInvocation":
+        "fragment shaders discard",
+    false "VkPhysicalDeviceFeatures" v10.shader_int64 "shaderInt64":
+        "points are drawn in one walk instead of two, with shaderBufferInt64Atomics",
+    false "VkPhysicalDeviceVulkan12Features"
+        v12.shader_buffer_int64_atomics "shaderBufferInt64Atomics":
+        "points are drawn in one walk instead of two, with shaderInt64",
+];
+
+/// Returns the features of a device; it must have Vulkan 1.3.
+fn available(instance: &ash::Instance, device: vk::PhysicalDevice) -> Features {
+    let mut found = Features::default();
+    let mut all =
+        vk::PhysicalDeviceFeatures2::default().push_next(&mut found.v12).push_next(&mut found.v13);
+    // SAFETY: the device has Vulkan 1.3, so it knows these structures.
+    unsafe { instance.get_physical_device_features2(device, &mut all) };
+    found.v10 = all.features;
+    found
+}
+
+/// Returns the names of what is required and missing.
+pub fn check(instance: &ash::Instance, device: vk::PhysicalDevice) -> Vec<&'static str> {
+    // SAFETY: plain query of a live instance.
+    let properties = unsafe { instance.get_physical_device_properties(device) };
+    if properties.api_version < vk::API_VERSION_1_3 {
+        return vec!["Vulkan 1.3"];
+    }
+    let mut found = available(instance, device);
+    let is_missing = |feature: &&Feature| *(feature.field)(&mut found) == vk::FALSE;
+    let required = FEATURES.iter().filter(|feature| feature.required);
+    required.filter(is_missing).map(|feature| feature.name).collect()
+}
+
+/// Returns whether a device has all optional features; it must have Vulkan 1.3.
+pub fn has_optional(instance: &ash::Instance, device: vk::PhysicalDevice) -> bool {
+    let mut found = available(instance, device);
+    let mut optional = FEATURES.iter().filter(|feature| !feature.required);
+    optional.all(|feature| *(feature.field)(&mut found) == vk::TRUE)
+}
+
+/// Enables the required features, and the optional ones if wanted.
+pub fn enable(features: &mut Features, optional: bool) {
+    for feature in FEATURES.iter().filter(|feature| feature.required || optional) {
+        *(feature.field)(features) = vk::TRUE;
+    }
+}
