@@ -49,14 +49,14 @@ impl Input {
         })
     }
 
+    /// Returns an input with these contents.
+    pub fn made(path: PathBuf, bytes: Vec<u8>) -> Input {
+        Input { path, length: bytes.len() as u64, rgb_range: None, contents: Contents::Made(bytes) }
+    }
+
     /// Returns the same file with other contents.
     pub fn with(&self, bytes: Vec<u8>) -> Input {
-        Input {
-            path: self.path.clone(),
-            length: bytes.len() as u64,
-            rgb_range: self.rgb_range,
-            contents: Contents::Made(bytes),
-        }
+        Input { rgb_range: self.rgb_range, ..Input::made(self.path.clone(), bytes) }
     }
 
     /// Returns the input with the user's colour range.

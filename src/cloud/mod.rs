@@ -23,6 +23,7 @@ pub mod obj;
 pub mod octahedral;
 pub mod ply;
 pub mod point_lookup;
+pub mod points;
 pub mod ptx;
 mod rgb_conversion;
 pub mod rgb_range;

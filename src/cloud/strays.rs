@@ -359,9 +359,11 @@ impl Cloud {
     }
 }
 
-/// Hashes a position in lattice steps; the high bits are good.
+/// Hashes a position in lattice steps.
 pub fn scatter_steps([x, y, z]: [i32; 3]) -> u32 {
-    (x as u32 ^ (y as u32).rotate_left(11) ^ (z as u32).rotate_left(22)).wrapping_mul(0x9E37_79B1)
+    let h = (x as u32 ^ (y as u32).rotate_left(11) ^ (z as u32).rotate_left(22))
+        .wrapping_mul(0x9E37_79B1);
+    (h ^ h >> 15).wrapping_mul(0x85EB_CA77)
 }
 
 /// Hashes a position.

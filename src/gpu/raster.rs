@@ -1,9 +1,9 @@
-//! Graphics pipelines that rasterise points and squares with a depth test, into one colour and one
-//! depth attachment.
+//! Graphics pipelines that rasterise points, squares and whole pictures with a depth test, into one
+//! colour and one depth attachment.
 //!
-//! Points come from a vertex buffer of f32 x, y, z; the vertex stage generates squares. Output is
-//! one integer target and depth. Larger depth wins, and the first among equals; what depth means is
-//! up to the shaders.
+//! Points come from a vertex buffer of f32 x, y, z; the vertex stage generates the others. In draws
+//! of a graph, output is one integer target and depth: larger depth wins, and the first among
+//! equals; what depth means is up to the shaders. Whole pictures go to a host's images.
 
 use super::kernel::{Code, Constants, descriptor_type};
 use super::memory::RawImage;
@@ -19,6 +19,33 @@ pub enum Primitives {
     Points,
     /// Squares of two triangles each, six consecutive vertices.
     Squares,
+    /// A triangle that covers the viewport.
+    Picture,
+}
+
+/// Formats of the attachments, and how they are written.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct Target {
+    pub color: vk::Format,
+    /// Undefined if there is no depth attachment.
+    pub depth: vk::Format,
+    pub compare: vk::CompareOp,
+    pub writes_depth: bool,
+    /// Whether colours, premultiplied by alpha, are blended over what is there.
+    pub blends: bool,
+}
+
+impl Target {
+    /// Describes the attachments of a draw of a graph.
+    pub fn of(color: &RawImage, depth: &RawImage) -> Target {
+        Target {
+            color: color.desc.format,
+            depth: depth.desc.format,
+            compare: vk::CompareOp::GREATER,
+            writes_depth: true,
+            blends: false,
+        }
+    }
 }
 
 /// A draw without its bindings.
@@ -41,10 +68,10 @@ pub struct Pipeline {
     pub set_layouts: [vk::DescriptorSetLayout; 2],
 }
 
-/// Cache of pipelines by shader, specialisation constants and primitives.
+/// Cache of pipelines by shader, specialisation constants, primitives and target.
 pub struct Rasters {
     device: ash::Device,
-    made: HashMap<(&'static str, Constants, Primitives), Pipeline>,
+    made: HashMap<(&'static str, Constants, Primitives, Target), Pipeline>,
 }
 
 impl Rasters {
@@ -52,16 +79,10 @@ impl Rasters {
         Rasters { device: device.raw.clone(), made: HashMap::new() }
     }
 
-    pub fn get(
-        &mut self,
-        device: &Device,
-        draw: &Draw,
-        color: &RawImage,
-        depth: &RawImage,
-    ) -> Result<&Pipeline> {
-        let key = (draw.stages[0].name, draw.constants.clone(), draw.primitives);
+    pub fn get(&mut self, device: &Device, draw: &Draw, target: Target) -> Result<&Pipeline> {
+        let key = (draw.stages[0].name, draw.constants.clone(), draw.primitives, target);
         if !self.made.contains_key(&key) {
-            let pipeline = make(device, draw, color, depth)?;
+            let pipeline = make(device, draw, target)?;
             self.made.insert(key.clone(), pipeline);
         }
         Ok(&self.made[&key])
@@ -120,6 +141,7 @@ pub fn record(
     let vertices_each = match draw.primitives {
         Primitives::Points => 1,
         Primitives::Squares => 6,
+        Primitives::Picture => 3,
     };
     let raw = &device.raw;
     // SAFETY: the graph passes live attachments in GENERAL, has bound a pipeline made for them, and
@@ -136,7 +158,7 @@ pub fn record(
     }
 }
 
-fn make(device: &Device, draw: &Draw, color: &RawImage, depth: &RawImage) -> Result<Pipeline> {
+fn make(device: &Device, draw: &Draw, target: Target) -> Result<Pipeline> {
     let raw = &device.raw;
     let stage_flags = [vk::ShaderStageFlags::VERTEX, vk::ShaderStageFlags::FRAGMENT];
     let push: Vec<_> = (draw.stages.iter().zip(stage_flags))
@@ -165,7 +187,7 @@ fn make(device: &Device, draw: &Draw, color: &RawImage, depth: &RawImage) -> Res
                 .vertex_attribute_descriptions(&attribute),
             vk::PrimitiveTopology::POINT_LIST,
         ),
-        Primitives::Squares => (
+        Primitives::Squares | Primitives::Picture => (
             vk::PipelineVertexInputStateCreateInfo::default(),
             vk::PrimitiveTopology::TRIANGLE_LIST,
         ),
@@ -177,18 +199,24 @@ fn make(device: &Device, draw: &Draw, color: &RawImage, depth: &RawImage) -> Res
     let samples = vk::PipelineMultisampleStateCreateInfo::default()
         .rasterization_samples(vk::SampleCountFlags::TYPE_1);
     let depth_test = vk::PipelineDepthStencilStateCreateInfo::default()
-        .depth_test_enable(true)
-        .depth_write_enable(true)
-        .depth_compare_op(vk::CompareOp::GREATER);
+        .depth_test_enable(target.depth != vk::Format::UNDEFINED)
+        .depth_write_enable(target.writes_depth)
+        .depth_compare_op(target.compare);
+    let over = vk::BlendFactor::ONE_MINUS_SRC_ALPHA;
     let written = [vk::PipelineColorBlendAttachmentState::default()
+        .blend_enable(target.blends)
+        .src_color_blend_factor(vk::BlendFactor::ONE)
+        .dst_color_blend_factor(over)
+        .src_alpha_blend_factor(vk::BlendFactor::ONE)
+        .dst_alpha_blend_factor(over)
         .color_write_mask(vk::ColorComponentFlags::RGBA)];
     let blend = vk::PipelineColorBlendStateCreateInfo::default().attachments(&written);
     let dynamic_states = [vk::DynamicState::VIEWPORT, vk::DynamicState::SCISSOR];
     let dynamic = vk::PipelineDynamicStateCreateInfo::default().dynamic_states(&dynamic_states);
-    let formats = [color.desc.format];
+    let formats = [target.color];
     let mut rendering = vk::PipelineRenderingCreateInfo::default()
         .color_attachment_formats(&formats)
-        .depth_attachment_format(depth.desc.format);
+        .depth_attachment_format(target.depth);
     let entries: Vec<_> = (draw.constants.iter().enumerate())
         .map(|(i, &(constant_id, _))| vk::SpecializationMapEntry {
             constant_id,

@@ -23,15 +23,19 @@ impl Thresholds {
     }
 
     /// Returns, for every start of a float's bits as in glsl/core/encode.comp, the bits of the
-    /// threshold among them, if any, and the code below it.
-    fn buckets(&self) -> Vec<[u32; 4]> {
+    /// threshold among them, if any, and the code below it. The linear colours of that code and of
+    /// the next follow, for glsl/core/compose.frag.
+    pub fn buckets(&self) -> Vec<[u32; 4]> {
         let float = |start: u32| f32::from_bits(start << 16);
         let bucket = |start: u32| {
             let [below, within] = [start, start + 1]
                 .map(|start| self.0.partition_point(|&threshold| threshold < float(start)));
             assert!(within - below <= 1, "buckets are narrower than codes");
             let threshold = if within > below { self.0[below] } else { f32::INFINITY };
-            [threshold.to_bits(), below as u32, 0, 0]
+            let linear = |code: usize| {
+                crate::cloud::colormap::srgb_to_linear(code.min(255) as f64 / 255.0) as f32
+            };
+            [threshold.to_bits(), below as u32, linear(below).to_bits(), linear(below + 1).to_bits()]
         };
         (FIRST..=LAST).map(bucket).collect()
     }

@@ -1,0 +1,233 @@
+//! The host's Vulkan objects, as raw handles: no version of a Vulkan crate is shared.
+//!
+//! A handle is the number that `ash::vk::Handle::as_raw` returns, or the C handle itself.
+
+use crate::error::{Error, Result};
+use crate::gpu;
+use crate::gpu::requirements::FEATURES;
+use ash::vk::{self, Handle};
+use std::ffi::c_void;
+
+/// The host's instance and device. Its queue is not needed: nothing is submitted here.
+#[derive(Clone, Copy, Debug)]
+pub struct Host {
+    /// Address of `vkGetInstanceProcAddr`.
+    pub get_instance_proc_addr: *const c_void,
+    /// `VkInstance`, of Vulkan 1.3 or newer.
+    pub instance: u64,
+    /// `VkPhysicalDevice`.
+    pub physical_device: u64,
+    /// `VkDevice`, with what [`requirements`] lists as required.
+    pub device: u64,
+    /// Queue family of the command buffers, with graphics and compute.
+    pub queue_family: u32,
+    /// Whether `shaderInt64` and `shaderBufferInt64Atomics` are enabled.
+    pub has_int64_atomics: bool,
+    /// Whether the instance has `VK_EXT_debug_utils`; objects and passes then have names.
+    pub has_debug_utils: bool,
+}
+
+/// A device feature that rendering needs, or uses if it is enabled.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Requirement {
+    /// Name of the member, such as `synchronization2`.
+    pub feature: &'static str,
+    /// Vulkan structure that has the member.
+    pub structure: &'static str,
+    /// Whether nothing works without it.
+    pub required: bool,
+    /// What it is for.
+    pub purpose: &'static str,
+}
+
+/// Returns the features that a device must have, and those that make it faster. No extension is
+/// needed beside Vulkan 1.3.
+pub fn requirements() -> Vec<Requirement> {
+    let requirement = |feature: &gpu::requirements::Feature| Requirement {
+        feature: feature.name,
+        structure: feature.structure,
+        required: feature.required,
+        purpose: feature.purpose,
+    };
+    FEATURES.iter().map(requirement).collect()
+}
+
+/// Checks a physical device before the host creates its device. Errors name what is missing.
+///
+/// # Safety
+/// The handles and the address are valid.
+pub unsafe fn check(
+    get_instance_proc_addr: *const c_void,
+    instance: u64,
+    physical_device: u64,
+) -> Result<()> {
+    // SAFETY: as the caller ensures.
+    let instance = unsafe {
+        let function = entry_point(get_instance_proc_addr)?;
+        let entry = ash::Entry::from_static_fn(ash::StaticFn { get_instance_proc_addr: function });
+        ash::Instance::load(entry.static_fn(), vk::Instance::from_raw(instance))
+    };
+    let physical_device = vk::PhysicalDevice::from_raw(physical_device);
+    let missing = gpu::requirements::check(&instance, physical_device);
+    if missing.is_empty() {
+        return Ok(());
+    }
+    Err(Error::Device(format!("the device lacks {}", missing.join(", "))))
+}
+
+/// # Safety
+/// The address is null or that of `vkGetInstanceProcAddr`.
+unsafe fn entry_point(address: *const c_void) -> Result<vk::PFN_vkGetInstanceProcAddr> {
+    if address.is_null() {
+        return Err(Error::Request("get_instance_proc_addr is null".into()));
+    }
+    // SAFETY: as the caller ensures.
+    Ok(unsafe { std::mem::transmute::<*const c_void, vk::PFN_vkGetInstanceProcAddr>(address) })
+}
+
+impl Host {
+    /// # Safety
+    /// The address is null or that of `vkGetInstanceProcAddr`.
+    pub(super) unsafe fn device(&self) -> Result<gpu::HostDevice> {
+        if self.instance == 0 || self.physical_device == 0 || self.device == 0 {
+            return Err(Error::Request("a handle of the host is null".into()));
+        }
+        Ok(gpu::HostDevice {
+            // SAFETY: as the caller ensures.
+            get_instance_proc_addr: unsafe { entry_point(self.get_instance_proc_addr) }?,
+            instance: vk::Instance::from_raw(self.instance),
+            physical_device: vk::PhysicalDevice::from_raw(self.physical_device),
+            device: vk::Device::from_raw(self.device),
+            queue_family: self.queue_family,
+            has_int64_atomics: self.has_int64_atomics,
+            has_debug_utils: self.has_debug_utils,
+        })
+    }
+}
+
+/// How an image was used, or will be.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Access {
+    /// `VkImageLayout`.
+    pub layout: i32,
+    /// `VkPipelineStageFlags2`.
+    pub stages: u64,
+    /// `VkAccessFlags2`.
+    pub access: u64,
+    /// Queue family that owns the image; [`Access::SAME_FAMILY`] if it is the renderer's.
+    pub family: u32,
+}
+
+impl Access {
+    /// The family of the command buffers: no transfer of ownership.
+    pub const SAME_FAMILY: u32 = vk::QUEUE_FAMILY_IGNORED;
+
+    /// Returns an access in a layout by any stage of the same family, which is always correct.
+    pub fn any(layout: i32) -> Access {
+        Access {
+            layout,
+            stages: vk::PipelineStageFlags2::ALL_COMMANDS.as_raw(),
+            access: (vk::AccessFlags2::MEMORY_READ | vk::AccessFlags2::MEMORY_WRITE).as_raw(),
+            family: Access::SAME_FAMILY,
+        }
+    }
+}
+
+/// An image of the host to draw into: one layer, one level, one sample.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Target {
+    /// `VkImage`, with usage as colour or depth attachment.
+    pub image: u64,
+    /// `VkImageView` of it.
+    pub view: u64,
+    /// `VkFormat`.
+    pub format: i32,
+    /// Width and height `[px]`.
+    pub size: [u32; 2],
+    /// Samples per pixel; only 1 is drawn into.
+    pub samples: u32,
+    /// Last access before.
+    pub before: Access,
+    /// First access afterwards.
+    pub after: Access,
+    /// Whether the area is cleared first: colour to the background, depth to what is farthest.
+    pub clear: bool,
+}
+
+/// Values that colours are stored as.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Encoding {
+    /// Encoded for display: what a file has. The device encodes if the format is sRGB.
+    #[default]
+    Srgb,
+    /// Linear.
+    Linear,
+}
+
+impl Target {
+    pub(super) fn vulkan_format(&self) -> vk::Format {
+        vk::Format::from_raw(self.format)
+    }
+
+    fn aspects(&self) -> vk::ImageAspectFlags {
+        use vk::ImageAspectFlags as Aspect;
+        match self.vulkan_format() {
+            vk::Format::D16_UNORM | vk::Format::X8_D24_UNORM_PACK32 | vk::Format::D32_SFLOAT => {
+                Aspect::DEPTH
+            }
+            vk::Format::D16_UNORM_S8_UINT
+            | vk::Format::D24_UNORM_S8_UINT
+            | vk::Format::D32_SFLOAT_S8_UINT => Aspect::DEPTH | Aspect::STENCIL,
+            _ => Aspect::COLOR,
+        }
+    }
+
+    /// Errors if nothing can be drawn into it.
+    pub(super) fn check(&self, name: &str, is_depth: bool) -> Result<()> {
+        let wrong = |what: String| Err(Error::Request(format!("the {name} target {what}")));
+        if self.image == 0 || self.view == 0 {
+            return wrong("has a null handle".into());
+        }
+        if self.samples != 1 {
+            return wrong(format!(
+                "has {} samples per pixel; resolve it first, or give an image with one",
+                self.samples
+            ));
+        }
+        if (self.aspects() != vk::ImageAspectFlags::COLOR) != is_depth {
+            let format = self.vulkan_format();
+            return wrong(format!("has the format {format:?}, which is not one of {name}"));
+        }
+        Ok(())
+    }
+
+    /// Returns the barrier from the access before to `layout`, or from there to the access after.
+    pub(super) fn barrier(&self, family: u32, layout: vk::ImageLayout, ends: bool) -> vk::ImageMemoryBarrier2<'static> {
+        let own = Access { layout: layout.as_raw(), ..Access::any(0) };
+        let (from, to) = if ends { (own, self.after) } else { (self.before, own) };
+        // A transfer of ownership names both families.
+        let theirs = if ends { to.family } else { from.family };
+        let transfers = theirs != Access::SAME_FAMILY && theirs != family;
+        let families = match (transfers, ends) {
+            (false, _) => [Access::SAME_FAMILY; 2],
+            (true, false) => [theirs, family],
+            (true, true) => [family, theirs],
+        };
+        vk::ImageMemoryBarrier2::default()
+            .src_stage_mask(vk::PipelineStageFlags2::from_raw(from.stages))
+            .src_access_mask(vk::AccessFlags2::from_raw(from.access))
+            .dst_stage_mask(vk::PipelineStageFlags2::from_raw(to.stages))
+            .dst_access_mask(vk::AccessFlags2::from_raw(to.access))
+            .old_layout(vk::ImageLayout::from_raw(from.layout))
+            .new_layout(vk::ImageLayout::from_raw(to.layout))
+            .src_queue_family_index(families[0])
+            .dst_queue_family_index(families[1])
+            .image(vk::Image::from_raw(self.image))
+            .subresource_range(vk::ImageSubresourceRange {
+                aspect_mask: self.aspects(),
+                level_count: 1,
+                layer_count: 1,
+                ..Default::default()
+            })
+    }
+}

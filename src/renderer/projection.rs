@@ -1,0 +1,281 @@
+//! Views of a host: its matrices, or a camera of ours, as a [`View`] and a form of depth.
+
+use crate::error::{Error, Result};
+use crate::view::{Basis, Camera, Projection, View};
+use glam::{DMat3, DMat4, DVec3};
+
+/// A pair of matrices, each column by column: `clip = projection * view * (x, y, z, 1)`, in
+/// Vulkan's clip space, where y points down and depth is within 0 and 1.
+///
+/// The view matrix is a rotation, a uniform scale and a translation. The projection is a perspective
+/// (also off-centre, infinite, or of reversed depth) or orthographic, with square pixels.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Matrices {
+    /// From the world to the view.
+    pub view: [f64; 16],
+    /// From the view to clip space.
+    pub projection: [f64; 16],
+}
+
+impl Matrices {
+    /// Returns matrices of a camera for a picture of this size `[px]`, with reversed depth: 1 at
+    /// `near` and 0 at `far` `[m]`, which may be infinite for a perspective. Errors as [`View::new`].
+    pub fn of(camera: &Camera, size: [u32; 2], near: f64, far: f64) -> Result<Matrices> {
+        let view = View::new(*camera, size)?;
+        let Basis { right, up, forward } = view.basis;
+        let rotation = DMat3::from_cols(right, up, -forward).transpose();
+        let from_world = DMat4::from_mat3(rotation) * DMat4::from_translation(-camera.eye);
+        let [x, y] = size.map(|side| 2.0 * view.focal_px() / side as f64);
+        let Depth { a, b, .. } = Depth::of(camera.projection, near, far);
+        let mut projection = DMat4::ZERO;
+        (projection.x_axis.x, projection.y_axis.y) = (x, -y);
+        match camera.projection {
+            Projection::Perspective => {
+                (projection.z_axis.z, projection.w_axis.z, projection.z_axis.w) = (-a, b, -1.0);
+            }
+            Projection::Orthographic => {
+                (projection.z_axis.z, projection.w_axis.z, projection.w_axis.w) = (-b, a, 1.0);
+            }
+        }
+        Ok(Matrices { view: from_world.to_cols_array(), projection: projection.to_cols_array() })
+    }
+}
+
+/// The camera of a view.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum ViewCamera {
+    /// Matrices of the host.
+    Matrices(Matrices),
+    /// A camera of ours, with reversed depth as in [`Matrices::of`].
+    Camera {
+        /// Position, direction and field of view.
+        camera: Camera,
+        /// Least depth `[m]`.
+        near: f64,
+        /// Greatest depth `[m]`.
+        far: f64,
+    },
+}
+
+/// The host's depth: `a + b / z` of a perspective, `a + b z` of an orthographic projection, with the
+/// planar depth z in a cloud's own units.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Depth {
+    pub a: f64,
+    pub b: f64,
+    pub perspective: bool,
+    pub reversed: bool,
+}
+
+impl Depth {
+    fn of(projection: Projection, near: f64, far: f64) -> Depth {
+        let (perspective, reversed) = (projection == Projection::Perspective, true);
+        let (a, b) = match projection {
+            Projection::Perspective if far.is_infinite() => (0.0, near),
+            Projection::Perspective => (-near / (far - near), near * far / (far - near)),
+            Projection::Orthographic => (far / (far - near), -1.0 / (far - near)),
+        };
+        Depth { a, b, perspective, reversed }
+    }
+
+    /// Returns the depth of what is infinitely far.
+    pub fn far(&self) -> f32 {
+        if self.reversed { 0.0 } else { 1.0 }
+    }
+}
+
+/// Tolerance of ratios that matrices in f32 or f64 must meet.
+const TOLERANCE: f64 = 1e-5;
+
+fn refused<T>(what: String) -> Result<T> {
+    Err(Error::Request(what))
+}
+
+/// Returns the view in the coordinates of a cloud that `transform` takes to the world, and the depth
+/// that the host expects.
+pub(super) fn view_of(
+    camera: &ViewCamera,
+    transform: DMat4,
+    size: [u32; 2],
+) -> Result<(View, Depth)> {
+    match camera {
+        ViewCamera::Camera { camera, near, far } => {
+            let view = View::new(*camera, size)?;
+            let depth = Depth::of(camera.projection, *near, *far);
+            if transform == DMat4::IDENTITY {
+                return Ok((view, depth));
+            }
+            let matrices = Matrices::of(camera, size, *near, *far)?;
+            view_of(&ViewCamera::Matrices(matrices), transform, size)
+        }
+        ViewCamera::Matrices(matrices) => of_matrices(matrices, transform, size),
+    }
+}
+
+fn of_matrices(matrices: &Matrices, transform: DMat4, size: [u32; 2]) -> Result<(View, Depth)> {
+    let view = DMat4::from_cols_array(&matrices.view) * transform;
+    let p = DMat4::from_cols_array(&matrices.projection);
+    if !(view.is_finite() && p.is_finite()) {
+        return refused("a matrix of the view has an infinite or undefined number".into());
+    }
+    let rows = DMat3::from_mat4(view).transpose();
+    let scale = rows.x_axis.length();
+    let [x, y, z] = [rows.x_axis, rows.y_axis, rows.z_axis].map(|row| row / scale);
+    let angles = [x.dot(y), y.dot(z), z.dot(x), y.length() - 1.0, z.length() - 1.0];
+    if !(scale > 0.0 && angles.iter().all(|angle| angle.abs() < TOLERANCE)) {
+        return refused(
+            "the view matrix and the cloud's transform must be a rotation, a uniform scale and a translation".into(),
+        );
+    }
+    let t = view.w_axis.truncate() / scale;
+    let eye = -(x * t.x + y * t.y + z * t.z);
+    let at = |row: usize, column: usize| p.col(column)[row];
+    let perspective = at(3, 3) == 0.0;
+    // Clip coordinates are homogeneous.
+    let weight = if perspective { at(3, 2).abs() } else { at(3, 3) };
+    let at = |row: usize, column: usize| at(row, column) / weight;
+    let zero = [at(0, 1), at(1, 0), at(2, 0), at(2, 1), at(3, 0), at(3, 1)];
+    let sheared = !perspective && (at(0, 2) != 0.0 || at(1, 2) != 0.0 || at(3, 2) != 0.0);
+    if weight.is_nan() || weight <= 0.0 || zero.iter().any(|&entry| entry != 0.0) || sheared {
+        return refused("the projection is neither a perspective nor orthographic".into());
+    }
+    let [width, height] = size.map(f64::from);
+    let [wide, high] = [at(0, 0).abs() * width / 2.0, at(1, 1).abs() * height / 2.0];
+    if !((wide / high - 1.0).abs() < TOLERANCE) {
+        return refused(format!(
+            "the projection has pixels that are not square: {wide} and {high} pixels per unit"
+        ));
+    }
+    let (right, up) = (x * at(0, 0).signum(), y * -at(1, 1).signum());
+    let across = -right.cross(up);
+    let sign = if perspective { at(3, 2).signum() } else { across.dot(z).signum() };
+    let forward = z * sign;
+    if across.dot(forward) < 0.0 {
+        return refused("the matrices mirror the picture; one of their axes has the wrong sign".into());
+    }
+    let (eye, depth, middle) = if perspective {
+        let (a, b) = (sign * at(2, 2), at(2, 3) / scale);
+        (eye, Depth { a, b, perspective, reversed: b > 0.0 }, [sign * at(0, 2), sign * at(1, 2)])
+    } else {
+        // The eye is moved behind the near plane, since depths in front of an eye are positive.
+        let (a, b) = (at(2, 3), at(2, 2) * sign * scale);
+        let reversed = b < 0.0;
+        let near = (if reversed { 1.0 } else { 0.0 } - a) / b;
+        let moved = near - (1.0 / b).abs() * 1e-3;
+        let depth = Depth { a: a + b * moved, b, perspective, reversed };
+        (eye + forward * moved, depth, [at(0, 3), at(1, 3)])
+    };
+    let focal = if perspective { high } else { high * scale };
+    let camera = Camera {
+        eye,
+        target: eye + forward,
+        up,
+        fov_y: 2.0 * (height / 2.0 / focal).atan().to_degrees(),
+        projection: if perspective { Projection::Perspective } else { Projection::Orthographic },
+        ortho_height: (!perspective).then_some(height / focal),
+    };
+    let mut view = View::new(camera, size)?;
+    view.basis = Basis { right, up, forward };
+    view.shift = [middle[0] * width / 2.0, middle[1] * height / 2.0];
+    Ok((view, depth))
+}
+
+/// Returns a similarity as a matrix; errors if it is not finite.
+pub(super) fn transform_of(columns: &[f64; 16]) -> Result<DMat4> {
+    let matrix = DMat4::from_cols_array(columns);
+    let bottom = matrix.row(3).to_array();
+    if !matrix.is_finite() || bottom != [0.0, 0.0, 0.0, 1.0] || matrix.determinant() <= 0.0 {
+        return refused("a cloud's transform must be affine, finite, and must not mirror".into());
+    }
+    Ok(matrix)
+}
+
+/// Returns the position in the world of a position of a cloud.
+pub(super) fn in_world(transform: &DMat4, place: DVec3) -> DVec3 {
+    if *transform == DMat4::IDENTITY { place } else { transform.transform_point3(place) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::view::Preset;
+
+    fn points() -> Vec<DVec3> {
+        let place = |i: i32| DVec3::new((i * 37 % 101) as f64, (i * 53 % 211) as f64, (i % 7) as f64);
+        (0..200).map(|i| place(i) + 5e5).collect()
+    }
+
+    /// Projects a point as Vulkan does: pixels and depth.
+    fn vulkan(matrices: &Matrices, point: DVec3, size: [u32; 2]) -> [f64; 3] {
+        let [view, projection] =
+            [matrices.view, matrices.projection].map(|m| DMat4::from_cols_array(&m));
+        let clip = projection * (view * point.extend(1.0));
+        let ndc = clip.truncate() / clip.w;
+        [(ndc.x + 1.0) / 2.0 * size[0] as f64, (ndc.y + 1.0) / 2.0 * size[1] as f64, ndc.z]
+    }
+
+    fn agree(matrices: &Matrices, transform: DMat4, size: [u32; 2], cloud: &[DVec3]) {
+        let camera = ViewCamera::Matrices(*matrices);
+        let (view, depth) = view_of(&camera, transform, size).unwrap();
+        for &point in cloud {
+            let [x, y, z] = vulkan(matrices, in_world(&transform, point), size);
+            let [own_x, own_y] = view.pixel(point).unwrap();
+            let planar = (point - view.camera.eye).dot(view.basis.forward);
+            let own_z = if depth.perspective { depth.a + depth.b / planar } else { depth.a + depth.b * planar };
+            assert!((x - own_x).abs() < 1e-4 && (y - own_y).abs() < 1e-4, "{x} {y}, {own_x} {own_y}");
+            assert!((z - own_z).abs() < 1e-6, "{z}, {own_z}");
+        }
+    }
+
+    #[test]
+    fn a_view_of_matrices_projects_as_vulkan_does() {
+        let (points, size) = (points(), [640, 480]);
+        for preset in [Preset::Fit, Preset::Top, Preset::Side] {
+            let camera = Camera::framing(preset, &points, size);
+            let matrices = Matrices::of(&camera, size, 0.1, 5000.0).unwrap();
+            agree(&matrices, DMat4::IDENTITY, size, &points);
+            // Off-centre, and of a host that looks along +z with depth that grows.
+            let mut other = matrices;
+            let mirrored = DMat4::from_scale(DVec3::new(1.0, -1.0, -1.0));
+            let [view, mut p] = [other.view, other.projection].map(|m| DMat4::from_cols_array(&m));
+            match camera.projection {
+                Projection::Perspective => (p.z_axis.x, p.z_axis.y) = (0.3, -0.2),
+                Projection::Orthographic => (p.w_axis.x, p.w_axis.y) = (0.3, -0.2),
+            }
+            let forwards = DMat4::from_cols(
+                DVec3::X.extend(0.0),
+                DVec3::Y.extend(0.0),
+                DVec3::new(0.0, 0.0, -1.0).extend(0.0),
+                DVec3::Z.extend(1.0),
+            );
+            other.projection = (forwards * p * mirrored).to_cols_array();
+            other.view = (mirrored * view).to_cols_array();
+            agree(&other, DMat4::IDENTITY, size, &points);
+            let transform = DMat4::from_scale_rotation_translation(
+                DVec3::splat(2.0),
+                glam::DQuat::from_rotation_z(0.5),
+                DVec3::new(10.0, 20.0, 30.0),
+            );
+            let own: Vec<_> =
+                points.iter().map(|&p| transform.inverse().transform_point3(p)).collect();
+            agree(&other, transform, size, &own);
+        }
+    }
+
+    #[test]
+    fn what_cannot_be_drawn_is_refused_in_words() {
+        let camera = Camera::framing(Preset::Fit, &points(), [640, 480]);
+        let good = Matrices::of(&camera, [640, 480], 0.1, f64::INFINITY).unwrap();
+        let wrong = |change: fn(&mut Matrices)| {
+            let mut matrices = good;
+            change(&mut matrices);
+            let camera = ViewCamera::Matrices(matrices);
+            view_of(&camera, DMat4::IDENTITY, [640, 480]).unwrap_err().to_string()
+        };
+        assert!(wrong(|m| m.projection[0] *= 2.0).contains("not square"));
+        assert!(wrong(|m| m.projection[0] *= -1.0).contains("mirror"));
+        assert!(wrong(|m| m.view[0] *= 3.0).contains("uniform scale"));
+        assert!(wrong(|m| m.projection[4] = 0.1).contains("neither"));
+        assert!(wrong(|m| m.view[12] = f64::NAN).contains("undefined"));
+    }
+}
