@@ -80,6 +80,7 @@ pub mod passes;
 pub mod present;
 pub mod progress;
 pub mod render;
+pub mod renderer;
 pub mod resident;
 pub mod select;
 pub mod shader;

@@ -6,7 +6,7 @@
 
 pub(crate) mod host;
 pub mod plan;
-mod record;
+pub(crate) mod record;
 mod tiles;
 
 pub use crate::gpu::{Access, BufferDesc, Code, ImageDesc, Kind, Place};

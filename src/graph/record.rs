@@ -590,7 +590,8 @@ impl Recorder {
             }
             Work::Draw { draw, resources, vertices, attachments } => {
                 let [color, depth] = attachments.each_ref().map(|id| at(id).image());
-                let pipeline = gpu.raster.get(&gpu.device, draw, raster::Target::of(color, depth))?;
+                let pipeline =
+                    gpu.raster.get(&gpu.device, draw, raster::Target::of(color, depth))?;
                 let bind = vk::PipelineBindPoint::GRAPHICS;
                 let mut sets = [vk::DescriptorSet::null(); 2];
                 for (stage, set) in sets.iter_mut().enumerate() {

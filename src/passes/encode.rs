@@ -35,7 +35,12 @@ impl Thresholds {
             let linear = |code: usize| {
                 crate::cloud::colormap::srgb_to_linear(code.min(255) as f64 / 255.0) as f32
             };
-            [threshold.to_bits(), below as u32, linear(below).to_bits(), linear(below + 1).to_bits()]
+            [
+                threshold.to_bits(),
+                below as u32,
+                linear(below).to_bits(),
+                linear(below + 1).to_bits(),
+            ]
         };
         (FIRST..=LAST).map(bucket).collect()
     }

@@ -202,7 +202,12 @@ impl Target {
     }
 
     /// Returns the barrier from the access before to `layout`, or from there to the access after.
-    pub(super) fn barrier(&self, family: u32, layout: vk::ImageLayout, ends: bool) -> vk::ImageMemoryBarrier2<'static> {
+    pub(super) fn barrier(
+        &self,
+        family: u32,
+        layout: vk::ImageLayout,
+        ends: bool,
+    ) -> vk::ImageMemoryBarrier2<'static> {
         let own = Access { layout: layout.as_raw(), ..Access::any(0) };
         let (from, to) = if ends { (own, self.after) } else { (self.before, own) };
         // A transfer of ownership names both families.

@@ -151,7 +151,9 @@ fn of_matrices(matrices: &Matrices, transform: DMat4, size: [u32; 2]) -> Result<
     let sign = if perspective { at(3, 2).signum() } else { across.dot(z).signum() };
     let forward = z * sign;
     if across.dot(forward) < 0.0 {
-        return refused("the matrices mirror the picture; one of their axes has the wrong sign".into());
+        return refused(
+            "the matrices mirror the picture; one of their axes has the wrong sign".into(),
+        );
     }
     let (eye, depth, middle) = if perspective {
         let (a, b) = (sign * at(2, 2), at(2, 3) / scale);
@@ -201,7 +203,8 @@ mod tests {
     use crate::view::Preset;
 
     fn points() -> Vec<DVec3> {
-        let place = |i: i32| DVec3::new((i * 37 % 101) as f64, (i * 53 % 211) as f64, (i % 7) as f64);
+        let place =
+            |i: i32| DVec3::new((i * 37 % 101) as f64, (i * 53 % 211) as f64, (i % 7) as f64);
         (0..200).map(|i| place(i) + 5e5).collect()
     }
 
@@ -221,8 +224,15 @@ mod tests {
             let [x, y, z] = vulkan(matrices, in_world(&transform, point), size);
             let [own_x, own_y] = view.pixel(point).unwrap();
             let planar = (point - view.camera.eye).dot(view.basis.forward);
-            let own_z = if depth.perspective { depth.a + depth.b / planar } else { depth.a + depth.b * planar };
-            assert!((x - own_x).abs() < 1e-4 && (y - own_y).abs() < 1e-4, "{x} {y}, {own_x} {own_y}");
+            let own_z = if depth.perspective {
+                depth.a + depth.b / planar
+            } else {
+                depth.a + depth.b * planar
+            };
+            assert!(
+                (x - own_x).abs() < 1e-4 && (y - own_y).abs() < 1e-4,
+                "{x} {y}, {own_x} {own_y}"
+            );
             assert!((z - own_z).abs() < 1e-6, "{z}, {own_z}");
         }
     }

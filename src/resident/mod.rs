@@ -258,6 +258,15 @@ impl Resident {
         Ok(found)
     }
 
+    /// Returns the point of an id among nodes of an earlier frame, without the device; `None` if pages
+    /// are not mapped. The pages must not have been freed.
+    pub fn point_of_nodes(&self, nodes: &[ResidentNode], id: u32) -> Option<Point> {
+        let (number, i) = (id / POINTS_PER_PAGE, id % POINTS_PER_PAGE);
+        let node = nodes.get(number as usize).filter(|node| i < node.count)?;
+        let run = (node.first_page, node.planes + self.shown.words());
+        Some(self.point_of(node, self.pool.mapped(run)?, i))
+    }
+
     fn point_of(&self, node: &ResidentNode, words: &[u32], i: u32) -> Point {
         let word = |further: u32| words[((node.planes + further) * POINTS_PER_PAGE + i) as usize];
         Point {

@@ -146,18 +146,20 @@ impl Pool {
         Ok(())
     }
 
+    /// Returns the words of a run of pages; `None` if pages are not mapped.
+    pub fn mapped(&self, (first, count): (u32, u32)) -> Option<&[u32]> {
+        if self.ring.is_some() {
+            return None;
+        }
+        let block = bytemuck::cast_slice(self.blocks[(first / PAGES_PER_BLOCK) as usize].bytes());
+        let words = &block[(first % PAGES_PER_BLOCK * POINTS_PER_PAGE) as usize..];
+        Some(&words[..(count * POINTS_PER_PAGE) as usize])
+    }
+
     /// Returns the words of runs of pages, borrowed if mapped, else copied by the device.
     pub fn read(&self, gpu: &mut Gpu, runs: &[(u32, u32)]) -> Result<Vec<Cow<'_, [u32]>>> {
-        if self.ring.is_none() {
-            let words = |&(first, count): &(u32, u32)| {
-                let block =
-                    bytemuck::cast_slice(self.blocks[(first / PAGES_PER_BLOCK) as usize].bytes());
-                Cow::Borrowed(
-                    &block[(first % PAGES_PER_BLOCK * POINTS_PER_PAGE) as usize..]
-                        [..(count * POINTS_PER_PAGE) as usize],
-                )
-            };
-            return Ok(runs.iter().map(words).collect());
+        if let Some(words) = runs.iter().map(|&run| self.mapped(run).map(Cow::Borrowed)).collect() {
+            return Ok(words);
         }
         let (mut parts, mut bytes) = (BTreeMap::<u32, Vec<[u64; 3]>>::new(), 0);
         for &(first, count) in runs {

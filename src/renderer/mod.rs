@@ -1,0 +1,626 @@
+//! A renderer inside another application: it records into the host's command buffers.
+//!
+//! The host makes instance and device, submits, presents, and owns all images. The renderer has no
+//! queue: it submits nothing and waits for nothing. With each frame the host says its number and the
+//! last one that the device has completed, so that nothing is freed earlier.
+//!
+//! ```text
+//! Renderer::new(host)            once, on the host's device
+//! open, add_points               clouds, loaded on a thread
+//! loop: record(commands, frame)  uploads, pictures, and what the host asked for
+//!       the host submits
+//! drop                           after the device has completed all frames
+//! ```
+//!
+//! Recording clobbers pipelines, descriptor sets, push constants, viewport and scissor of the
+//! command buffer; it must be outside of rendering. Calls that may wait for the disk or another
+//! thread: dropping a renderer, and removing a cloud that is still being read.
+//!
+//! All handles are raw numbers, so that hosts need not share our version of a Vulkan crate.
+
+#![deny(missing_docs)]
+
+mod clouds;
+mod compose;
+mod host;
+mod projection;
+
+pub use clouds::{CloudId, CloudState, OpenSettings};
+pub use compose::{Area, Targets};
+pub use host::{Access, Encoding, Host, Requirement, Target, check, requirements};
+pub use projection::{Matrices, ViewCamera};
+
+pub use crate::cloud::points::{Points, Positions};
+pub use crate::error::{Error, Result};
+pub use crate::render::settings::RenderSettings;
+pub use crate::select::clip::Clips;
+pub use crate::select::opacity::Opacities;
+pub use crate::view::{Camera, Preset, Projection};
+
+use crate::config::NO_POINT;
+use crate::gpu::memory::RawBuffer;
+use crate::graph::record::Recorded;
+use crate::graph::{Buffer, Gpu, Graph, Handle};
+use crate::passes::EffectDecisions;
+use crate::render::frame;
+use crate::render::settings::FrameConfig;
+use crate::render::source::GpuCloud;
+use crate::resident::ResidentNode;
+use crate::select::lod::LodOptions;
+use crate::view::View;
+use ash::vk::{self, Handle as _};
+use clouds::Entry;
+use compose::{Descriptors, Picture};
+use glam::{DMat4, DVec3};
+use projection::{in_world, view_of};
+use std::collections::VecDeque;
+use std::path::PathBuf;
+
+/// A view of a frame.
+#[derive(Clone, Copy, Debug)]
+pub struct FrameView {
+    /// Where it is seen from.
+    pub camera: ViewCamera,
+    /// Where it is drawn in the targets.
+    pub area: Area,
+}
+
+/// A frame of the host.
+#[derive(Clone, Copy, Debug)]
+pub struct Frame<'f> {
+    /// Number of the frame; each is greater than the one before, and all are above 0.
+    pub number: u64,
+    /// Last frame that the device has completed; 0 if none.
+    pub safe: u64,
+    /// Images to draw into.
+    pub targets: Targets,
+    /// Views that are drawn, in order.
+    pub views: &'f [FrameView],
+}
+
+/// What a recorded frame shows.
+#[derive(Clone, Debug, Default)]
+pub struct FrameReport {
+    /// Whether all points that the views call for are drawn: nothing is being read or uploaded.
+    pub settled: bool,
+    /// Points drawn in all views.
+    pub points: u64,
+    /// Nodes of indexes that are missing, or coarser than the views call for.
+    pub missing: usize,
+    /// Whether each effect runs, and why, for the first view of the first cloud.
+    pub effects: Vec<EffectReport>,
+    /// Problems that left something out: unreadable nodes, a cloud that could not be drawn.
+    pub errors: Vec<String>,
+}
+
+/// Whether an effect runs, and why.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct EffectReport {
+    /// Name as on the command line.
+    pub name: &'static str,
+    /// Whether it runs.
+    pub runs: bool,
+    /// The reason.
+    pub why: String,
+}
+
+/// A point that was picked.
+#[derive(Clone, Debug, PartialEq)]
+pub struct PickedPoint {
+    /// Cloud of the point.
+    pub cloud: CloudId,
+    /// Position in the host's world.
+    pub world: DVec3,
+    /// Position in the cloud's own coordinates.
+    pub position: DVec3,
+    /// Whether the position is the file's own, to the last bit; if not, the centre of its cell.
+    pub exact: bool,
+    /// Planar depth in the cloud's units `[m]`.
+    pub depth: f64,
+}
+
+/// A requested pick.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct PickId(u64);
+
+/// State of a pick.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Picked {
+    /// It is answered when the device has completed a frame recorded after the request.
+    Pending,
+    /// There is no point in the pixel.
+    Nothing,
+    /// The point.
+    Point(PickedPoint),
+}
+
+/// Options of a renderer.
+#[derive(Clone, Copy, Debug)]
+pub struct RendererOptions {
+    /// Device memory for the nodes of each index `[bytes]`.
+    pub memory_budget: u64,
+    /// Most points drawn of an index; by the size of the view if `None`.
+    pub point_budget: Option<u64>,
+}
+
+impl Default for RendererOptions {
+    fn default() -> RendererOptions {
+        RendererOptions { memory_budget: crate::config::POOL_BYTES, point_budget: None }
+    }
+}
+
+/// A pick in a recorded frame: depth and ids of one cloud in one view.
+struct RecordedPick {
+    pick: PickId,
+    pixel: [u32; 2],
+    view: View,
+    depth: Buffer,
+    index: Buffer,
+    cloud: CloudId,
+    transform: DMat4,
+    /// Nodes that ids refer to.
+    nodes: Vec<ResidentNode>,
+}
+
+/// What a frame uses until the device has completed it.
+struct HeldFrame {
+    number: u64,
+    recorded: Vec<(Recorded, Option<RecordedPick>)>,
+    /// Dropped with the rest.
+    _descriptors: Vec<Descriptors>,
+    removed: Vec<Entry>,
+}
+
+/// Time of a pass of a completed frame.
+#[derive(Clone, Debug, PartialEq)]
+pub struct PassTime {
+    /// Name of the pass.
+    pub name: String,
+    /// Device time `[ms]`.
+    pub milliseconds: f64,
+}
+
+/// Draws clouds into a host's images; see the module.
+pub struct Renderer {
+    settings: RenderSettings,
+    opacities: Opacities,
+    clips: Clips,
+    options: RendererOptions,
+    clouds: Vec<Entry>,
+    removed: Vec<Entry>,
+    held: VecDeque<HeldFrame>,
+    next_cloud: u64,
+    next_pick: u64,
+    wanted_picks: Vec<(PickId, [u32; 2])>,
+    answers: Vec<(PickId, Option<PickedPoint>)>,
+    times: Vec<PassTime>,
+    last_frame: u64,
+    buckets: Option<RawBuffer>,
+    // Dropped last.
+    gpu: Gpu,
+}
+
+impl Renderer {
+    /// Creates a renderer on the host's device. Errors name what the device lacks.
+    ///
+    /// # Safety
+    /// The handles of `host` are valid until the renderer is dropped, and what [`requirements`]
+    /// lists as required is enabled.
+    pub unsafe fn new(host: &Host, options: RendererOptions) -> Result<Renderer> {
+        // SAFETY: as the caller ensures.
+        let mut gpu = unsafe { Gpu::adopt(&host.device()?) }?;
+        let buckets = compose::buckets(&mut gpu)?;
+        Ok(Renderer {
+            settings: RenderSettings::default(),
+            opacities: Opacities::default(),
+            clips: Clips::default(),
+            options,
+            clouds: Vec::new(),
+            removed: Vec::new(),
+            held: VecDeque::new(),
+            next_cloud: 1,
+            next_pick: 1,
+            wanted_picks: Vec::new(),
+            answers: Vec::new(),
+            times: Vec::new(),
+            last_frame: 0,
+            buckets: Some(buckets),
+            gpu,
+        })
+    }
+
+    /// Opens files, or one index, as a cloud. Returns at once; a thread reads them.
+    pub fn open(&mut self, files: &[PathBuf], settings: &OpenSettings) -> Result<CloudId> {
+        let id = self.new_id();
+        self.clouds.push(Entry::open(id, files.to_vec(), settings)?);
+        Ok(id)
+    }
+
+    /// Adds points of the host's memory as a cloud; they are copied. Errors if an attribute has
+    /// another number of values than there are positions.
+    pub fn add_points(&mut self, points: &Points) -> Result<CloudId> {
+        let id = self.new_id();
+        self.clouds.push(Entry::of_points(id, points)?);
+        Ok(id)
+    }
+
+    fn new_id(&mut self) -> CloudId {
+        self.next_cloud += 1;
+        CloudId(self.next_cloud - 1)
+    }
+
+    /// Removes a cloud; its memory is freed when the device has completed the frames that drew it.
+    pub fn remove(&mut self, cloud: CloudId) -> Result<()> {
+        let place = self.place(cloud)?;
+        self.removed.push(self.clouds.remove(place));
+        Ok(())
+    }
+
+    /// Returns the state of a cloud.
+    pub fn state(&self, cloud: CloudId) -> Result<CloudState> {
+        Ok(self.clouds[self.place(cloud)?].state())
+    }
+
+    /// Returns notes on the files of a cloud: losses and guesses of reading. Empty while it loads.
+    pub fn notes(&self, cloud: CloudId) -> Result<&[String]> {
+        Ok(&self.clouds[self.place(cloud)?].notes)
+    }
+
+    /// Shows or hides a cloud.
+    pub fn set_visible(&mut self, cloud: CloudId, visible: bool) -> Result<()> {
+        let place = self.place(cloud)?;
+        self.clouds[place].visible = visible;
+        Ok(())
+    }
+
+    /// Moves a cloud: `columns` are those of a matrix from its own coordinates to the host's world,
+    /// a rotation, a uniform scale and a translation.
+    pub fn set_transform(&mut self, cloud: CloudId, columns: &[f64; 16]) -> Result<()> {
+        let place = self.place(cloud)?;
+        self.clouds[place].set_transform(columns)
+    }
+
+    fn place(&self, cloud: CloudId) -> Result<usize> {
+        let found = self.clouds.iter().position(|entry| entry.id == cloud);
+        found.ok_or_else(|| Error::Request(format!("there is no cloud {}", cloud.0)))
+    }
+
+    /// Returns a camera that frames all clouds that are ready; `None` if there is none.
+    pub fn framing(&self, preset: Preset, size: [u32; 2]) -> Option<Camera> {
+        let places: Vec<DVec3> = self
+            .clouds
+            .iter()
+            .flat_map(|cloud| cloud.core_points.iter().map(|p| in_world(&cloud.transform, *p)))
+            .collect();
+        (!places.is_empty()).then(|| Camera::framing(preset, &places, size))
+    }
+
+    /// Returns the settings: effects, light and background.
+    pub fn settings(&self) -> &RenderSettings {
+        &self.settings
+    }
+
+    /// Replaces the settings.
+    pub fn set_settings(&mut self, settings: RenderSettings) {
+        self.settings = settings;
+    }
+
+    /// Sets an effect as on the command line: `NAME=off|on|auto[,key=value...]`.
+    pub fn set_effect(&mut self, text: &str) -> Result<()> {
+        self.settings.effects.set(text).map_err(Error::Request)
+    }
+
+    /// Sets opacities and clip boxes of all clouds.
+    pub fn set_filters(&mut self, opacities: Opacities, clips: Clips) {
+        (self.opacities, self.clips) = (opacities, clips);
+    }
+
+    /// Requests the point in a pixel of the targets, of the next frame that is recorded.
+    pub fn pick(&mut self, pixel: [u32; 2]) -> PickId {
+        let pick = PickId(self.next_pick);
+        self.next_pick += 1;
+        self.wanted_picks.push((pick, pixel));
+        pick
+    }
+
+    /// Returns the answer to a pick, once; it is pending until the device has completed its frame
+    /// and another one is recorded.
+    pub fn picked(&mut self, pick: PickId) -> Picked {
+        let Some(at) = self.answers.iter().position(|(answered, _)| *answered == pick) else {
+            return Picked::Pending;
+        };
+        self.answers.swap_remove(at).1.map_or(Picked::Nothing, Picked::Point)
+    }
+
+    /// Returns the device times of the passes of the last completed frame.
+    pub fn pass_times(&self) -> &[PassTime] {
+        &self.times
+    }
+
+    /// Records a frame. The targets are in their access `before`, and in `after` when it is done.
+    ///
+    /// # Errors
+    /// If numbers do not grow, a target cannot be drawn into, or memory is exhausted; the command
+    /// buffer must then be dropped. A cloud that cannot be drawn is left out, and named in the
+    /// report.
+    ///
+    /// # Safety
+    /// `commands` is a command buffer of the renderer's family that is being recorded, outside of
+    /// rendering. It is submitted before those of later frames, on one queue. The images are alive
+    /// until then, and as their targets say. `frame.safe` has been completed by the device.
+    pub unsafe fn record(&mut self, commands: u64, frame: &Frame) -> Result<FrameReport> {
+        if frame.number <= self.last_frame || frame.safe >= frame.number {
+            return Err(Error::Request(format!(
+                "frame {} after frame {}, with {} completed: numbers must grow",
+                frame.number, self.last_frame, frame.safe
+            )));
+        }
+        frame.targets.color.check("color", false)?;
+        frame.targets.depth.iter().try_for_each(|depth| depth.check("depth", true))?;
+        let commands = vk::CommandBuffer::from_raw(commands);
+        self.retire(frame.safe)?;
+        self.gpu.begin_host_frame(commands, frame.number, frame.safe)?;
+        self.last_frame = frame.number;
+        let (opacities, clips) = (&self.opacities, &self.clips);
+        for cloud in &mut self.clouds {
+            cloud.advance(&mut self.gpu, self.options.memory_budget);
+            cloud.set_filters(opacities, clips);
+        }
+        let mut held = HeldFrame {
+            number: frame.number,
+            recorded: Vec::new(),
+            _descriptors: Vec::new(),
+            removed: std::mem::take(&mut self.removed),
+        };
+        let picks = std::mem::take(&mut self.wanted_picks);
+        let mut report = FrameReport { settled: true, ..FrameReport::default() };
+        compose::transition(&self.gpu.device, commands, &frame.targets, false);
+        let drawn = frame.views.iter().try_for_each(|view| {
+            self.record_view(commands, frame, view, &picks, &mut held, &mut report)
+        });
+        compose::transition(&self.gpu.device, commands, &frame.targets, true);
+        self.gpu.end_host_frame();
+        // A pick outside of all views and clouds meets nothing.
+        let met = |pick: &PickId| {
+            held.recorded
+                .iter()
+                .any(|(_, recorded)| recorded.as_ref().is_some_and(|r| r.pick == *pick))
+        };
+        let unmet = picks.iter().map(|(pick, _)| *pick).filter(|pick| !met(pick));
+        self.answers.extend(unmet.map(|pick| (pick, None)));
+        self.held.push_back(held);
+        let waits = |cloud: &Entry| {
+            matches!(cloud.state(), CloudState::Loading { .. } | CloudState::Uploading)
+        };
+        report.settled &= report.missing == 0 && !self.clouds.iter().any(waits);
+        drawn.map(|()| report)
+    }
+
+    /// Records the clouds of a view, each over those before it.
+    fn record_view(
+        &mut self,
+        commands: vk::CommandBuffer,
+        frame: &Frame,
+        view: &FrameView,
+        picks: &[(PickId, [u32; 2])],
+        held: &mut HeldFrame,
+        report: &mut FrameReport,
+    ) -> Result<()> {
+        let Renderer { gpu, clouds, settings, options, buckets, .. } = self;
+        let buckets = buckets.as_ref().expect("freed at the end");
+        let clears = frame.targets.color.clear;
+        let mut first = true;
+        let background = settings
+            .background
+            .map(|channel| crate::cloud::colormap::srgb_to_linear(channel as f64 / 255.0) as f32);
+        let (_, form) = view_of(&view.camera, DMat4::IDENTITY, view.area.size)?;
+        for cloud in clouds.iter_mut() {
+            let (id, transform) = (cloud.id, cloud.transform);
+            let Some(shown) = cloud.shown() else { continue };
+            let of_cloud = view_of(&view.camera, transform, view.area.size);
+            let opaque = first && clears;
+            let recorded = of_cloud.and_then(|(cloud_view, form)| {
+                let pixel = picks.iter().find_map(|(pick, pixel)| {
+                    let at = [0, 1].map(|axis| pixel[axis] as i64 - view.area.corner[axis] as i64);
+                    let inside = |axis: usize| (0..view.area.size[axis] as i64).contains(&at[axis]);
+                    (inside(0) && inside(1)).then(|| (*pick, at.map(|at| at as u32)))
+                });
+                let drawing =
+                    Drawing { settings, options, view: cloud_view, opaque, pixel, id, transform };
+                let (recorded, pick, images) = drawing.record(gpu, shown, report)?;
+                Ok((recorded, pick, images, form))
+            });
+            let (recorded, pick, [picture, depth], form) = match recorded {
+                Ok(recorded) => recorded,
+                Err(Error::Request(why)) => {
+                    report.errors.push(format!("cloud {}: {why}", id.0));
+                    continue;
+                }
+                Err(error) => return Err(error),
+            };
+            let picture = Picture {
+                picture: recorded.image(&picture),
+                depth: recorded.image(&depth),
+                form,
+                opaque,
+                first,
+                area: view.area,
+                targets: &frame.targets,
+                background,
+            };
+            let descriptors = compose::record(gpu, commands, buckets, &picture)?;
+            held._descriptors.push(descriptors);
+            held.recorded.push((recorded, pick));
+            first = false;
+        }
+        if first {
+            compose::clear(gpu, commands, &frame.targets, view.area, background, form)?;
+        }
+        Ok(())
+    }
+
+    /// Frees what completed frames held, and answers their picks.
+    fn retire(&mut self, safe: u64) -> Result<()> {
+        while self.held.front().is_some_and(|held| held.number <= safe) {
+            let held = self.held.pop_front().expect("just seen");
+            self.times.clear();
+            let mut nearest: Vec<(PickId, Option<PickedPoint>)> = Vec::new();
+            for (recorded, pick) in held.recorded {
+                let done = recorded.finish(&mut self.gpu)?;
+                self.times.extend(done.passes.iter().map(|(name, milliseconds)| PassTime {
+                    name: name.clone(),
+                    milliseconds: *milliseconds,
+                }));
+                let found = pick.map(|pick| {
+                    let [depth, index] = [&pick.depth, &pick.index];
+                    let at = (pick.pixel[1] * pick.view.size[0] + pick.pixel[0]) as usize;
+                    (done.read::<f32>(depth)[at], done.read::<u32>(index)[at], pick)
+                });
+                done.recycle(&mut self.gpu);
+                let Some((depth, point, pick)) = found else { continue };
+                let found = self.found(depth, point, &pick)?;
+                match nearest.iter_mut().find(|(other, _)| *other == pick.pick) {
+                    Some((_, before)) => {
+                        let distance = |found: &Option<PickedPoint>, transform: &DMat4| {
+                            let scale = transform.x_axis.truncate().length();
+                            found.as_ref().map_or(f64::INFINITY, |found| found.depth * scale)
+                        };
+                        let place = |id: CloudId| {
+                            self.clouds
+                                .iter()
+                                .find(|cloud| cloud.id == id)
+                                .map(|cloud| cloud.transform)
+                        };
+                        let other = before.as_ref().and_then(|before| place(before.cloud));
+                        let other = other.unwrap_or(DMat4::IDENTITY);
+                        if distance(&found, &pick.transform) < distance(before, &other) {
+                            *before = found;
+                        }
+                    }
+                    None => nearest.push((pick.pick, found)),
+                }
+            }
+            self.answers.extend(nearest);
+            held.removed.into_iter().for_each(|cloud| cloud.free(&mut self.gpu));
+        }
+        Ok(())
+    }
+
+    /// Returns the point that a completed frame shows in a pixel.
+    fn found(
+        &mut self,
+        depth: f32,
+        point: u32,
+        pick: &RecordedPick,
+    ) -> Result<Option<PickedPoint>> {
+        if !(depth > 0.0 && depth.is_finite()) {
+            return Ok(None);
+        }
+        let resident = self.clouds.iter().find(|cloud| cloud.id == pick.cloud);
+        let own = match resident.and_then(Entry::resident) {
+            Some(resident) if point != NO_POINT => resident.point_of_nodes(&pick.nodes, point),
+            _ => None,
+        };
+        let (position, exact) = own.map_or_else(
+            || {
+                let [x, y] = pick.pixel.map(|at| at as f64 + 0.5);
+                let (origin, direction) = pick.view.ray(x, y);
+                (origin + direction * depth as f64, false)
+            },
+            |found| (found.position, found.exact),
+        );
+        Ok(Some(PickedPoint {
+            cloud: pick.cloud,
+            world: in_world(&pick.transform, position),
+            position,
+            exact,
+            depth: depth as f64,
+        }))
+    }
+}
+
+impl Drop for Renderer {
+    /// Frees everything. The device must have completed all frames.
+    fn drop(&mut self) {
+        // A lost device has completed everything.
+        let _ = self.retire(u64::MAX);
+        self.gpu.finish_host_frames();
+        for cloud in self.clouds.drain(..).chain(self.removed.drain(..)) {
+            cloud.free(&mut self.gpu);
+        }
+        if let Some(buckets) = self.buckets.take() {
+            self.gpu.memory.destroy_buffer(buckets);
+        }
+    }
+}
+
+/// The drawing of a cloud in a view.
+struct Drawing<'d> {
+    settings: &'d RenderSettings,
+    options: &'d RendererOptions,
+    view: View,
+    opaque: bool,
+    pixel: Option<(PickId, [u32; 2])>,
+    id: CloudId,
+    transform: DMat4,
+}
+
+/// A recorded picture, a pick in it, and the images of colour and depth.
+type RecordedPicture = (Recorded, Option<RecordedPick>, [crate::graph::Image; 2]);
+
+impl Drawing<'_> {
+    fn record(
+        self,
+        gpu: &mut Gpu,
+        cloud: &mut GpuCloud,
+        report: &mut FrameReport,
+    ) -> Result<RecordedPicture> {
+        let view = self.view;
+        if let GpuCloud::Parts(residency) = cloud {
+            let lod = LodOptions { budget: self.options.point_budget, lod_px: None };
+            let update = residency.update(gpu, &view, &lod.of(view.size))?;
+            report.missing += update.missing + update.coarse;
+            report.errors.extend(update.errors);
+        }
+        let resident = cloud.resident();
+        let mut config = FrameConfig::new(self.settings, &view, resident);
+        if !self.opaque {
+            // Blended over what is there.
+            config.background = [0.0; 3];
+        }
+        if report.effects.is_empty() {
+            report.effects = effects(&config.decisions);
+        }
+        let mut g = Graph::new(gpu);
+        let outcome = match frame::record(&mut g, &view, resident, &config) {
+            Ok(outcome) => outcome,
+            Err(error) => {
+                g.discard();
+                return Err(error);
+            }
+        };
+        report.points += outcome.statistics.points_drawn;
+        let pick = self.pixel.map(|(pick, pixel)| RecordedPick {
+            pick,
+            pixel,
+            view,
+            depth: g.download(&outcome.gbuffer.depth),
+            index: g.download(&outcome.gbuffer.index),
+            cloud: self.id,
+            transform: self.transform,
+            nodes: resident.nodes.clone(),
+        });
+        let images = [outcome.picture.alias(), outcome.gbuffer.depth.alias()];
+        let wanted = images.each_ref().map(|image| image.resource());
+        Ok((g.record_for_host(&wanted)?, pick, images))
+    }
+}
+
+fn effects(decisions: &EffectDecisions) -> Vec<EffectReport> {
+    let report = |(effect, reason): &(crate::passes::Effect, crate::passes::Reason)| EffectReport {
+        name: effect.name(),
+        runs: reason.runs,
+        why: reason.why.clone(),
+    };
+    decisions.0.iter().map(report).collect()
+}
