@@ -293,16 +293,16 @@ impl Recording<'_> {
                     unsafe { labels.cmd_end_debug_utils_label(commands) };
                 }
             }
-            let to_host = [vk::MemoryBarrier2::default()
-                .src_stage_mask(vk::PipelineStageFlags2::ALL_COMMANDS)
-                .src_access_mask(vk::AccessFlags2::MEMORY_WRITE)
-                .dst_stage_mask(vk::PipelineStageFlags2::HOST)
-                .dst_access_mask(vk::AccessFlags2::HOST_READ)];
+            // For downloads, and for what a host's command buffer has next.
+            let mut last = full_barrier();
+            last.dst_stage_mask |= vk::PipelineStageFlags2::HOST;
+            last.dst_access_mask |= vk::AccessFlags2::HOST_READ;
+            let last = [last];
             // SAFETY: recorded outside of rendering.
             unsafe {
                 gpu.device.raw.cmd_pipeline_barrier2(
                     commands,
-                    &vk::DependencyInfo::default().memory_barriers(&to_host),
+                    &vk::DependencyInfo::default().memory_barriers(&last),
                 )
             };
             Ok(())
