@@ -3,7 +3,7 @@
 use super::from_floats::{ColorUnit, Floats, Point};
 use super::input::Input;
 use super::strays::Kept;
-use super::{Cloud, ColumnSet, Columns, Header, Lattice, Part, color, las, stations};
+use super::{Cloud, ColumnSet, Columns, Header, Lattice, Part, las, rgb_range, stations};
 use crate::error::{Error, Result};
 use glam::DVec3;
 use std::path::PathBuf;
@@ -147,7 +147,7 @@ fn on_their_lattice(
             ..Columns::default()
         },
         intensity_range: las::INTENSITY_RANGE,
-        rgb_scale: color::Scale::default(),
+        rgb_scale: rgb_range::Scale::default(),
     })
 }
 
