@@ -418,7 +418,7 @@ impl<'g> Graph<'g> {
         self.gpu.memory.invalidate(name);
     }
 
-    /// Returns a second handle of a transient buffer, for statistics.
+    /// Returns a second handle of the first buffer of this name, for tests.
     pub fn find_buffer(&self, name: &str) -> Option<Buffer> {
         self.resources.iter().enumerate().find_map(|(i, resource)| match resource.shape {
             Shape::Buffer(desc) if resource.name == name => {

@@ -13,8 +13,8 @@
 use super::smooth::Pixels;
 use super::visibility::Looked;
 use super::{
-    Effect, EffectDecisions, Effects, FrameContext, GBuffer, LIST_HEADER, Reason, Setting, Value,
-    tiles,
+    Effect, EffectDecisions, Effects, FrameContext, GBuffer, LIST_HEADER, Reason, Setting,
+    TileLists, Value, tiles,
 };
 use crate::graph::{Dispatch, Graph, Kind};
 use crate::shader::{self, antialias, antialias_end, antialias_tiles};
@@ -180,5 +180,6 @@ pub fn record(
         },
         Dispatch::Indirect(&lists, 0),
     );
-    GBuffer { depth, color, shading, ..gbuffer }
+    let tile_lists = TileLists { silhouettes: Some(lists), ..gbuffer.tile_lists };
+    GBuffer { depth, color, shading, tile_lists, ..gbuffer }
 }

@@ -23,9 +23,9 @@ pub use mask::APART_PX;
 
 use super::{
     Effect, EffectDecisions, Effects, FrameContext, GBuffer, Holes, MOST_LEVELS, Reason, Setting,
-    TILE_PX, Value, significant, tiles, visibility,
+    TILE_PX, TileLists, Value, significant, tiles, visibility,
 };
-use crate::graph::{Dispatch, Graph, Image, Kind};
+use crate::graph::{Buffer, Dispatch, Graph, Image, Kind};
 use crate::shader::{self, fill_median, fill_median_begin, fill_median_end};
 use crate::view::{Projection, View};
 
@@ -220,8 +220,9 @@ pub fn record(
         .zip(labels)
         .map(|(color, labels)| median(g, view, settings, holes, &gbuffer.depth, color, labels))
         .collect();
+    let median_steps = filled.first().map(|(_, steps)| steps.alias());
     let GBuffer { mut depth, mut color, mut shadow_factor, .. } = gbuffer;
-    for (color, [filled_depth, filled_color]) in
+    for (color, ([filled_depth, filled_color], _)) in
         [Some(&mut color), shadow_factor.as_mut()].into_iter().flatten().zip(&filled)
     {
         let push = fill_median_end::Push { size: view.size, tiles_across: tiles(view.size)[0] };
@@ -238,10 +239,12 @@ pub fn record(
             listed,
         );
     }
-    GBuffer { depth, color, shadow_factor, holes: None, ..gbuffer }
+    let tile_lists = TileLists { median_steps, ..gbuffer.tile_lists };
+    GBuffer { depth, color, shadow_factor, holes: None, tile_lists, ..gbuffer }
 }
 
-/// Returns depth and colour with filled pixels, in the packed form that steps alternate between.
+/// Returns depth and colour with filled pixels, in the packed form that steps alternate between;
+/// and the steps.
 fn median(
     g: &mut Graph,
     view: &View,
@@ -250,7 +253,7 @@ fn median(
     depth: &Image,
     color: &Image,
     labels: bool,
-) -> [Image; 2] {
+) -> ([Image; 2], Buffer) {
     let Holes { list: lists, kernels, widest, .. } = holes;
     let across = tiles(view.size);
     let count = across[0] * across[1];
@@ -323,7 +326,7 @@ fn median(
         std::mem::swap(&mut from_depth, &mut to_depth);
         std::mem::swap(&mut from_color, &mut to_color);
     }
-    [from_depth, from_color]
+    ([from_depth, from_color], steps)
 }
 
 /// Largest depth difference on one surface [cells of a level].

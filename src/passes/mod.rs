@@ -71,6 +71,8 @@ pub struct GBuffer {
     pub depth_source: Option<Image>,
     /// Tiles with pixels of unknown depth, if a pass has looked for them.
     pub holes: Option<Holes>,
+    /// What passes know about tiles, for statistics.
+    pub tile_lists: TileLists,
 }
 
 impl GBuffer {
@@ -78,6 +80,26 @@ impl GBuffer {
     pub fn colors(&self) -> impl Iterator<Item = &Image> {
         [Some(&self.color), self.shadow_factor.as_ref()].into_iter().flatten()
     }
+}
+
+/// Buffers that passes fill on the device and [`tile_stats`] counts; None for passes that do not
+/// run.
+#[derive(Default)]
+pub struct TileLists {
+    /// Tiles where points may be hidden, a list per level.
+    pub looked_at: Option<Buffer>,
+    /// Tiles with pixels to fill.
+    pub holes: Option<Buffer>,
+    /// Steps of filling by medians (glsl/lib/tile_steps.glsl).
+    pub median_steps: Option<Buffer>,
+    /// Steps of filling background and hidden pixels by masks, likewise.
+    pub mask_steps: Option<[Buffer; 2]>,
+    /// Tiles that deeper levels of shape depiction shade.
+    pub rough: Option<Buffer>,
+    /// Tiles that are smoothed.
+    pub smoothed: Option<Buffer>,
+    /// Tiles with silhouettes.
+    pub silhouettes: Option<Buffer>,
 }
 
 /// A list of 8 x 8 pixel tiles, made on the device (glsl/lib/tile.glsl).

@@ -1,8 +1,8 @@
 //! Resolves the keys of one strip to depth, point ids and colours, written into the images of the
 //! whole picture.
 
-use super::GBuffer;
 use super::project::{Keys, Strip};
+use super::{GBuffer, TileLists};
 use crate::cloud::attribute::{Attribute, DisplayAttribute};
 use crate::cloud::colormap::{self, linear_to_srgb, srgb_to_linear};
 use crate::error::Result;
@@ -200,6 +200,7 @@ impl Resolved {
             flat_px: 1,
             depth_source: None,
             holes: None,
+            tile_lists: TileLists::default(),
         })
     }
 }

@@ -169,6 +169,8 @@ pub struct LightVisibility {
     /// If shadows are saved: the value that means fully lit; `counts` then holds the page of each
     /// node's values.
     pub saved: Option<u32>,
+    /// Texels where index peeling of this frame ended early, if it cast any.
+    pub unpeeled: Option<Buffer>,
     /// Whether lighting follows and takes it into account.
     pub apart: bool,
     /// Statistics for `--explain`.
@@ -368,6 +370,7 @@ fn counted(
         }
         return Ok(Some(LightVisibility {
             counts: tally.light_visibility,
+            unpeeled: Some(tally.unpeeled),
             saved: None,
             apart: false,
             facts: Facts { cast: end, tested: again.len() as u32, ..facts },
@@ -378,6 +381,7 @@ fn counted(
     if end == kept {
         return Ok(Some(LightVisibility {
             counts,
+            unpeeled: None,
             saved: None,
             apart: false,
             facts: Facts { cast: end, ..facts },
@@ -389,6 +393,7 @@ fn counted(
     }
     Ok(Some(LightVisibility {
         counts: tally.light_visibility,
+        unpeeled: Some(tally.unpeeled),
         saved: None,
         apart: false,
         facts: Facts { cast: end, tested: resident.nodes.len() as u32, ..facts },
@@ -422,6 +427,7 @@ fn saved(
         .then(|| g.upload("saved light visibility", &resident.addresses(word)))?;
     Some(pages.map(|counts| LightVisibility {
         counts,
+        unpeeled: None,
         saved: Some(contents.full),
         apart: false,
         facts: Facts { saved: true, ..facts },

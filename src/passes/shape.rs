@@ -7,8 +7,8 @@
 //! same factor (to 1/256).
 
 use super::{
-    EffectDecisions, Effects, FrameContext, GBuffer, LIST_HEADER, Reason, Setting, TILE_PX, Value,
-    tiles,
+    EffectDecisions, Effects, FrameContext, GBuffer, LIST_HEADER, Reason, Setting, TILE_PX,
+    TileLists, Value, tiles,
 };
 use crate::graph::{Dispatch, Graph, Kind};
 use crate::shader::{self, base_white, pack_depth, shape, shape_level, shape_unpack};
@@ -194,5 +194,6 @@ pub fn record(
             white
         }
     };
-    GBuffer { color, shading: Some(shading), ..gbuffer }
+    let tile_lists = TileLists { rough: Some(lists), ..gbuffer.tile_lists };
+    GBuffer { color, shading: Some(shading), tile_lists, ..gbuffer }
 }

@@ -16,7 +16,7 @@
 
 use super::{
     Effect, EffectDecisions, Effects, FrameContext, GBuffer, LIST_HEADER, Reason, Setting, TILE_PX,
-    Value, fill, tiles,
+    TileLists, Value, fill, tiles,
 };
 use crate::graph::{Dispatch, Graph, Kind};
 use crate::shader::{self, smooth, smooth_end, smooth_tiles};
@@ -232,5 +232,6 @@ pub fn record(
             Dispatch::Indirect(&lists, 0),
         );
     }
-    GBuffer { projected_depth, depth, color, shadow_factor, ..gbuffer }
+    let tile_lists = TileLists { smoothed: Some(lists), ..gbuffer.tile_lists };
+    GBuffer { projected_depth, depth, color, shadow_factor, tile_lists, ..gbuffer }
 }

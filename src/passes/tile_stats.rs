@@ -2,18 +2,12 @@
 
 use super::shadows::Method;
 use super::visibility;
-use super::{Effects, GBuffer, LIST_HEADER, TILE_PX, fill, significant, tiles};
+use super::{Effects, GBuffer, LIST_HEADER, TILE_PX, TileLists, fill, significant, tiles};
 use crate::graph::{Buffer, CompletedSubmission, Graph};
 
 /// Lists that are read back with the frame; None for passes that do not run.
 pub struct Asked {
-    lists: Option<Buffer>,
-    holes: Option<Buffer>,
-    steps: Option<Buffer>,
-    masks: [Option<Buffer>; 2],
-    rough: Option<Buffer>,
-    smoothed: Option<Buffer>,
-    silhouettes: Option<Buffer>,
+    lists: TileLists,
     unpeeled: Option<Buffer>,
     left: Option<Buffer>,
 }
@@ -54,18 +48,24 @@ pub struct Counts {
 
 impl Asked {
     pub fn of(g: &mut Graph, gbuffer: &GBuffer) -> Asked {
-        let left = gbuffer.accumulation.as_ref().map(|front| g.download_buffer(&front.left));
-        let mut named = |name: &str| g.find_buffer(name).map(|list| g.download_buffer(&list));
+        let mut read = |list: &Option<Buffer>| list.as_ref().map(|list| g.download_buffer(list));
+        let TileLists { looked_at, holes, median_steps, mask_steps, rough, smoothed, silhouettes } =
+            &gbuffer.tile_lists;
+        let lists = TileLists {
+            looked_at: read(looked_at),
+            holes: read(holes),
+            median_steps: read(median_steps),
+            rough: read(rough),
+            smoothed: read(smoothed),
+            silhouettes: read(silhouettes),
+            mask_steps: mask_steps
+                .as_ref()
+                .map(|steps| steps.each_ref().map(|list| g.download_buffer(list))),
+        };
         Asked {
-            lists: named("lists"),
-            holes: named("holes"),
-            steps: named("steps"),
-            masks: ["background steps", "occluded steps"].map(&mut named),
-            rough: named("rough tiles"),
-            smoothed: named("smoothed tiles"),
-            silhouettes: named("silhouettes"),
-            unpeeled: named("unpeeled"),
-            left,
+            lists,
+            unpeeled: unpeeled(g, gbuffer),
+            left: gbuffer.accumulation.as_ref().map(|front| g.download_buffer(&front.left)),
         }
     }
 
@@ -76,9 +76,9 @@ impl Asked {
             words(list).get(LIST_HEADER as usize - 1).copied().unwrap_or_default() as u64
         };
         let [across, down] = tiles(size);
-        let by_level = visibility::listed(size, words(&self.lists));
-        let holes = visibility::in_list(words(&self.holes));
-        let taken = |steps: &Option<Buffer>| fill::steps_taken(words(steps), across * down);
+        let by_level = visibility::listed(size, words(&self.lists.looked_at));
+        let holes = visibility::in_list(words(&self.lists.holes));
+        let taken = |steps: &[u32]| fill::steps_taken(steps, across * down);
         let neighbours = (effects.visibility.settings.kernel as u64).pow(2) - 1;
         let taps = |(_, tiles): &(u32, &[u32])| {
             tiles.len() as u64 * (TILE_PX * TILE_PX) as u64 * neighbours
@@ -105,15 +105,29 @@ impl Asked {
                 .flat_map(|(cells, tiles)| tiles.iter().map(|tile| (digit(cells), *tile)))),
             holes_map: map(&mut holes.iter().map(|tile| ('#', *tile))),
             holes: holes.len() as u64,
-            filling_steps: if !holes.is_empty() { taken(&self.steps) } else { 0 },
-            mask_steps: self.masks[0].is_some().then(|| self.masks.each_ref().map(taken)),
+            filling_steps: if !holes.is_empty() {
+                taken(words(&self.lists.median_steps))
+            } else {
+                0
+            },
+            mask_steps: self
+                .lists
+                .mask_steps
+                .as_ref()
+                .map(|both| both.each_ref().map(|steps| taken(frame.read::<u32>(steps)))),
             unpeeled: words(&self.unpeeled).first().copied().unwrap_or_default() as u64,
             left_over: words(&self.left).first().is_some_and(|left| *left > 0),
-            rough: listed(&self.rough),
-            smoothed: self.smoothed.is_some().then(|| listed(&self.smoothed)),
-            silhouettes: self.silhouettes.is_some().then(|| listed(&self.silhouettes)),
+            rough: listed(&self.lists.rough),
+            smoothed: self.lists.smoothed.is_some().then(|| listed(&self.lists.smoothed)),
+            silhouettes: self.lists.silhouettes.is_some().then(|| listed(&self.lists.silhouettes)),
         }
     }
+}
+
+/// Reads back in how many texels index peeling ended early, if this frame cast shadows.
+fn unpeeled(g: &mut Graph, gbuffer: &GBuffer) -> Option<Buffer> {
+    let unpeeled = gbuffer.light_visibility.as_ref()?.unpeeled.as_ref()?;
+    Some(g.download_buffer(unpeeled))
 }
 
 /// Returns a note if index peeling ended early in some texels.
@@ -131,14 +145,9 @@ pub struct Warned {
 }
 
 impl Warned {
-    pub fn ask(g: &mut Graph, effects: &Effects) -> Warned {
+    pub fn ask(g: &mut Graph, effects: &Effects, gbuffer: &GBuffer) -> Warned {
         let peels = effects.shadows.settings.method == Method::Index;
-        Warned {
-            unpeeled: g
-                .find_buffer("unpeeled")
-                .filter(|_| peels)
-                .map(|list| g.download_buffer(&list)),
-        }
+        Warned { unpeeled: if peels { unpeeled(g, gbuffer) } else { None } }
     }
 
     pub fn note(&self, frame: &CompletedSubmission) -> Option<String> {

@@ -32,7 +32,7 @@
 
 use super::{
     EffectDecisions, Effects, FrameContext, GBuffer, Holes, LIST_HEADER, MOST_LEVELS, Reason,
-    Scattered, Setting, Switch, TILE_PX, Value, fill, predicate, significant, tiles,
+    Scattered, Setting, Switch, TILE_PX, TileLists, Value, fill, predicate, significant, tiles,
 };
 use crate::graph::{Buffer, Dispatch, Graph, Image, Kind};
 use crate::shader::{
@@ -207,10 +207,12 @@ pub fn record(
         });
     }
     judged.hide(g, &mut gbuffer, true);
-    let Judged { holes, kernels, tiles, invisible, scattered, .. } = judged;
+    let Judged { holes, kernels, tiles, invisible, scattered, looked_at, .. } = judged;
+    let tile_lists = TileLists { looked_at, holes: Some(holes.alias()), ..gbuffer.tile_lists };
     let scattered = (!is_single(settings)).then_some(Scattered { tiles, invisible, scattered });
     GBuffer {
         holes: Some(Holes { list: holes, kernels, widest: 2 * kernel_px(settings), scattered }),
+        tile_lists,
         ..gbuffer
     }
 }
@@ -276,6 +278,8 @@ struct Judged<'s> {
     projected: Option<Pyramid>,
     /// Width of the kernel that found invisible pixels, for each tile `[px]`.
     kernels: Buffer,
+    /// Tiles that the first round looked at, a list per level.
+    looked_at: Option<Buffer>,
 }
 
 impl<'s> Judged<'s> {
@@ -321,6 +325,7 @@ impl<'s> Judged<'s> {
             kernels,
             decided,
             projected: None,
+            looked_at: None,
         }
     }
 
@@ -482,6 +487,7 @@ impl<'s> Judged<'s> {
     fn points(&mut self, g: &mut Graph, depth: &Image, round: u32) {
         let pyramid = Pyramid::of(g, depth, self.settings);
         let lists = self.assign(g, &pyramid, Subject::Points, round);
+        self.looked_at.get_or_insert_with(|| lists[1].alias());
         self.candidates = zeros(g, "led", 2 * self.count());
         let mut left = Left::new(g, self.settings, self.view.size);
         self.picture(g, depth, [&lists[0], &lists[1]], &mut left, round);

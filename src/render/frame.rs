@@ -56,7 +56,7 @@ pub fn draw<T>(
             return Err(error);
         }
     };
-    let warned = tile_stats::Warned::ask(&mut g, &config.effects);
+    let warned = tile_stats::Warned::ask(&mut g, &config.effects, &outcome.gbuffer);
     let frame = g.submit_and_wait(&[])?;
     let notes = warned
         .note(&frame)

@@ -202,7 +202,7 @@ impl RenderLoop {
             blue_first: present.blue_first(),
         };
         encode::record(&mut g, &outcome.picture, &mut screen)?;
-        let warned = Warned::ask(&mut g, &drawn.effects);
+        let warned = Warned::ask(&mut g, &drawn.effects, &outcome.gbuffer);
         let [depth, index] =
             [&outcome.gbuffer.depth, &outcome.gbuffer.index].map(|layer| g.download(layer));
         times.recording = recording.elapsed();

@@ -17,8 +17,8 @@
 //! the pixels that it has removed are filled whatever masks say; masks still find hidden pixels.
 
 use super::Settings;
-use crate::graph::{Dispatch, Graph, Image, Kind};
-use crate::passes::{FrameContext, GBuffer, TILE_PX, shadows, tiles};
+use crate::graph::{Buffer, Dispatch, Graph, Image, Kind};
+use crate::passes::{FrameContext, GBuffer, TILE_PX, TileLists, shadows, tiles};
 use crate::shader::{self, fill_mask, fill_mask_begin, fill_mask_end};
 use crate::view::Projection;
 
@@ -81,14 +81,14 @@ pub fn record(
     );
 
     let layer = context.layer_m(settings.layer) as f32;
-    for occluded in [false, true] {
+    let mask_steps = [false, true].map(|occluded| {
         let spec = fill_mask::Spec {
             texels: g.gpu.device.has_large_texel_buffers,
             occluded,
             found: gbuffer.holes.is_some(),
         };
-        [from, to] = steps(g, size, most, layer, spec, [from, to]);
-    }
+        steps(g, size, most, layer, spec, [&mut from, &mut to])
+    });
 
     let [filled, source] = from;
     let mut depth = g.image("filled depth", size, Kind::R32f);
@@ -118,6 +118,7 @@ pub fn record(
             flat_px: FLAT_PX,
             depth_source: Some(source),
             holes: None,
+            tile_lists: TileLists { mask_steps: Some(mask_steps), ..gbuffer.tile_lists },
             ..gbuffer
         },
     )
@@ -126,15 +127,16 @@ pub fn record(
 /// Depth with its source.
 type Pair = [Image; 2];
 
-/// Runs steps of one kind; returns their result first.
+/// Runs steps of one kind, which alternate between the pairs and leave their result in the first.
+/// Returns the buffer that counts the steps.
 fn steps(
     g: &mut Graph,
     size: [u32; 2],
     most: u32,
     layer: f32,
     spec: fill_mask::Spec,
-    [mut from, mut to]: [Pair; 2],
-) -> [Pair; 2] {
+    [from, to]: [&mut Pair; 2],
+) -> Buffer {
     let tiles = tiles(size);
     let count = tiles[0] * tiles[1];
     let woken_at = 4 * (most + 2);
@@ -158,7 +160,7 @@ fn steps(
         } else {
             Dispatch::Indirect(&counted, 4 * step)
         };
-        let ([from_depth, from_source], [to_depth, to_source]) = (&from, &mut to);
+        let ([from_depth, from_source], [to_depth, to_source]) = (&*from, &mut *to);
         g.run(
             shader::FillMask {
                 steps: &mut steps,
@@ -172,7 +174,7 @@ fn steps(
             },
             run,
         );
-        std::mem::swap(&mut from, &mut to);
+        std::mem::swap(from, to);
     }
-    [from, to]
+    steps
 }
