@@ -88,7 +88,7 @@ impl Question for Ao {
             .into_iter()
             .map(|left| left.map(|left| left.value))
             .collect();
-        Light { own: reference.lit, truth }
+        Light { own: reference.shading, truth }
     }
 
     fn measure(case: &Case, known: &Light, drawing: &Drawing) -> (Vec<Part>, Vec<f64>) {
@@ -96,12 +96,12 @@ impl Question for Ao {
         let part = |light: &dyn Fn(usize) -> Option<f64>| {
             let errors = (0..drawing.depth.len())
                 .filter(counts)
-                .filter_map(|i| Some((drawing.lit[i] as f64 - light(i)?).powi(2)));
+                .filter_map(|i| Some((drawing.shading[i] as f64 - light(i)?).powi(2)));
             errors.fold([0.0; 2], |[sum, count], square| [sum + square, count + 1.0])
         };
         (
             vec![part(&|i| Some(known.own[i] as f64)), part(&|i| known.truth[i])],
-            vec![drawing.lit.iter().filter(|left| **left < 1.0).count() as f64],
+            vec![drawing.shading.iter().filter(|factor| **factor < 1.0).count() as f64],
         )
     }
 }

@@ -77,7 +77,7 @@ pub struct Drawing {
     pub depth: Vec<f32>,
     pub index: Vec<u32>,
     /// Remaining light; empty if no effect darkens.
-    pub lit: Vec<f32>,
+    pub shading: Vec<f32>,
     pub counts: Counts,
 }
 
@@ -240,7 +240,7 @@ fn draw(
     let mut g = Graph::new(gpu);
     let outcome = frame::record(&mut g, view, resident, &config)?;
     let (depth, index) = (g.download(&outcome.gbuffer.depth), g.download(&outcome.gbuffer.index));
-    let lit = outcome.gbuffer.shading.as_ref().map(|lit| g.download(lit));
+    let shading = outcome.gbuffer.shading.as_ref().map(|shading| g.download(shading));
     let asked = tile_stats::Asked::of(&mut g, &outcome.gbuffer);
     let frame = g.submit_and_wait(&[])?;
     fn words<T: bytemuck::Pod>(
@@ -252,7 +252,7 @@ fn draw(
     let drawing = Drawing {
         depth: frame.read(&depth).to_vec(),
         index: frame.read(&index).to_vec(),
-        lit: words(&frame, lit),
+        shading: words(&frame, shading),
         counts: asked.counts(&frame, view.size, &config.effects),
     };
     frame.recycle(gpu);

@@ -73,14 +73,17 @@ impl Question for Shape {
 
     fn know(case: &Case, reference: Drawing) -> Light {
         let settings = shape::Settings { levels: MANY, ..shape::Settings::default() };
-        Light { own: reference.lit, truth: light(&case.view, &settings, case.truth.depth.clone()) }
+        Light {
+            own: reference.shading,
+            truth: light(&case.view, &settings, case.truth.depth.clone()),
+        }
     }
 
     fn measure(case: &Case, known: &Light, drawing: &Drawing) -> (Vec<Part>, Vec<f64>) {
         let counts = |i: &usize| case.truth.interior[*i] && drawing.depth[*i].is_finite();
         let pixels: Vec<usize> = (0..drawing.depth.len()).filter(counts).collect();
         let squares = |light: &dyn Fn(usize) -> f64| {
-            pixels.iter().map(|&i| (drawing.lit[i] as f64 - light(i)).powi(2)).sum::<f64>()
+            pixels.iter().map(|&i| (drawing.shading[i] as f64 - light(i)).powi(2)).sum::<f64>()
         };
         let count = pixels.len() as f64;
         let parts =

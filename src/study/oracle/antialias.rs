@@ -13,13 +13,13 @@ pub struct Blended {
     pub may_stay: bool,
 }
 
-/// Blends silhouettes. `lit` is 1 everywhere if no effect darkens.
+/// Blends silhouettes. `shading` is 1 everywhere if no effect darkens.
 pub fn blend(
     size: [u32; 2],
     settings: &Settings,
     depth: &[f32],
     color: &[[f32; 4]],
-    lit: &[f32],
+    shading: &[f32],
 ) -> Vec<Blended> {
     let [columns, rows] = size.map(|side| side as i64);
     // Outside the picture, the nearest pixel is used.
@@ -41,7 +41,7 @@ pub fn blend(
                 let (u, v) = (k % 3 - 1, k / 3 - 1);
                 let from = at(x + u, y + v);
                 let light =
-                    if channel < 3 { Bounded::exact(lit[from]) } else { Bounded::exact(1.0) };
+                    if channel < 3 { Bounded::exact(shading[from]) } else { Bounded::exact(1.0) };
                 sum + Bounded::exact(((2 - u.abs()) * (2 - v.abs())) as f64)
                     * (Bounded::exact(color[from][channel]) * light)
             });
