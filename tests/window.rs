@@ -393,7 +393,7 @@ fn picks_and_measures_are_of_the_visible_points_of_the_file() {
     let rows: Vec<Vec<&str>> = table.lines().map(|line| line.split(',').collect()).collect();
     assert_eq!(
         rows[0].join(" "),
-        "x y z class return station returns source intensity red green blue gps_time point file near_infrared scan_angle user_data marks extra_bytes unit x_m y_m z_m"
+        "x y z class return station returns source intensity red green blue gps_time point file near_infrared scan_angle user_data flags extra_bytes unit x_m y_m z_m"
     );
     for (row, picked) in rows[1..].iter().zip(&picked) {
         let numbers: Vec<f64> =

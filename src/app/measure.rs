@@ -141,17 +141,17 @@ impl Measure {
                 record.file.replace('"', "\"\""),
             );
             let file = if file.contains([',', '"']) { format!("\"{file}\"") } else { file };
-            let Extras { near_infrared, scan_angle_deg, user_data, marks, extra_bytes } =
+            let Extras { near_infrared, scan_angle_deg, user_data, flags, extra_bytes } =
                 record.extras;
             let (infrared, angle, data) =
                 (word(near_infrared), word(scan_angle_deg), word(user_data));
-            let (marks, extra) = (marks.join(" and "), hex(&extra_bytes));
+            let (flags, extra) = (flags.join(" and "), hex(&extra_bytes));
             format!(
-                "{x},{y},{z},{kind},{returns},{source},{intensity},{r},{g},{b},{time},{point},{file},{infrared},{angle},{data},{marks},{extra},{}\n",
+                "{x},{y},{z},{kind},{returns},{source},{intensity},{r},{g},{b},{time},{point},{file},{infrared},{angle},{data},{flags},{extra},{}\n",
                 self.unit_columns(place)
             )
         };
-        let head = "x,y,z,class,return,station,returns,source,intensity,red,green,blue,gps_time,point,file,near_infrared,scan_angle,user_data,marks,extra_bytes,unit,x_m,y_m,z_m\n";
+        let head = "x,y,z,class,return,station,returns,source,intensity,red,green,blue,gps_time,point,file,near_infrared,scan_angle,user_data,flags,extra_bytes,unit,x_m,y_m,z_m\n";
         std::iter::once(head.to_string()).chain(self.points.iter().map(line)).collect()
     }
 

@@ -55,7 +55,7 @@ pub struct Extras {
     pub scan_angle_deg: Option<f32>,
     pub user_data: Option<u8>,
     /// Flags such as synthetic or withheld.
-    pub marks: Vec<&'static str>,
+    pub flags: Vec<&'static str>,
     /// Extra bytes as stored.
     pub extra_bytes: Vec<u8>,
 }
@@ -210,7 +210,7 @@ impl std::fmt::Display for Extras {
         if let Some(data) = self.user_data {
             write!(f, ", user data {data}")?;
         }
-        self.marks.iter().try_for_each(|mark| write!(f, ", {mark}"))?;
+        self.flags.iter().try_for_each(|flag| write!(f, ", {flag}"))?;
         if !self.extra_bytes.is_empty() {
             write!(f, ", extra bytes {}", hex(&self.extra_bytes))?;
         }

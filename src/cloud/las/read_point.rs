@@ -16,7 +16,7 @@ pub fn record(
         .filter(|point| is_at(point, place, step))
         .or_else(|| counted(path, number))?;
     let point = is_at(&point, place, step).then_some(point)?;
-    let marks = [
+    let flags = [
         (point.is_synthetic, "synthetic"),
         (point.is_key_point, "key point"),
         (point.is_withheld, "withheld"),
@@ -27,7 +27,7 @@ pub fn record(
         near_infrared: point.nir,
         scan_angle_deg: Some(point.scan_angle),
         user_data: Some(point.user_data),
-        marks: marks.into_iter().filter(|(is_so, _)| *is_so).map(|(_, name)| name).collect(),
+        flags: flags.into_iter().filter(|(is_so, _)| *is_so).map(|(_, name)| name).collect(),
         extra_bytes: point.extra_bytes,
     };
     Some((point.color.map(|color| [color.red, color.green, color.blue]), extras))
