@@ -16,7 +16,7 @@
 
 layout(local_size_x = 64) in;
 
-// As texels, and as words if texel buffers are too small.
+// The same as texels, and as words if texel buffers are too small.
 layout(r32ui) readonly uniform uimageBuffer keys;
 layout(scalar) readonly buffer KeyWords { uint word[]; } key_words;
 // Address of the page with each node's attribute, two words.

@@ -6,7 +6,7 @@
 // Integers, so the order of additions is irrelevant. The channel is the largest of red, green and
 // blue, V of HSV; or there are three, red, green and blue.
 
-// As in resolve.comp: words of points are bytes of colour, or lie on a ramp of 256 greys.
+// Follows resolve.comp: words of points are bytes of colour, or lie on a ramp of 256 greys.
 uvec3 shown_bytes(uint word, bool ramp, float lo, float scale) {
     uint grey = uint(clamp((float(word) - lo) * scale, 0.0, 255.0));
     return ramp ? uvec3(grey) : uvec3(word & 255u, (word >> 8) & 255u, (word >> 16) & 255u);

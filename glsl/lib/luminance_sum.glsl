@@ -31,8 +31,8 @@ void four(uint pixel[4], float depth[4], uvec4 words) {
         value[k] += together ? value[k - 1u] : uvec3(0u);
         pixel[k - 1u] = together ? NO_PIXEL : pixel[k - 1u];
     }
-    // As many rounds as the lane with the most pixels needs: atomics cost a software device their
-    // time for every lane.
+    // The lane with the most pixels decides the number of rounds: atomics cost a software device
+    // their time for every lane.
     for (;;) {
         uint at = NO_PIXEL, points = 0u;
         uvec3 sum = uvec3(0u);

@@ -15,5 +15,5 @@ layout(constant_id = 6) const uint FILTERED = 0u;
 const bool BY_OPACITY = (FILTERED & 1u) != 0u;
 const bool ONE_SIDED = (FILTERED & 2u) != 0u;
 const bool CLIPPED = (FILTERED & 4u) != 0u;
-// As in config.rs.
+// Equal to that in config.rs.
 layout(constant_id = 3) const uint POINTS_PER_CHUNK = 4096u;

@@ -43,12 +43,12 @@ layout(constant_id = 0) const uint CHANNELS = 1u;
 // Radius of the averaged neighbourhood [px]: 0, or 1 for 3 x 3.
 layout(constant_id = 2) const uint AROUND = 0u;
 layout(constant_id = 3) const bool TEXELS = true;
-// As in resolve.comp.
+// See resolve.comp.
 layout(constant_id = 4) const bool TRANSPARENT = false;
 layout(constant_id = 5) const bool BY_KIND = false;
 // Whether some tiles show only one station.
 layout(constant_id = 6) const bool PARTLY = false;
-// As in resolve.comp.
+// See resolve.comp.
 layout(constant_id = 7) const uint MODE = 0u;
 
 layout(push_constant, scalar) uniform Push {
@@ -68,7 +68,7 @@ const uint NO_POINT = 0xFFFFFFFFu;
 #include "luminance.glsl"
 #include "color_lookup.glsl"
 
-// As in station_overlap.rs.
+// Equal to that in station_overlap.rs.
 const uint OVERLAP_PX = 64u;
 
 uvec2 sum_at(uint i) {

@@ -54,7 +54,7 @@ layout(push_constant, scalar) uniform Push {
 // add_to_fit.
 vec3 mean_of_points(ivec2 pixel, float z, float reach) {
     vec3 sum = vec3(0.0);
-    // As in normal_at.
+    // See normal_at.
     ivec2 aside_px = ivec2(-push.radius_px);
     for (;;) {
         float other = imageLoad(depth, pixel + aside_px).r;

@@ -16,7 +16,7 @@ layout(constant_id = 3) const bool PAINTED = true;
 #include "buffer_word.glsl"
 
 layout(set = 1, scalar) readonly buffer Canvases { Canvas canvas[]; } canvases;
-// As texels, and as words if texel buffers are too small.
+// The same as texels, and as words if texel buffers are too small.
 layout(set = 1, r32ui) readonly uniform uimageBuffer brushes;
 layout(set = 1, scalar) readonly buffer BrushWords { uint word[]; } brush_words;
 // Two words per pixel, row by row: 1 on far ground and on near ground of a stroke, also behind

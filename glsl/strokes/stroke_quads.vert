@@ -4,7 +4,7 @@
 
 layout(constant_id = 2) const bool TEXELS = true;
 
-// As texels, and as words if texel buffers are too small.
+// The same as texels, and as words if texel buffers are too small.
 layout(rgba32ui) readonly uniform uimageBuffer strokes;
 layout(scalar) readonly buffer StrokeWords { uvec4 texel[]; } stroke_words;
 

@@ -69,7 +69,7 @@ impl App {
         }
         self.ui.profile.iter_mut().for_each(Profile::forget_texture);
         self.pending_saves.clear();
-        // As at the start, nothing is on the screen.
+        // Nothing is on the screen, like at the start.
         (self.load.displayed, self.pick_buffer, self.ui.shown, self.ui.loading) =
             (None, None, None, None);
         (self.options.device_options.lost_after, self.options.device_options.surface_lost_after) =

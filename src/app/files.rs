@@ -70,7 +70,7 @@ impl App {
 
     fn load(&mut self, file: &Path) -> Result<()> {
         let mut scene = Scene::read(file)?;
-        // As with `render --scene`, options fill in what the file leaves out.
+        // Options fill in what the file leaves out, like those of `render --scene`.
         let asked = self.options.scene.lod;
         scene.lod.budget = scene.lod.budget.or(asked.budget);
         scene.lod.lod_px = scene.lod.lod_px.or(asked.lod_px);

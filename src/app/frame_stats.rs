@@ -395,8 +395,8 @@ mod tests {
             times: FrameTimes { taking_in: Duration::from_millis(1), ..FrameTimes::default() },
         };
         let mut flight = ScriptedFlight::new(Duration::from_secs(1));
-        // Of 10 ms, but for one of 24 with 5 of the loader and 1 of taking in, and one of 24 with 2
-        // of the loader.
+        // Frames of 10 ms, but for one of 24 with 5 of the loader and 1 of taking in, and one of 24
+        // with 2 of the loader.
         flight.pictures = [(0, 0), (10, 0), (20, 0), (44, 5), (54, 5), (78, 7), (88, 7)]
             .map(|(after, loader)| at(after, loader))
             .into();

@@ -5,7 +5,7 @@ use super::navigation::{Direction, Input, Mode, NavigationStyle};
 use crate::view::{Preset, Projection};
 use winit::keyboard::KeyCode;
 
-/// What a key does.
+/// The effect of a key.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Binding {
     Fly(Direction),

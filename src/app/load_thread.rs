@@ -108,8 +108,8 @@ impl Progress for ProgressReporter {
     }
 }
 
-/// What to load first of files. An index always has everything: its strokes are stored, or computed
-/// node by node.
+/// The part of files to load first. An index always has everything: its strokes are stored, or
+/// computed node by node.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum FirstStage {
     /// A sample, if the files have to be indexed or take long to read; then the points.

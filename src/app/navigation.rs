@@ -126,7 +126,7 @@ impl Input {
     }
 }
 
-/// What the camera looks at.
+/// The subject of the camera.
 #[derive(Clone, Debug, Default)]
 pub struct Subject {
     /// Points that a camera should frame (world).
@@ -151,7 +151,7 @@ impl Subject {
     }
 }
 
-/// What a drag in progress does to a point.
+/// The effect of a drag in progress on a point.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum DragAction {
     /// Turns about the point.

@@ -11,14 +11,14 @@ use crate::view::{Camera, Preset};
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
-/// What to show, and how.
+/// The contents of the window, and how they are shown.
 #[derive(Clone, Debug)]
 pub struct Options {
     pub files: Vec<PathBuf>,
     pub opening: OpenOptions,
     /// Attributes to load besides the displayed one.
     pub further: ExtraAttributes,
-    /// What to draw, apart from the camera.
+    /// The scene to draw, apart from the camera.
     pub scene: Scene,
     /// View if there is no camera.
     pub preset: Preset,

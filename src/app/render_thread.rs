@@ -103,7 +103,7 @@ impl RenderThread {
     }
 }
 
-/// What is still to be drawn, by urgency.
+/// The drawing still to be done, by urgency.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 enum Redraw {
     Nothing,
@@ -136,7 +136,7 @@ impl Inbox {
     }
 }
 
-/// What is due, and when.
+/// The work that is due, and when.
 struct Schedule {
     /// Time of the last change.
     changed: Instant,

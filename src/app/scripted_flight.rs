@@ -32,7 +32,7 @@ enum Stage {
     Over,
 }
 
-/// What the window has to do for the flight.
+/// A task of the window for the flight.
 pub enum Step {
     Start,
     Stop,

@@ -2,9 +2,9 @@
 //! are those of table 3 of Dobrev, Rosenthal and Linsen 2010, as times and as multiples of the
 //! first row, round by round.
 //!
-//! As in the paper, every filter of the surface runs once. Shadows are cast anew in every frame, by
-//! a light that moves a little. All ways are interleaved round by round on the same device; times
-//! are of all passes of a frame.
+//! Every filter of the surface runs once, like in the paper. Shadows are cast anew in every frame,
+//! by a light that moves a little. All ways are interleaved round by round on the same device;
+//! times are of all passes of a frame.
 
 use super::quartiles;
 use crate::cloud::attribute::{Attribute, DisplayAttribute};

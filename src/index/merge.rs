@@ -193,7 +193,8 @@ impl Runs<'_> {
         }
         let weighted = |i: usize| value(i).map(|v| self.weights[i] as u64 * v as u64);
         let half = total / 2;
-        // Products of 32 bits by 32 fit 64 bits, and their sum does where the sum of the weights fits 32.
+        // Products of 32 bits by 32 fit 64 bits, and their sum does where the sum of the weights
+        // fits 32.
         if total >> 32 == 0 {
             let mut sum = [half; N];
             run.for_each(|i| sum.iter_mut().zip(weighted(i)).for_each(|(sum, v)| *sum += v));
@@ -253,7 +254,8 @@ impl Runs<'_> {
             let own = gains.of(named) as u64;
             // Rounded once, and clamped to the brightest value of this station.
             let shown = |mean: u64| encode[mean.min(u16::MAX as u64) as usize];
-            // Products of 32 bits by 32 fit 64 bits, and their sum does where the sum of the weights fits 32.
+            // Products of 32 bits by 32 fit 64 bits, and their sum does where the sum of the
+            // weights fits 32.
             if total >> 32 == 0 {
                 let mut sum = [total * own / 2; 3];
                 run.for_each(|i| {
@@ -482,7 +484,7 @@ mod tests {
         assert_eq!(merged(&same, None), ([light(9), 0, light(9)], 1));
         let bright = [(3, 255), (3, 255), (0, 200)];
         assert_eq!(merged(&bright, Some(&gains)), ([255, 0, 255], 3));
-        // Of one alone nothing is multiplied.
+        // A single sample is not multiplied.
         assert_eq!(merged(&same[..1], Some(&gains)), ([light(4), 0, light(4)], 0));
         fn encode(linear: u32) -> u8 {
             ENCODE[linear as usize]

@@ -76,7 +76,7 @@ impl super::Settings for Settings {
         ]
     }
 
-    /// What holds no point stays as it is.
+    /// Pixels without a point do not change.
     fn grows_px(&self, _spacing_px: f64) -> f64 {
         0.0
     }

@@ -63,15 +63,15 @@ pub struct GBuffer {
     /// Smallest and largest point spacing on the screen `[px]`; infinite if the camera is within a
     /// node.
     pub spacing_px: [f64; 2],
-    /// Distance of pixels whose depths come from different points `[px]`: 1 if each pixel has its own
-    /// depth or one interpolated from its neighbours.
+    /// Distance of pixels whose depths come from different points `[px]`: 1 if each pixel has its
+    /// own depth or one interpolated from its neighbours.
     pub flat_px: u32,
     /// Origin of each pixel's depth, if copied from another pixel: four rows per texel
     /// (glsl/lib/depth_source.glsl).
     pub depth_source: Option<Image>,
     /// Tiles with pixels of unknown depth, if a pass has looked for them.
     pub holes: Option<Holes>,
-    /// What passes know about tiles, for statistics.
+    /// Lists of tiles, for statistics.
     pub tile_lists: TileLists,
 }
 
@@ -113,7 +113,7 @@ pub struct Holes {
     pub scattered: Option<Scattered>,
 }
 
-/// What visibility knows about points that lie on no surface.
+/// Points that lie on no surface, found by visibility.
 pub struct Scattered {
     /// Contents of tiles (glsl/lib/tile.glsl).
     pub tiles: Buffer,
@@ -536,9 +536,9 @@ pub trait Settings: Default {
     /// Lists all settings, including those that only studies and tests use.
     fn list_all(&mut self) -> Vec<Setting<'_>>;
 
-    /// Returns the distance from the nearest point within which the effect may change a pixel `[px]`,
-    /// if points are at most `spacing_px` apart; infinite if unknown. Layers behind others are
-    /// drawn no farther from their points than this sum over all effects.
+    /// Returns the distance from the nearest point within which the effect may change a pixel
+    /// `[px]`, if points are at most `spacing_px` apart; infinite if unknown. Layers behind others
+    /// are drawn no farther from their points than this sum over all effects.
     fn grows_px(&self, _spacing_px: f64) -> f64 {
         f64::INFINITY
     }

@@ -30,7 +30,7 @@ pub struct Settings {
     pub base: Base,
 }
 
-/// What is shaded.
+/// The colour that is shaded.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum, serde::Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Base {
@@ -68,7 +68,7 @@ impl super::Settings for Settings {
         ]
     }
 
-    /// What holds no point stays as it is.
+    /// Pixels without a point do not change.
     fn grows_px(&self, _spacing_px: f64) -> f64 {
         0.0
     }

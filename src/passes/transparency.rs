@@ -34,8 +34,8 @@ pub struct Settings {
     pub layers: f64,
     /// Tiles where further layers are looked for.
     pub tiles: Looked,
-    /// Distance behind a surface within which points belong to it `[m]`; 0: the layer distance of the
-    /// picture, and at least the depth of the surface within a pixel.
+    /// Distance behind a surface within which points belong to it `[m]`; 0: the layer distance of
+    /// the picture, and at least the depth of the surface within a pixel.
     pub layer: f64,
 }
 
@@ -60,7 +60,7 @@ impl super::Settings for Settings {
         ]
     }
 
-    /// What holds no point stays as it is.
+    /// Pixels without a point do not change.
     fn grows_px(&self, _spacing_px: f64) -> f64 {
         if self.tiles == Looked::All { f64::INFINITY } else { 0.0 }
     }

@@ -258,8 +258,8 @@ impl Resident {
         Ok(found)
     }
 
-    /// Returns the point of an id among nodes of an earlier frame, without the device; `None` if pages
-    /// are not mapped. The pages must not have been freed.
+    /// Returns the point of an id among nodes of an earlier frame, without the device; `None` if
+    /// pages are not mapped. The pages must not have been freed.
     pub fn point_of_nodes(&self, nodes: &[ResidentNode], id: u32) -> Option<Point> {
         let (number, i) = (id / POINTS_PER_PAGE, id % POINTS_PER_PAGE);
         let node = nodes.get(number as usize).filter(|node| i < node.count)?;
@@ -351,7 +351,7 @@ impl Resident {
     /// Returns words that identify which points are drawn and hidden, without the nodes; see
     /// [`Resident::identity`].
     pub fn cloud_identity(&self) -> Vec<u64> {
-        // Of opacities, which points are left out.
+        // Opacities matter only as far as they leave points out.
         let factors = self.opacities.table(&self.stations).into_iter().enumerate();
         let left_out: Vec<u64> =
             factors.filter(|(_, factor)| *factor == 0.0).map(|(number, _)| number as u64).collect();

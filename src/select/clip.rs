@@ -38,7 +38,7 @@ pub struct Clip {
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Clips(pub Vec<Clip>);
 
-/// What clip boxes leave of a node.
+/// The part of a node that clip boxes leave.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Left {
     Nothing,

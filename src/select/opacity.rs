@@ -26,7 +26,7 @@ pub struct Rule {
     pub opacity: f64,
 }
 
-/// What is known about the points of a cloud.
+/// The facts about a cloud that rules are checked against.
 #[derive(Clone, Copy, Debug)]
 pub struct Known<'c> {
     pub stations: &'c [Station],

@@ -58,7 +58,7 @@ impl Question for Fill {
     const REFERENCE: &'static [&'static str] =
         &["visibility=off", "fill=off", "shape=off", "edl=off"];
     const AFTER: &'static [&'static str] = &["resolve"];
-    const METHOD: &'static str = "Every row changes one setting of the default, which is <em>auto</em>. <em>Splats</em> are discs of so many pixels' radius around \
+    const METHOD: &'static str = "Every row changes one setting of the default, which is <em>auto</em>. <em>Splats</em> are discs of that many pixels' radius around \
         points as they are; <em>mask</em> fills them by masks; <em>median</em> fills step by step; <em>pullpush</em> without visibility fills every empty pixel, the background too; <em>points</em> are the input of all methods. \
         Milliseconds are those of visibility and filling together, since splats need none. Tolerance is in widths of a pixel at the scene's depth.";
     type Known = ();

@@ -46,7 +46,7 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
         .iter()
         .map(|(name, settings)| Ok((*name, render_settings(settings)?)))
         .collect::<Result<Vec<_>>>()?;
-    // As many points as give this spacing in the first frame, for any picture size.
+    // The number of points gives this spacing in the first frame, for any picture size.
     let pilot = synth::collect(
         "torus",
         &synth::build(scene, plan.seed, 0.0),

@@ -1,4 +1,4 @@
-//! What stands about: trees, cars, lamp posts, cottages, roofs. Each is a few posed primitives.
+//! Objects in a scene: trees, cars, lamp posts, cottages, roofs. Each is a few posed primitives.
 
 use super::bvh::Aabb;
 use super::material::{Material, Wall};

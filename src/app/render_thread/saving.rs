@@ -49,7 +49,7 @@ pub(super) struct RetiredCloud {
     pictures: usize,
 }
 
-/// What to save, and where.
+/// A file to save, and where.
 enum SaveTarget {
     Picture(Box<TiledPicture>),
     /// Layers, which are written in one step.

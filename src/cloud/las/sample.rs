@@ -43,7 +43,7 @@ pub fn sample(
     las.places = Places::Known(match &las.coding {
         Some(coding) => beginnings(stretches, CHUNKS, points, coding.is_layered()),
         None => {
-            // Of very wide records only the first bytes are read.
+            // Only the first bytes of very wide records are read.
             let every = (all / points.max(1)).clamp(1, STRIDE);
             las.fields.record_bytes *= every as usize;
             runs(las.layout.points_at, all / every, las.fields.record_bytes as u64, points)

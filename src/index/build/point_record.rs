@@ -229,7 +229,7 @@ impl Colors {
     /// Returns the colour to store.
     fn settled(self, color: [u8; 3]) -> [u8; 3] {
         match self {
-            // As if the file had no colours.
+            // White stands for no colours.
             Colors::Black => [255; 3],
             Colors::Bytes => color,
         }

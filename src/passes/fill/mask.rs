@@ -57,7 +57,7 @@ pub fn record(
     let mut from = ["even depth", "even source"].map(|name| image(g, name));
     let mut to = ["odd depth", "odd source"].map(|name| image(g, name));
     let [opened, source] = &mut from;
-    // As far as the widest kernel that found holes has seen a point.
+    // Steps reach as far as the widest kernel that found holes has seen a point.
     let found = gbuffer
         .holes
         .as_ref()

@@ -26,7 +26,7 @@ use rayon::prelude::*;
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 
-/// What to derive, and resources for it.
+/// The attributes to derive, and resources for it.
 #[derive(Clone, Copy, Debug)]
 pub struct Options {
     pub derive: DerivedPlanes,
