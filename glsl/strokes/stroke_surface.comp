@@ -1,7 +1,7 @@
 // Ground (stroke_quads) -> mask of surfaces.
 //
 //   Near its own point a stroke lies on its surface. Farther out it does if, in some of eight
-//   directions (coverage.rs), near ground is within a few pixels: in a gap between strokes, but not
+//   directions (surface.rs), near ground is within a few pixels: in a gap between strokes, but not
 //   beyond an outline or in a notch.
 #version 460
 #extension GL_EXT_scalar_block_layout : require

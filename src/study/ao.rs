@@ -7,7 +7,7 @@
 
 use super::Plan;
 use super::cases::Case;
-use super::configurations::{self, AUTO, Configuration, Drawing, Metric, Part, Question};
+use super::configurations::{self, AUTO, Configuration, Drawing, Experiment, Metric, Part};
 use super::oracle;
 use super::report::Section;
 use crate::error::Result;
@@ -46,7 +46,7 @@ const METRICS: &[Metric] = &[
     },
 ];
 
-impl Question for Ao {
+impl Experiment for Ao {
     const NAME: &'static str = "ao";
     const TITLE: &'static str = "Ambient occlusion: directions, steps, bias";
     const METRICS: &'static [Metric] = METRICS;
@@ -56,7 +56,7 @@ impl Question for Ao {
     const AFTER: &'static [&'static str] = &["resolve", "visibility_apply", "fill"];
     const METHOD: &'static str = "Light is 0 to 1. Errors are root mean squares over interior pixels that have a depth. <em>Self</em> is the renderer's own light with 64 directions of 16 samples; the truth is the \
         operator with 32 of 8 on ray-cast depths, in f64. Visibility and filling run before, and are not timed here.";
-    type Known = Light;
+    type Reference = Light;
 
     fn configurations(_case: &Case) -> Vec<Configuration> {
         let own = |parameter, value: &str, settings: &str| {
@@ -81,17 +81,17 @@ impl Question for Ao {
         auto.into_iter().chain(parameters.into_iter().flatten()).collect()
     }
 
-    fn know(case: &Case, reference: Drawing) -> Light {
+    fn reference(case: &Case, drawing: Drawing) -> Light {
         let settings = ao::Settings { directions: 32.0, steps: 8.0, ..ao::Settings::default() };
         let depth: Vec<f32> = case.truth.depth.iter().map(|z| *z as f32).collect();
         let truth = oracle::ao::left(&case.view, &settings, &depth)
             .into_iter()
             .map(|left| left.map(|left| left.value))
             .collect();
-        Light { own: reference.shading, truth }
+        Light { own: drawing.shading, truth }
     }
 
-    fn measure(case: &Case, known: &Light, drawing: &Drawing) -> (Vec<Part>, Vec<f64>) {
+    fn measure(case: &Case, reference: &Light, drawing: &Drawing) -> (Vec<Part>, Vec<f64>) {
         let counts = |i: &usize| case.truth.interior[*i] && drawing.depth[*i].is_finite();
         let part = |light: &dyn Fn(usize) -> Option<f64>| {
             let errors = (0..drawing.depth.len())
@@ -100,7 +100,7 @@ impl Question for Ao {
             errors.fold([0.0; 2], |[sum, count], square| [sum + square, count + 1.0])
         };
         (
-            vec![part(&|i| Some(known.own[i] as f64)), part(&|i| known.truth[i])],
+            vec![part(&|i| Some(reference.own[i] as f64)), part(&|i| reference.truth[i])],
             vec![drawing.shading.iter().filter(|factor| **factor < 1.0).count() as f64],
         )
     }

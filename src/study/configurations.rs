@@ -81,26 +81,31 @@ pub struct Drawing {
     pub counts: Counts,
 }
 
-/// The question of a study.
-pub trait Question {
+/// A study of surfaces: its configurations, and what is measured of each.
+pub trait Experiment {
     const NAME: &'static str;
     const TITLE: &'static str;
     const METRICS: &'static [Metric];
     /// Counters, for what times of this device do not show on another.
     const COUNTERS: &'static [&'static str];
-    /// Settings drawn first and passed to `know`.
+    /// Settings drawn first and passed to `reference`.
     const REFERENCE: &'static [&'static str];
     /// The last pass before the measured ones.
     const AFTER: &'static [&'static str];
+    /// How it is measured, HTML.
     const METHOD: &'static str;
     /// The reference of all configurations of a case.
-    type Known;
+    type Reference;
 
     /// Returns the configurations, equal in every case except for settings that depend on it.
     fn configurations(case: &Case) -> Vec<Configuration>;
-    fn know(case: &Case, reference: Drawing) -> Self::Known;
+    fn reference(case: &Case, drawing: Drawing) -> Self::Reference;
     /// Returns a part for every metric and a number for every counter.
-    fn measure(case: &Case, known: &Self::Known, drawing: &Drawing) -> (Vec<Part>, Vec<f64>);
+    fn measure(
+        case: &Case,
+        reference: &Self::Reference,
+        drawing: &Drawing,
+    ) -> (Vec<Part>, Vec<f64>);
     fn more_figures(_rows: &[Row]) -> Vec<Figure> {
         Vec::new()
     }
@@ -123,7 +128,7 @@ struct Pool {
     sums: Vec<Sum>,
 }
 
-pub fn run<Q: Question>(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Section> {
+pub fn run<E: Experiment>(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Section> {
     let scenes = if plan.scenes.is_empty() {
         SCENES.map(String::from).to_vec()
     } else {
@@ -149,7 +154,7 @@ pub fn run<Q: Question>(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> 
             }
             Sampling::Vertices => VERTICES,
         };
-        let sums = measured::<Q>(gpu, case, rounds, progress)?;
+        let sums = measured::<E>(gpu, case, rounds, progress)?;
         let whole = (sampling != VERTICES).then_some(ALL);
         whole
             .into_iter()
@@ -157,17 +162,17 @@ pub fn run<Q: Question>(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> 
             .for_each(|scene| add(&mut pools, scene, sampling, &sums));
         Ok(())
     })?;
-    left_out.iter().for_each(|line| progress.note(&format!("study {} leaves out {line}", Q::NAME)));
+    left_out.iter().for_each(|line| progress.note(&format!("study {} leaves out {line}", E::NAME)));
     // Stable: scenes and densities stay in their order.
     pools.sort_by_key(|pool| pool.scene != ALL);
     let mut rows: Vec<Row> =
-        pools.iter().flat_map(|pool| pool.sums.iter().flat_map(|sum| of::<Q>(pool, sum))).collect();
+        pools.iter().flat_map(|pool| pool.sums.iter().flat_map(|sum| of::<E>(pool, sum))).collect();
     mark_fronts(&mut rows);
-    let mut figures = Q::more_figures(&rows);
+    let mut figures = E::more_figures(&rows);
     figures.extend(
         parameters(&rows)
             .into_iter()
-            .flat_map(|parameter| Q::METRICS.iter().map(move |metric| (parameter, metric)))
+            .flat_map(|parameter| E::METRICS.iter().map(move |metric| (parameter, metric)))
             .map(|(parameter, metric)| {
                 let shown: Vec<Row> = rows
                     .iter()
@@ -177,7 +182,7 @@ pub fn run<Q: Question>(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> 
                 let label = |row: &Row| if row.auto { AUTO.to_string() } else { row.value.clone() };
                 let axes = ["milliseconds of the passes (bars: quartiles)", metric.axis];
                 Figure::of(
-                    &format!("{}-{parameter}", Q::NAME),
+                    &format!("{}-{parameter}", E::NAME),
                     metric.name,
                     axes,
                     &format!("{parameter}. {}", metric.about),
@@ -190,16 +195,16 @@ pub fn run<Q: Question>(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> 
         "{} Truth is the surface itself, ray-cast in f64. All scenes at one density are pooled: errors are sums over all pixels, milliseconds are sums over the frames, of \
          {} x {} pixels. Milliseconds are those of the passes that the settings change. n = {rounds} interleaved rounds after one that is not \
          counted. Left out: {}.",
-        Q::METHOD,
+        E::METHOD,
         options.size[0],
         options.size[1],
         if left_out.is_empty() { "nothing".into() } else { left_out.join("; ") }
     );
-    let tables = vec![table::<Q>(&pools)];
-    Ok(Section { name: Q::NAME, title: Q::TITLE.into(), method, rows, figures, tables })
+    let tables = vec![table::<E>(&pools)];
+    Ok(Section { name: E::NAME, title: E::TITLE.into(), method, rows, figures, tables })
 }
 
-fn measured<Q: Question>(
+fn measured<E: Experiment>(
     gpu: &mut Gpu,
     case: &Case,
     rounds: usize,
@@ -211,19 +216,20 @@ fn measured<Q: Question>(
         DisplayAttribute::new(Attribute::White, &case.cloud),
         progress,
     )?;
-    let known = Q::know(case, draw(gpu, &case.view, &resident, &render_settings(Q::REFERENCE)?)?);
+    let reference =
+        E::reference(case, draw(gpu, &case.view, &resident, &render_settings(E::REFERENCE)?)?);
     let mut sums = Vec::new();
     let mut asked = Vec::new();
-    for Configuration { parameter, value, settings } in Q::configurations(case) {
+    for Configuration { parameter, value, settings } in E::configurations(case) {
         let settings = render_settings(&settings.iter().map(String::as_str).collect::<Vec<_>>())?;
         let (parts, counters) =
-            Q::measure(case, &known, &draw(gpu, &case.view, &resident, &settings)?);
+            E::measure(case, &reference, &draw(gpu, &case.view, &resident, &settings)?);
         sums.push(Sum { parameter, value, parts, counters, times: Vec::new() });
         asked.push(settings);
     }
     let times = sweep::interleaved(&asked, rounds, |settings| {
-        progress.tick(Q::NAME, 0, 0)?;
-        time(gpu, &case.view, &resident, settings, Q::AFTER)
+        progress.tick(E::NAME, 0, 0)?;
+        time(gpu, &case.view, &resident, settings, E::AFTER)
     })?;
     sums.iter_mut().zip(times).for_each(|(sum, times)| sum.times = times);
     resident.free(gpu);
@@ -307,7 +313,7 @@ fn error(metric: &Metric, [sum, whole]: Part) -> f64 {
     if metric.root { mean.sqrt() } else { mean }
 }
 
-fn of<Q: Question>(pool: &Pool, sum: &Sum) -> Vec<Row> {
+fn of<E: Experiment>(pool: &Pool, sum: &Sum) -> Vec<Row> {
     let ms = metrics::quartiles(&sum.times);
     let row = |(metric, part): (&Metric, &Part)| Row {
         scene: pool.scene,
@@ -321,7 +327,7 @@ fn of<Q: Question>(pool: &Pool, sum: &Sum) -> Vec<Row> {
         auto: sum.parameter == AUTO,
         front: false,
     };
-    Q::METRICS.iter().zip(&sum.parts).map(row).collect()
+    E::METRICS.iter().zip(&sum.parts).map(row).collect()
 }
 
 /// Returns the parameters except `auto`, which is on every curve.
@@ -337,9 +343,9 @@ fn parameters(rows: &[Row]) -> Vec<&'static str> {
     )
 }
 
-fn table<Q: Question>(pools: &[Pool]) -> Table {
+fn table<E: Experiment>(pools: &[Pool]) -> Table {
     let first = ["scene", "points", "parameter", "value"].map(String::from);
-    let metrics = Q::METRICS.iter().map(|metric| {
+    let metrics = E::METRICS.iter().map(|metric| {
         if metric.root {
             metric.name.to_string()
         } else {
@@ -349,11 +355,11 @@ fn table<Q: Question>(pools: &[Pool]) -> Table {
     let head = first
         .into_iter()
         .chain(metrics)
-        .chain(Q::COUNTERS.iter().map(|name| name.to_string()))
+        .chain(E::COUNTERS.iter().map(|name| name.to_string()))
         .chain(["ms".into()])
         .collect();
     let row = |(pool, sum): (&Pool, &Sum)| -> Vec<String> {
-        let errors = Q::METRICS.iter().zip(&sum.parts).map(|(metric, part)| match metric.root {
+        let errors = E::METRICS.iter().zip(&sum.parts).map(|(metric, part)| match metric.root {
             true => format!("{:.4}", error(metric, *part)),
             false => format!("{:.3}", 100.0 * error(metric, *part)),
         });

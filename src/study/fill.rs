@@ -6,7 +6,7 @@
 //! several radii.
 
 use super::cases::Case;
-use super::configurations::{self, AUTO, Configuration, Drawing, Metric, Part, Question};
+use super::configurations::{self, AUTO, Configuration, Drawing, Experiment, Metric, Part};
 use super::report::Section;
 use super::{Plan, metrics};
 use crate::config::NO_POINT;
@@ -50,7 +50,7 @@ const METRICS: &[Metric] = &[
     },
 ];
 
-impl Question for Fill {
+impl Experiment for Fill {
     const NAME: &'static str = "fill";
     const TITLE: &'static str = "Filling: levels, tolerance, methods";
     const METRICS: &'static [Metric] = METRICS;
@@ -61,7 +61,7 @@ impl Question for Fill {
     const METHOD: &'static str = "Every row changes one setting of the default, which is <em>auto</em>. <em>Splats</em> are discs of that many pixels' radius around \
         points as they are; <em>mask</em> fills them by masks; <em>median</em> fills step by step; <em>pullpush</em> without visibility fills every empty pixel, the background too; <em>points</em> are the input of all methods. \
         Milliseconds are those of visibility and filling together, since splats need none. Tolerance is in widths of a pixel at the scene's depth.";
-    type Known = ();
+    type Reference = ();
 
     fn configurations(case: &Case) -> Vec<Configuration> {
         let own = |parameter, value: &str, fill: &str| {
@@ -111,7 +111,7 @@ impl Question for Fill {
         .collect()
     }
 
-    fn know(_case: &Case, _reference: Drawing) {}
+    fn reference(_case: &Case, _drawing: Drawing) {}
 
     fn measure(case: &Case, _known: &(), drawing: &Drawing) -> (Vec<Part>, Vec<f64>) {
         let errors = case.errors(&drawing.depth, &drawing.depth, None);

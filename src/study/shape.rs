@@ -8,7 +8,7 @@
 
 use super::Plan;
 use super::cases::Case;
-use super::configurations::{self, AUTO, Configuration, Drawing, Metric, Part, Question};
+use super::configurations::{self, AUTO, Configuration, Drawing, Experiment, Metric, Part};
 use super::report::Section;
 use crate::error::Result;
 use crate::graph::Gpu;
@@ -49,7 +49,7 @@ const METRICS: &[Metric] = &[
     },
 ];
 
-impl Question for Shape {
+impl Experiment for Shape {
     const NAME: &'static str = "shape";
     const TITLE: &'static str = "Shape depiction: levels";
     const METRICS: &'static [Metric] = METRICS;
@@ -60,7 +60,7 @@ impl Question for Shape {
     const AFTER: &'static [&'static str] = &["resolve", "visibility_apply", "fill"];
     const METHOD: &'static str = "Light is 0 to 1. Errors are root mean squares over interior pixels that have a depth. <em>Self</em> is the renderer's own light with 64 levels, which is 0 there by \
         definition; the truth is the operator with 64 levels on ray-cast depths, in f64. One level is the single pass of the paper. Visibility and filling run before, and are not timed here.";
-    type Known = Light;
+    type Reference = Light;
 
     fn configurations(_case: &Case) -> Vec<Configuration> {
         let own = |parameter, value: &str, shape: &str| {
@@ -71,23 +71,25 @@ impl Question for Shape {
         [own(AUTO, AUTO, "shape=on")].into_iter().chain(levels).collect()
     }
 
-    fn know(case: &Case, reference: Drawing) -> Light {
+    fn reference(case: &Case, drawing: Drawing) -> Light {
         let settings = shape::Settings { levels: MANY, ..shape::Settings::default() };
         Light {
-            own: reference.shading,
+            own: drawing.shading,
             truth: light(&case.view, &settings, case.truth.depth.clone()),
         }
     }
 
-    fn measure(case: &Case, known: &Light, drawing: &Drawing) -> (Vec<Part>, Vec<f64>) {
+    fn measure(case: &Case, reference: &Light, drawing: &Drawing) -> (Vec<Part>, Vec<f64>) {
         let counts = |i: &usize| case.truth.interior[*i] && drawing.depth[*i].is_finite();
         let pixels: Vec<usize> = (0..drawing.depth.len()).filter(counts).collect();
         let squares = |light: &dyn Fn(usize) -> f64| {
             pixels.iter().map(|&i| (drawing.shading[i] as f64 - light(i)).powi(2)).sum::<f64>()
         };
         let count = pixels.len() as f64;
-        let parts =
-            vec![[squares(&|i| known.own[i] as f64), count], [squares(&|i| known.truth[i]), count]];
+        let parts = vec![
+            [squares(&|i| reference.own[i] as f64), count],
+            [squares(&|i| reference.truth[i]), count],
+        ];
         (parts, [drawing.counts.tiles, drawing.counts.rough].map(|count| count as f64).to_vec())
     }
 }

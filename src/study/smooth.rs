@@ -8,7 +8,7 @@
 
 use super::Plan;
 use super::cases::Case;
-use super::configurations::{self, AUTO, Configuration, Drawing, Metric, Part, Question};
+use super::configurations::{self, AUTO, Configuration, Drawing, Experiment, Metric, Part};
 use super::report::Section;
 use crate::error::Result;
 use crate::graph::Gpu;
@@ -42,7 +42,7 @@ const METRICS: &[Metric] = &[
     },
 ];
 
-impl Question for Smooth {
+impl Experiment for Smooth {
     const NAME: &'static str = "smooth";
     const TITLE: &'static str = "Smoothing: filters";
     const METRICS: &'static [Metric] = METRICS;
@@ -59,7 +59,7 @@ impl Question for Smooth {
     const METHOD: &'static str = "Surfaces are filled by masks, in rows named <em>median</em> by medians and means. <em>auto</em> is the default after filling by masks: the \
         alleviated Gaussian, once, where points are about a pixel apart, and the box as often as it takes where they are more, of pixels that were filled and those beside them. Filters run as often \
         as points lie apart, too. In rows named <em>all</em> or <em>median</em> the other pixels are smoothed, too. Filling runs before, and is not timed here.";
-    type Known = ();
+    type Reference = ();
 
     fn configurations(_case: &Case) -> Vec<Configuration> {
         let after = |visibility: &'static str, fill: &'static str| {
@@ -100,7 +100,7 @@ impl Question for Smooth {
             .collect()
     }
 
-    fn know(_case: &Case, _reference: Drawing) {}
+    fn reference(_case: &Case, _drawing: Drawing) {}
 
     fn measure(case: &Case, _known: &(), drawing: &Drawing) -> (Vec<Part>, Vec<f64>) {
         let width = case.view.size[0] as usize;

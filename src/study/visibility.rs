@@ -8,7 +8,7 @@
 
 use super::cases::Case;
 use super::chart::{Chart, Mark, Panel};
-use super::configurations::{self, AUTO, Configuration, Drawing, Metric, Part, Question};
+use super::configurations::{self, AUTO, Configuration, Drawing, Experiment, Metric, Part};
 use super::report::{Figure, Section};
 use super::{Plan, Row};
 use crate::config::NO_POINT;
@@ -51,7 +51,7 @@ const METRICS: &[Metric] = &[
     },
 ];
 
-impl Question for Visibility {
+impl Experiment for Visibility {
     const NAME: &'static str = "visibility";
     const TITLE: &'static str = "Visibility: levels, kernel, threshold, openings";
     const METRICS: &'static [Metric] = METRICS;
@@ -61,7 +61,7 @@ impl Question for Visibility {
     const AFTER: &'static [&'static str] = &["resolve"];
     const METHOD: &'static str = "Every row changes one setting of the default, which is <em>auto</em>. A single level has a kernel of 9 pixels, except in rows that change it. Filling is off.";
     /// Depth as projected.
-    type Known = Vec<f32>;
+    type Reference = Vec<f32>;
 
     fn configurations(_case: &Case) -> Vec<Configuration> {
         let single = "levels=1,kernel=9";
@@ -89,15 +89,15 @@ impl Question for Visibility {
             .collect()
     }
 
-    fn know(_case: &Case, reference: Drawing) -> Vec<f32> {
-        reference.depth
+    fn reference(_case: &Case, drawing: Drawing) -> Vec<f32> {
+        drawing.depth
     }
 
-    fn measure(case: &Case, raw: &Vec<f32>, drawing: &Drawing) -> (Vec<Part>, Vec<f64>) {
+    fn measure(case: &Case, projected: &Vec<f32>, drawing: &Drawing) -> (Vec<Part>, Vec<f64>) {
         let visible: Vec<bool> = drawing.index.iter().map(|point| *point != NO_POINT).collect();
-        let errors = case.errors(raw, &drawing.depth, Some(&visible));
+        let errors = case.errors(projected, &drawing.depth, Some(&visible));
         let count = |of: &dyn Fn(usize) -> bool| {
-            (0..raw.len()).filter(|&i| raw[i] == f32::INFINITY && of(i)).count() as f64
+            (0..projected.len()).filter(|&i| projected[i] == f32::INFINITY && of(i)).count() as f64
         };
         let is_hole = |i: usize| drawing.depth[i] == f32::NEG_INFINITY;
         let inside = errors.inside as f64;
