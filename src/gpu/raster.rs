@@ -158,6 +158,26 @@ pub fn record(
     }
 }
 
+/// Makes the layout of a stage's descriptor set.
+pub fn set_layout(
+    device: &ash::Device,
+    code: &Code,
+    stage_flags: vk::ShaderStageFlags,
+) -> Result<vk::DescriptorSetLayout> {
+    let binding = |binding: &super::Binding| {
+        vk::DescriptorSetLayoutBinding::default()
+            .binding(binding.bind)
+            .descriptor_count(1)
+            .stage_flags(stage_flags)
+            .descriptor_type(descriptor_type(binding.kind))
+    };
+    let bindings: Vec<_> = code.bindings.iter().map(binding).collect();
+    let info = vk::DescriptorSetLayoutCreateInfo::default().bindings(&bindings);
+    // SAFETY: a plain creation on a live device.
+    unsafe { device.create_descriptor_set_layout(&info, None) }
+        .map_err(failed("vkCreateDescriptorSetLayout"))
+}
+
 fn make(device: &Device, draw: &Draw, target: Target) -> Result<Pipeline> {
     let raw = &device.raw;
     let stage_flags = [vk::ShaderStageFlags::VERTEX, vk::ShaderStageFlags::FRAGMENT];
@@ -230,25 +250,9 @@ fn make(device: &Device, draw: &Draw, target: Target) -> Result<Pipeline> {
     // SAFETY: all pointers outlive their calls; build.rs made the SPIR-V from this repository's
     // GLSL, and the layouts from its reflection.
     unsafe {
-        let set_layout = |code: &Code, stage_flags| {
-            let binding = |binding: &super::Binding| {
-                let kind = descriptor_type(binding.kind);
-                vk::DescriptorSetLayoutBinding::default()
-                    .binding(binding.bind)
-                    .descriptor_count(1)
-                    .stage_flags(stage_flags)
-                    .descriptor_type(kind)
-            };
-            let bindings: Vec<_> = code.bindings.iter().map(binding).collect();
-            raw.create_descriptor_set_layout(
-                &vk::DescriptorSetLayoutCreateInfo::default().bindings(&bindings),
-                None,
-            )
-            .map_err(failed("vkCreateDescriptorSetLayout"))
-        };
         let set_layouts = [
-            set_layout(&draw.stages[0], stage_flags[0])?,
-            set_layout(&draw.stages[1], stage_flags[1])?,
+            set_layout(raw, &draw.stages[0], stage_flags[0])?,
+            set_layout(raw, &draw.stages[1], stage_flags[1])?,
         ];
         let layout = raw
             .create_pipeline_layout(

@@ -187,6 +187,20 @@ impl Recorded {
         *self.held.physical[&memory].image()
     }
 
+    /// Returns name and device time of each pass `[ms]`; the device must have completed the commands.
+    pub fn times(&self) -> Result<impl Iterator<Item = (&str, f64)>> {
+        Ok(self.names.iter().map(String::as_str).zip(self.timing.read()?))
+    }
+
+    /// Returns the contents of a download; the device must have completed the commands.
+    pub fn read<T: bytemuck::Pod>(&self, download: &super::Buffer) -> &[T] {
+        let memory = self.plan.memory[download.id.0].expect("a buffer from Graph::download");
+        let PhysicalResource::Buffer(raw) = &self.held.physical[&memory] else {
+            unreachable!("downloads have memory of their own")
+        };
+        bytemuck::cast_slice(&raw.bytes()[..download.desc.bytes as usize])
+    }
+
     /// Returns the results; the device must have completed the commands.
     pub fn finish(self, gpu: &mut Gpu) -> Result<CompletedSubmission> {
         self.complete(gpu, Ok(()))

@@ -2,6 +2,7 @@
 //! host has drawn.
 
 use super::host::{Encoding, Target};
+use super::picture::RecordedPicture;
 use super::projection::Depth;
 use crate::error::{Error, Result};
 use crate::gpu::kernel::descriptor_type;
@@ -74,31 +75,31 @@ fn encoding(target: &Target, encoding: Encoding) -> Result<u32> {
     }
 }
 
-/// A finished picture, and where it goes.
-pub(super) struct Picture<'p> {
-    pub picture: RawImage,
-    pub depth: RawImage,
-    pub form: Depth,
-    /// Whether the picture has a background of its own.
-    pub opaque: bool,
-    /// Whether the area is cleared, as far as targets ask for it.
-    pub first: bool,
+/// Where a picture goes.
+pub(super) struct Placement<'p> {
     pub area: Area,
     pub targets: &'p Targets,
+    /// Whether the area is cleared, as far as targets ask for it.
+    pub first: bool,
     /// Background of a cleared area, linear.
     pub background: [f32; 3],
 }
 
-/// Objects of a recorded picture, until the device has completed its frame.
+/// Descriptors of a picture.
 pub(super) struct Descriptors {
     device: ash::Device,
     pool: vk::DescriptorPool,
+    layout: vk::DescriptorSetLayout,
+    set: vk::DescriptorSet,
 }
 
 impl Drop for Descriptors {
     fn drop(&mut self) {
-        // SAFETY: the device has completed the frame, or it was never submitted.
-        unsafe { self.device.destroy_descriptor_pool(self.pool, None) };
+        // SAFETY: the device has completed the frames that show the picture.
+        unsafe {
+            self.device.destroy_descriptor_pool(self.pool, None);
+            self.device.destroy_descriptor_set_layout(self.layout, None);
+        }
     }
 }
 
@@ -141,13 +142,11 @@ pub(super) fn transition(
 pub(super) fn clear(
     gpu: &Gpu,
     commands: vk::CommandBuffer,
-    targets: &Targets,
-    area: Area,
-    background: [f32; 3],
+    place: &Placement,
     form: Depth,
 ) -> Result<()> {
-    let code = encoding(&targets.color, targets.encoding)?;
-    begin(&gpu.device, commands, targets, area, code, background, form, true);
+    let code = encoding(&place.targets.color, place.targets.encoding)?;
+    begin(&gpu.device, commands, place, code, form);
     // SAFETY: ends the rendering begun above.
     unsafe { gpu.device.raw.cmd_end_rendering(commands) };
     Ok(())
@@ -157,16 +156,17 @@ pub(super) fn clear(
 pub(super) fn record(
     gpu: &mut Gpu,
     commands: vk::CommandBuffer,
-    buckets: &RawBuffer,
-    picture: &Picture,
-) -> Result<Descriptors> {
-    let Picture { targets, form, area, .. } = *picture;
+    place: &Placement,
+    picture: &RecordedPicture,
+) -> Result<()> {
+    let (targets, form, area) = (place.targets, picture.form, place.area);
     let code = encoding(&targets.color, targets.encoding)?;
     let depth = targets.depth.as_ref();
+    let opaque = picture.key.opaque;
     let constants = vec![
         (0, code),
         (1, depth.map_or(0, |_| if form.perspective { 1 } else { 2 })),
-        (2, picture.opaque as u32),
+        (2, opaque as u32),
     ];
     let push = compose::Push {
         corner: area.corner,
@@ -190,12 +190,12 @@ pub(super) fn record(
             vk::CompareOp::LESS_OR_EQUAL
         },
         writes_depth: depth.is_some() && targets.writes_depth,
-        blends: !picture.opaque,
+        blends: !opaque,
     };
     let pipeline = gpu.raster.get(&gpu.device, &draw, target)?;
-    let (descriptors, set) = descriptors(&gpu.device, pipeline.set_layouts[1], picture, buckets)?;
+    let set = picture.descriptors.as_ref().expect("made with the picture").set;
     let device = &gpu.device.raw;
-    begin(&gpu.device, commands, targets, area, code, picture.background, form, picture.first);
+    begin(&gpu.device, commands, place, code, form);
     let rect = area.rect();
     let viewport = vk::Viewport {
         x: rect.offset.x as f32,
@@ -206,7 +206,7 @@ pub(super) fn record(
         max_depth: 1.0,
     };
     let bind = vk::PipelineBindPoint::GRAPHICS;
-    // SAFETY: the pipeline was made for these attachments, and the set for its layout.
+    // SAFETY: the pipeline was made for these attachments; the set's layout equals its own.
     unsafe {
         device.cmd_bind_pipeline(commands, bind, pipeline.pipeline);
         device.cmd_bind_descriptor_sets(commands, bind, pipeline.layout, 1, &[set], &[]);
@@ -217,21 +217,12 @@ pub(super) fn record(
         device.cmd_draw(commands, 3, 1, 0, 0);
         device.cmd_end_rendering(commands);
     }
-    Ok(descriptors)
+    Ok(())
 }
 
 /// Begins rendering into the targets, which clears what they ask for if `first`.
-#[expect(clippy::too_many_arguments)]
-fn begin(
-    device: &Device,
-    commands: vk::CommandBuffer,
-    targets: &Targets,
-    area: Area,
-    code: u32,
-    background: [f32; 3],
-    form: Depth,
-    first: bool,
-) {
+fn begin(device: &Device, commands: vk::CommandBuffer, place: &Placement, code: u32, form: Depth) {
+    let Placement { area, targets, first, background } = *place;
     let load = |target: &Target| match first && target.clear {
         true => vk::AttachmentLoadOp::CLEAR,
         false => vk::AttachmentLoadOp::LOAD,
@@ -276,12 +267,16 @@ fn cleared(linear: f32, code: u32) -> f32 {
     }
 }
 
-fn descriptors(
-    device: &Device,
-    layout: vk::DescriptorSetLayout,
-    picture: &Picture,
+/// Makes the descriptors of a picture.
+pub(super) fn descriptors(
+    gpu: &Gpu,
     buckets: &RawBuffer,
-) -> Result<(Descriptors, vk::DescriptorSet)> {
+    picture: RawImage,
+    depth: RawImage,
+) -> Result<Descriptors> {
+    let device = &gpu.device.raw;
+    let code = &<crate::shader::Compose as Raster>::STAGES[1];
+    let layout = raster::set_layout(device, code, vk::ShaderStageFlags::FRAGMENT)?;
     let size = |ty, descriptor_count| vk::DescriptorPoolSize { ty, descriptor_count };
     let sizes = [
         size(vk::DescriptorType::STORAGE_IMAGE, 2),
@@ -289,27 +284,27 @@ fn descriptors(
     ];
     let info = vk::DescriptorPoolCreateInfo::default().max_sets(1).pool_sizes(&sizes);
     // SAFETY: a plain creation on a live device.
-    let pool = unsafe { device.raw.create_descriptor_pool(&info, None) }
+    let pool = unsafe { device.create_descriptor_pool(&info, None) }
         .map_err(failed("vkCreateDescriptorPool"))?;
-    let descriptors = Descriptors { device: device.raw.clone(), pool };
+    let set = vk::DescriptorSet::null();
+    let mut made = Descriptors { device: device.clone(), pool, layout, set };
     let layouts = [layout];
     let info = vk::DescriptorSetAllocateInfo::default().descriptor_pool(pool).set_layouts(&layouts);
     // SAFETY: the pool has room for this set.
-    let set = unsafe { device.raw.allocate_descriptor_sets(&info) }
+    made.set = unsafe { device.allocate_descriptor_sets(&info) }
         .map_err(failed("vkAllocateDescriptorSets"))?[0];
-    let image = |image: &RawImage| {
+    let image = |image: RawImage| {
         [vk::DescriptorImageInfo::default()
             .image_view(image.view)
             .image_layout(vk::ImageLayout::GENERAL)]
     };
-    let (picture, depth, views) =
-        (image(&picture.picture), image(&picture.depth), [buckets.texels.fours]);
-    let bindings = <crate::shader::Compose as Raster>::STAGES[1].bindings;
-    let writes: Vec<_> = bindings
+    let (picture, depth, views) = (image(picture), image(depth), [buckets.texels.fours]);
+    let writes: Vec<_> = code
+        .bindings
         .iter()
         .map(|binding| {
             let write = vk::WriteDescriptorSet::default()
-                .dst_set(set)
+                .dst_set(made.set)
                 .dst_binding(binding.bind)
                 .descriptor_type(descriptor_type(binding.kind));
             match binding.name {
@@ -319,7 +314,7 @@ fn descriptors(
             }
         })
         .collect();
-    // SAFETY: images and buffer live until the device has completed the frame.
-    unsafe { device.raw.update_descriptor_sets(&writes, &[]) };
-    Ok((descriptors, set))
+    // SAFETY: images and buffer live until the device has completed the frames that show them.
+    unsafe { device.update_descriptor_sets(&writes, &[]) };
+    Ok(made)
 }

@@ -23,6 +23,7 @@
 mod clouds;
 mod compose;
 mod host;
+mod picture;
 mod projection;
 
 pub use clouds::{CloudId, CloudState, OpenSettings};
@@ -38,23 +39,18 @@ pub use crate::select::opacity::Opacities;
 pub use crate::view::{Camera, Preset, Projection};
 
 use crate::config::NO_POINT;
-use crate::gpu::memory::RawBuffer;
-use crate::graph::record::Recorded;
-use crate::graph::{Buffer, Gpu, Graph, Handle};
-use crate::passes::EffectDecisions;
-use crate::render::frame;
-use crate::render::settings::FrameConfig;
-use crate::render::source::GpuCloud;
-use crate::resident::ResidentNode;
-use crate::select::lod::LodOptions;
-use crate::view::View;
+use crate::gpu::ImageDesc;
+use crate::gpu::memory::{Block, RawBuffer, RawImage};
+use crate::graph::Gpu;
 use ash::vk::{self, Handle as _};
 use clouds::Entry;
-use compose::{Descriptors, Picture};
+use compose::Placement;
 use glam::{DMat4, DVec3};
+use picture::{Drawing, Key, RecordedPicks, RecordedPicture};
 use projection::{in_world, view_of};
 use std::collections::VecDeque;
 use std::path::PathBuf;
+use std::sync::Arc;
 
 /// A view of a frame.
 #[derive(Clone, Copy, Debug)]
@@ -149,26 +145,12 @@ impl Default for RendererOptions {
     }
 }
 
-/// A pick in a recorded frame: depth and ids of one cloud in one view.
-struct RecordedPick {
-    pick: PickId,
-    pixel: [u32; 2],
-    view: View,
-    depth: Buffer,
-    index: Buffer,
-    cloud: CloudId,
-    transform: DMat4,
-    /// Nodes that ids refer to.
-    nodes: Vec<ResidentNode>,
-}
-
 /// What a frame uses until the device has completed it.
 struct HeldFrame {
     number: u64,
-    recorded: Vec<(Recorded, Option<RecordedPick>)>,
-    /// Dropped with the rest.
-    _descriptors: Vec<Descriptors>,
+    pictures: Vec<Arc<RecordedPicture>>,
     removed: Vec<Entry>,
+    blocks: Vec<Block>,
 }
 
 /// Time of a pass of a completed frame.
@@ -189,6 +171,11 @@ pub struct Renderer {
     clouds: Vec<Entry>,
     removed: Vec<Entry>,
     held: VecDeque<HeldFrame>,
+    /// Pictures of the last frame, by view and cloud.
+    latest: Vec<Arc<RecordedPicture>>,
+    revision: u64,
+    /// Depth between clouds, where the host gives none.
+    own_depth: Option<(RawImage, Block)>,
     next_cloud: u64,
     next_pick: u64,
     wanted_picks: Vec<(PickId, [u32; 2])>,
@@ -218,6 +205,9 @@ impl Renderer {
             clouds: Vec::new(),
             removed: Vec::new(),
             held: VecDeque::new(),
+            latest: Vec::new(),
+            revision: 0,
+            own_depth: None,
             next_cloud: 1,
             next_pick: 1,
             wanted_picks: Vec::new(),
@@ -277,6 +267,7 @@ impl Renderer {
     /// a rotation, a uniform scale and a translation.
     pub fn set_transform(&mut self, cloud: CloudId, columns: &[f64; 16]) -> Result<()> {
         let place = self.place(cloud)?;
+        self.revision += 1;
         self.clouds[place].set_transform(columns)
     }
 
@@ -302,16 +293,19 @@ impl Renderer {
 
     /// Replaces the settings.
     pub fn set_settings(&mut self, settings: RenderSettings) {
+        self.revision += 1;
         self.settings = settings;
     }
 
     /// Sets an effect as on the command line: `NAME=off|on|auto[,key=value...]`.
     pub fn set_effect(&mut self, text: &str) -> Result<()> {
+        self.revision += 1;
         self.settings.effects.set(text).map_err(Error::Request)
     }
 
     /// Sets opacities and clip boxes of all clouds.
     pub fn set_filters(&mut self, opacities: Opacities, clips: Clips) {
+        self.revision += 1;
         (self.opacities, self.clips) = (opacities, clips);
     }
 
@@ -368,32 +362,63 @@ impl Renderer {
         }
         let mut held = HeldFrame {
             number: frame.number,
-            recorded: Vec::new(),
-            _descriptors: Vec::new(),
+            pictures: Vec::new(),
             removed: std::mem::take(&mut self.removed),
+            blocks: Vec::new(),
         };
+        let targets = self.with_depth(&frame.targets, &mut held)?;
         let picks = std::mem::take(&mut self.wanted_picks);
         let mut report = FrameReport { settled: true, ..FrameReport::default() };
-        compose::transition(&self.gpu.device, commands, &frame.targets, false);
+        compose::transition(&self.gpu.device, commands, &targets, false);
+        let frame = Frame { targets, ..*frame };
         let drawn = frame.views.iter().try_for_each(|view| {
-            self.record_view(commands, frame, view, &picks, &mut held, &mut report)
+            self.record_view(commands, &frame, view, &picks, &mut held, &mut report)
         });
         compose::transition(&self.gpu.device, commands, &frame.targets, true);
         self.gpu.end_host_frame();
-        // A pick outside of all views and clouds meets nothing.
-        let met = |pick: &PickId| {
-            held.recorded
-                .iter()
-                .any(|(_, recorded)| recorded.as_ref().is_some_and(|r| r.pick == *pick))
+        let met = |pick: PickId| {
+            let picks = held.pictures.iter().flat_map(|picture| &picture.picks);
+            picks.flat_map(|picks| &picks.pixels).any(|(own, _)| *own == pick)
         };
-        let unmet = picks.iter().map(|(pick, _)| *pick).filter(|pick| !met(pick));
+        // A pick outside of all views and clouds meets nothing.
+        let unmet = picks.into_iter().map(|(pick, _)| pick).filter(|pick| !met(*pick));
         self.answers.extend(unmet.map(|pick| (pick, None)));
+        let before = std::mem::replace(&mut self.latest, held.pictures.clone());
         self.held.push_back(held);
+        before.into_iter().try_for_each(|picture| self.release(picture))?;
         let waits = |cloud: &Entry| {
             matches!(cloud.state(), CloudState::Loading { .. } | CloudState::Uploading)
         };
         report.settled &= report.missing == 0 && !self.clouds.iter().any(waits);
         drawn.map(|()| report)
+    }
+
+    /// Adds a depth target of our own if several clouds are drawn and the host gives none.
+    fn with_depth(&mut self, targets: &Targets, held: &mut HeldFrame) -> Result<Targets> {
+        if targets.depth.is_some() || self.clouds.len() < 2 {
+            return Ok(*targets);
+        }
+        let desc = ImageDesc::depth(targets.color.size);
+        if let Some((_, block)) = self.own_depth.take_if(|(image, _)| image.desc != desc) {
+            held.blocks.push(block);
+        }
+        if self.own_depth.is_none() {
+            let Gpu { memory, device, .. } = &mut self.gpu;
+            self.own_depth = Some(memory.image_alone(device, desc, "depth of clouds")?);
+        }
+        let image = self.own_depth.as_ref().map(|(image, _)| image).expect("just made");
+        let attached = vk::ImageLayout::DEPTH_STENCIL_ATTACHMENT_OPTIMAL;
+        let target = Target {
+            image: image.raw.as_raw(),
+            view: image.view.as_raw(),
+            format: desc.format.as_raw(),
+            size: desc.size,
+            samples: 1,
+            before: Access::any(vk::ImageLayout::UNDEFINED.as_raw()),
+            after: Access::any(attached.as_raw()),
+            clear: true,
+        };
+        Ok(Targets { depth: Some(target), writes_depth: true, ..*targets })
     }
 
     /// Records the clouds of a view, each over those before it.
@@ -406,55 +431,59 @@ impl Renderer {
         held: &mut HeldFrame,
         report: &mut FrameReport,
     ) -> Result<()> {
-        let Renderer { gpu, clouds, settings, options, buckets, .. } = self;
+        let Renderer { gpu, clouds, settings, options, buckets, latest, revision, .. } = self;
         let buckets = buckets.as_ref().expect("freed at the end");
         let clears = frame.targets.color.clear;
-        let mut first = true;
-        let background = settings
-            .background
-            .map(|channel| crate::cloud::colormap::srgb_to_linear(channel as f64 / 255.0) as f32);
-        let (_, form) = view_of(&view.camera, DMat4::IDENTITY, view.area.size)?;
+        let mut place = Placement {
+            area: view.area,
+            targets: &frame.targets,
+            first: true,
+            background: settings.background.map(|channel| {
+                crate::cloud::colormap::srgb_to_linear(channel as f64 / 255.0) as f32
+            }),
+        };
         for cloud in clouds.iter_mut() {
             let (id, transform) = (cloud.id, cloud.transform);
             let Some(shown) = cloud.shown() else { continue };
-            let of_cloud = view_of(&view.camera, transform, view.area.size);
-            let opaque = first && clears;
-            let recorded = of_cloud.and_then(|(cloud_view, form)| {
-                let pixel = picks.iter().find_map(|(pick, pixel)| {
-                    let at = [0, 1].map(|axis| pixel[axis] as i64 - view.area.corner[axis] as i64);
-                    let inside = |axis: usize| (0..view.area.size[axis] as i64).contains(&at[axis]);
-                    (inside(0) && inside(1)).then(|| (*pick, at.map(|at| at as u32)))
-                });
-                let drawing =
-                    Drawing { settings, options, view: cloud_view, opaque, pixel, id, transform };
-                let (recorded, pick, images) = drawing.record(gpu, shown, report)?;
-                Ok((recorded, pick, images, form))
+            let key = Key {
+                cloud: id,
+                camera: view.camera,
+                size: view.area.size,
+                opaque: place.first && clears,
+                revision: *revision,
+            };
+            let before = latest.iter().find(|before| before.key == key);
+            let drawing = view_of(&view.camera, transform, view.area.size).map(|(own, form)| {
+                let (settings, options) = (&*settings, &*options);
+                let (picks, frame) = (within(picks, view.area), frame.number);
+                Drawing { key, frame, view: own, form, transform, picks, settings, options }
             });
-            let (recorded, pick, [picture, depth], form) = match recorded {
-                Ok(recorded) => recorded,
+            let recorded = drawing
+                .and_then(|drawing| drawing.record(gpu, shown, before.map(|kept| &**kept), report));
+            let picture = match recorded {
+                Ok(Some(mut picture)) => {
+                    picture.descriptors =
+                        Some(compose::descriptors(gpu, buckets, picture.picture, picture.depth)?);
+                    Arc::new(picture)
+                }
+                Ok(None) => before.expect("shown again").clone(),
                 Err(Error::Request(why)) => {
                     report.errors.push(format!("cloud {}: {why}", id.0));
                     continue;
                 }
                 Err(error) => return Err(error),
             };
-            let picture = Picture {
-                picture: recorded.image(&picture),
-                depth: recorded.image(&depth),
-                form,
-                opaque,
-                first,
-                area: view.area,
-                targets: &frame.targets,
-                background,
-            };
-            let descriptors = compose::record(gpu, commands, buckets, &picture)?;
-            held._descriptors.push(descriptors);
-            held.recorded.push((recorded, pick));
-            first = false;
+            compose::record(gpu, commands, &place, &picture)?;
+            report.points += picture.points;
+            if report.effects.is_empty() {
+                report.effects.clone_from(&picture.effects);
+            }
+            held.pictures.push(picture);
+            place.first = false;
         }
-        if first {
-            compose::clear(gpu, commands, &frame.targets, view.area, background, form)?;
+        if place.first {
+            let (_, form) = view_of(&view.camera, DMat4::IDENTITY, view.area.size)?;
+            compose::clear(gpu, commands, &place, form)?;
         }
         Ok(())
     }
@@ -463,80 +492,92 @@ impl Renderer {
     fn retire(&mut self, safe: u64) -> Result<()> {
         while self.held.front().is_some_and(|held| held.number <= safe) {
             let held = self.held.pop_front().expect("just seen");
-            self.times.clear();
-            let mut nearest: Vec<(PickId, Option<PickedPoint>)> = Vec::new();
-            for (recorded, pick) in held.recorded {
-                let done = recorded.finish(&mut self.gpu)?;
-                self.times.extend(done.passes.iter().map(|(name, milliseconds)| PassTime {
-                    name: name.clone(),
-                    milliseconds: *milliseconds,
-                }));
-                let found = pick.map(|pick| {
-                    let [depth, index] = [&pick.depth, &pick.index];
-                    let at = (pick.pixel[1] * pick.view.size[0] + pick.pixel[0]) as usize;
-                    (done.read::<f32>(depth)[at], done.read::<u32>(index)[at], pick)
-                });
-                done.recycle(&mut self.gpu);
-                let Some((depth, point, pick)) = found else { continue };
-                let found = self.found(depth, point, &pick)?;
-                match nearest.iter_mut().find(|(other, _)| *other == pick.pick) {
-                    Some((_, before)) => {
-                        let distance = |found: &Option<PickedPoint>, transform: &DMat4| {
-                            let scale = transform.x_axis.truncate().length();
-                            found.as_ref().map_or(f64::INFINITY, |found| found.depth * scale)
-                        };
-                        let place = |id: CloudId| {
-                            self.clouds
-                                .iter()
-                                .find(|cloud| cloud.id == id)
-                                .map(|cloud| cloud.transform)
-                        };
-                        let other = before.as_ref().and_then(|before| place(before.cloud));
-                        let other = other.unwrap_or(DMat4::IDENTITY);
-                        if distance(&found, &pick.transform) < distance(before, &other) {
-                            *before = found;
-                        }
+            let drawn = || held.pictures.iter().filter(|picture| picture.frame == held.number);
+            if drawn().next().is_some() {
+                self.times.clear();
+            }
+            // Distance in the host's world, and the point.
+            let mut nearest: Vec<(PickId, f64, Option<PickedPoint>)> = Vec::new();
+            for picture in drawn() {
+                let times = picture.recorded.times()?;
+                self.times.extend(
+                    times.map(|(name, milliseconds)| PassTime {
+                        name: name.to_string(),
+                        milliseconds,
+                    }),
+                );
+                let Some(picks) = &picture.picks else { continue };
+                let scale = picks.transform.x_axis.truncate().length();
+                for &(pick, pixel) in &picks.pixels {
+                    let found = self.found(picture, picks, pixel);
+                    let distance =
+                        found.as_ref().map_or(f64::INFINITY, |found| found.depth * scale);
+                    match nearest.iter_mut().find(|(other, ..)| *other == pick) {
+                        Some(before) if distance < before.1 => *before = (pick, distance, found),
+                        Some(_) => {}
+                        None => nearest.push((pick, distance, found)),
                     }
-                    None => nearest.push((pick.pick, found)),
                 }
             }
-            self.answers.extend(nearest);
+            self.answers.extend(nearest.into_iter().map(|(pick, _, found)| (pick, found)));
+            held.pictures.into_iter().try_for_each(|picture| self.release(picture))?;
             held.removed.into_iter().for_each(|cloud| cloud.free(&mut self.gpu));
+            held.blocks.into_iter().for_each(|block| self.gpu.memory.recycle_block(block));
         }
         Ok(())
     }
 
-    /// Returns the point that a completed frame shows in a pixel.
+    /// Recycles what a picture uses, unless a frame that is not completed shows it, or the last one.
+    fn release(&mut self, picture: Arc<RecordedPicture>) -> Result<()> {
+        let Some(picture) = Arc::into_inner(picture) else { return Ok(()) };
+        picture.recorded.finish(&mut self.gpu)?.recycle(&mut self.gpu);
+        Ok(())
+    }
+
+    /// Returns the point that a completed picture shows in a pixel.
     fn found(
-        &mut self,
-        depth: f32,
-        point: u32,
-        pick: &RecordedPick,
-    ) -> Result<Option<PickedPoint>> {
+        &self,
+        picture: &RecordedPicture,
+        picks: &RecordedPicks,
+        pixel: [u32; 2],
+    ) -> Option<PickedPoint> {
+        let at = (pixel[1] * picture.view.size[0] + pixel[0]) as usize;
+        let depth = picture.recorded.read::<f32>(&picks.depth)[at];
+        let point = picture.recorded.read::<u32>(&picks.index)[at];
         if !(depth > 0.0 && depth.is_finite()) {
-            return Ok(None);
+            return None;
         }
-        let resident = self.clouds.iter().find(|cloud| cloud.id == pick.cloud);
-        let own = match resident.and_then(Entry::resident) {
-            Some(resident) if point != NO_POINT => resident.point_of_nodes(&pick.nodes, point),
-            _ => None,
-        };
+        let cloud = self.clouds.iter().find(|cloud| cloud.id == picture.key.cloud);
+        let own = cloud
+            .and_then(Entry::resident)
+            .filter(|_| point != NO_POINT)
+            .and_then(|resident| resident.point_of_nodes(&picks.nodes, point));
         let (position, exact) = own.map_or_else(
             || {
-                let [x, y] = pick.pixel.map(|at| at as f64 + 0.5);
-                let (origin, direction) = pick.view.ray(x, y);
+                let [x, y] = pixel.map(|at| at as f64 + 0.5);
+                let (origin, direction) = picture.view.ray(x, y);
                 (origin + direction * depth as f64, false)
             },
             |found| (found.position, found.exact),
         );
-        Ok(Some(PickedPoint {
-            cloud: pick.cloud,
-            world: in_world(&pick.transform, position),
+        Some(PickedPoint {
+            cloud: picture.key.cloud,
+            world: in_world(&picks.transform, position),
             position,
             exact,
             depth: depth as f64,
-        }))
+        })
     }
+}
+
+/// Returns the picks within an area, and their pixels there.
+fn within(picks: &[(PickId, [u32; 2])], area: Area) -> Vec<(PickId, [u32; 2])> {
+    let place = |&(pick, pixel): &(PickId, [u32; 2])| {
+        let at = [0, 1].map(|axis| pixel[axis] as i64 - area.corner[axis] as i64);
+        let inside = |axis: usize| (0..area.size[axis] as i64).contains(&at[axis]);
+        (inside(0) && inside(1)).then(|| (pick, at.map(|at| at as u32)))
+    };
+    picks.iter().filter_map(place).collect()
 }
 
 impl Drop for Renderer {
@@ -544,7 +585,13 @@ impl Drop for Renderer {
     fn drop(&mut self) {
         // A lost device has completed everything.
         let _ = self.retire(u64::MAX);
+        for picture in std::mem::take(&mut self.latest) {
+            let _ = self.release(picture);
+        }
         self.gpu.finish_host_frames();
+        if let Some((_, block)) = self.own_depth.take() {
+            self.gpu.memory.recycle_block(block);
+        }
         for cloud in self.clouds.drain(..).chain(self.removed.drain(..)) {
             cloud.free(&mut self.gpu);
         }
@@ -552,75 +599,4 @@ impl Drop for Renderer {
             self.gpu.memory.destroy_buffer(buckets);
         }
     }
-}
-
-/// The drawing of a cloud in a view.
-struct Drawing<'d> {
-    settings: &'d RenderSettings,
-    options: &'d RendererOptions,
-    view: View,
-    opaque: bool,
-    pixel: Option<(PickId, [u32; 2])>,
-    id: CloudId,
-    transform: DMat4,
-}
-
-/// A recorded picture, a pick in it, and the images of colour and depth.
-type RecordedPicture = (Recorded, Option<RecordedPick>, [crate::graph::Image; 2]);
-
-impl Drawing<'_> {
-    fn record(
-        self,
-        gpu: &mut Gpu,
-        cloud: &mut GpuCloud,
-        report: &mut FrameReport,
-    ) -> Result<RecordedPicture> {
-        let view = self.view;
-        if let GpuCloud::Parts(residency) = cloud {
-            let lod = LodOptions { budget: self.options.point_budget, lod_px: None };
-            let update = residency.update(gpu, &view, &lod.of(view.size))?;
-            report.missing += update.missing + update.coarse;
-            report.errors.extend(update.errors);
-        }
-        let resident = cloud.resident();
-        let mut config = FrameConfig::new(self.settings, &view, resident);
-        if !self.opaque {
-            // Blended over what is there.
-            config.background = [0.0; 3];
-        }
-        if report.effects.is_empty() {
-            report.effects = effects(&config.decisions);
-        }
-        let mut g = Graph::new(gpu);
-        let outcome = match frame::record(&mut g, &view, resident, &config) {
-            Ok(outcome) => outcome,
-            Err(error) => {
-                g.discard();
-                return Err(error);
-            }
-        };
-        report.points += outcome.statistics.points_drawn;
-        let pick = self.pixel.map(|(pick, pixel)| RecordedPick {
-            pick,
-            pixel,
-            view,
-            depth: g.download(&outcome.gbuffer.depth),
-            index: g.download(&outcome.gbuffer.index),
-            cloud: self.id,
-            transform: self.transform,
-            nodes: resident.nodes.clone(),
-        });
-        let images = [outcome.picture.alias(), outcome.gbuffer.depth.alias()];
-        let wanted = images.each_ref().map(|image| image.resource());
-        Ok((g.record_for_host(&wanted)?, pick, images))
-    }
-}
-
-fn effects(decisions: &EffectDecisions) -> Vec<EffectReport> {
-    let report = |(effect, reason): &(crate::passes::Effect, crate::passes::Reason)| EffectReport {
-        name: effect.name(),
-        runs: reason.runs,
-        why: reason.why.clone(),
-    };
-    decisions.0.iter().map(report).collect()
 }
