@@ -5,7 +5,7 @@
 //!         cloud      index -> select, loader   resident          passes      passes     output
 //! ```
 //!
-//! The modules follow the data. Each uses only those before it; `tests/imports.rs` checks that.
+//! The modules follow the data. Each uses only those before it; `tests/cpu/imports.rs` checks that.
 //!
 //! - [`cloud`]: readers of files. Points become columns on the files' own integer lattices.
 //!   [`synth`]: files with known truth, from analytic scenes.

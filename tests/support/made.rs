@@ -167,3 +167,18 @@ impl Las {
         path
     }
 }
+
+/// Returns the same LAS file with its records in another order.
+pub fn shuffled(las: &[u8]) -> Vec<u8> {
+    let number = |at: usize| u32::from_le_bytes(las[at..at + 4].try_into().unwrap()) as usize;
+    let (start, bytes) = (number(96), u16::from_le_bytes([las[105], las[106]]) as usize);
+    let mut records: Vec<&[u8]> = las[start..start + bytes * number(107)].chunks(bytes).collect();
+    let mut state = 0x9E37_79B9_7F4A_7C15u64;
+    for i in (1..records.len()).rev() {
+        state ^= state << 13;
+        state ^= state >> 7;
+        state ^= state << 17;
+        records.swap(i, (state % (i as u64 + 1)) as usize);
+    }
+    [&las[..start], &records.concat()].concat()
+}

@@ -1,0 +1,33 @@
+//! Tests that need no Vulkan device.
+
+#[path = "../support/ancestors.rs"]
+mod ancestors;
+#[path = "../support/cameras.rs"]
+mod cameras;
+#[path = "../support/commands.rs"]
+mod commands;
+#[path = "../support/files.rs"]
+mod files;
+#[path = "../support/index_file.rs"]
+mod index_file;
+#[path = "../support/made.rs"]
+mod made;
+#[path = "../support/points.rs"]
+mod points;
+#[path = "../support/program.rs"]
+mod program;
+#[path = "../support/shared.rs"]
+mod shared;
+#[path = "../support/tree.rs"]
+mod tree;
+
+mod cloud;
+mod cut;
+mod damaged_las;
+mod imports;
+mod index;
+mod navigation;
+mod registry;
+mod stream;
+mod synth;
+mod units;

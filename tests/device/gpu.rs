@@ -1,0 +1,345 @@
+//! Draws a cloud and returns all layers, on one validated device per process and projection path.
+
+use crate::cameras::{orthographic, perspective};
+use crate::points::{Random, bumpy};
+use glam::DVec3;
+use pointillist::cloud::attribute::{Attribute, DisplayAttribute};
+use pointillist::cloud::{Cloud, Columns, Header, Lattice, Part};
+use pointillist::config::NO_POINT;
+use pointillist::gpu::DeviceOptions;
+use pointillist::graph::{Buffer, CompletedSubmission, Gpu, Graph};
+use pointillist::passes;
+use pointillist::passes::project::{Keys, Strip};
+use pointillist::passes::{
+    EFFECTS, Effects, FrameContext, Switch, antialias, ao, composite, fill, phong, resolve, shape,
+    smooth, visibility,
+};
+use pointillist::progress::Silent;
+use pointillist::render::frame;
+use pointillist::render::settings::{FrameConfig, RenderSettings};
+use pointillist::resident::{Resident, ResidentNode};
+use pointillist::view::View;
+use pointillist::view::light::Light;
+use std::sync::{Mutex, OnceLock};
+
+/// Projection paths.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Way {
+    Compute64,
+    Compute32,
+    /// As `Compute64`, on a device whose memory the CPU cannot map.
+    Unmapped,
+    /// As `Compute64`, on a device whose texel buffers are small.
+    Words,
+}
+
+pub const WAYS: [Way; 2] = [Way::Compute64, Way::Compute32];
+
+/// Runs `work` on the process's device. The test fails without a Vulkan device or its validation
+/// layers.
+pub fn with<T>(way: Way, work: impl FnOnce(&mut Gpu) -> T) -> T {
+    static DEVICES: [OnceLock<Mutex<Gpu>>; 4] = [const { OnceLock::new() }; 4];
+    let options = DeviceOptions {
+        validate: true,
+        no_int64_atomics: way == Way::Compute32,
+        unmapped: way == Way::Unmapped,
+        no_texels: way == Way::Words,
+        ..DeviceOptions::default()
+    };
+    let device = DEVICES[way as usize].get_or_init(|| {
+        Mutex::new(
+            Gpu::open(&options).expect("tests need a Vulkan 1.3 device with validation layers"),
+        )
+    });
+    // A test that failed while holding the device left no work in flight: submissions are waited
+    // for.
+    work(&mut device.lock().unwrap_or_else(|poisoned| poisoned.into_inner()))
+}
+
+/// All outputs of a frame.
+#[derive(Clone, Debug)]
+pub struct Layers {
+    pub depth: Vec<f32>,
+    pub index: Vec<u32>,
+    pub color: Vec<[f32; 4]>,
+    pub picture: Vec<[f32; 4]>,
+    pub nodes: Vec<ResidentNode>,
+}
+
+impl Layers {
+    /// Returns bits, so that NaN equals itself and -0 differs from 0.
+    pub fn bits(&self) -> (Vec<u32>, &[u32], &[u32], &[u32]) {
+        (
+            self.depth.iter().map(|z| z.to_bits()).collect(),
+            &self.index,
+            bytes(&self.color),
+            bytes(&self.picture),
+        )
+    }
+
+    /// Checks that all is finite, except depth where nothing is.
+    pub fn assert_finite(&self) {
+        let wild = |word: &&u32| **word & 0x7F80_0000 == 0x7F80_0000;
+        assert_eq!(
+            bytes(&self.color).iter().chain(bytes(&self.picture)).filter(wild).count(),
+            0,
+            "NaN or infinite colours"
+        );
+        let depths = self.depth.iter().zip(&self.index);
+        assert_eq!(
+            depths
+                .filter(|&(z, &id)| !z.is_finite() && (id != u32::MAX || *z != f32::INFINITY))
+                .count(),
+            0,
+            "NaN or infinite depths"
+        );
+    }
+}
+
+fn bytes(colors: &[[f32; 4]]) -> &[u32] {
+    bytemuck::cast_slice(colors)
+}
+
+/// Returns settings without effects: points as they are projected.
+pub fn bare() -> RenderSettings {
+    let mut settings = RenderSettings::default();
+    passes::EFFECTS.iter().for_each(|effect| {
+        settings
+            .effects
+            .set_any(&format!("{effect}=off"))
+            .expect("every effect can be switched off")
+    });
+    settings
+}
+
+pub fn draw(way: Way, cloud: &Cloud, view: &View, settings: &RenderSettings) -> Layers {
+    with(way, |gpu| {
+        let (shown, _) = DisplayAttribute::automatic(cloud);
+        let resident = Resident::fill(gpu, cloud.clone(), shown, &Silent).expect("resident");
+        let config = FrameConfig::new(settings, view, &resident);
+        let mut g = Graph::new(gpu);
+        let outcome = frame::record(&mut g, view, &resident, &config).expect("recorded");
+        let images = [
+            &outcome.gbuffer.depth,
+            &outcome.gbuffer.index,
+            &outcome.gbuffer.color,
+            &outcome.picture,
+        ];
+        let [depth, index, color, picture] = images.map(|image| g.download(image));
+        let frame = g.submit_and_wait(&[]).expect("drawn, and no validation message");
+        let layers = Layers {
+            depth: frame.read(&depth).to_vec(),
+            index: frame.read(&index).to_vec(),
+            color: frame.read(&color).to_vec(),
+            picture: frame.read(&picture).to_vec(),
+            nodes: resident.nodes.clone(),
+        };
+        frame.recycle(gpu);
+        resident.free(gpu);
+        layers
+    })
+}
+
+/// Points that the keys of a [`Canvas`] may refer to.
+pub const CANVAS_POINTS: u32 = 2000;
+
+/// The device, and points of random colours: passes run on given keys.
+pub struct Canvas<'g> {
+    gpu: &'g mut Gpu,
+    resident: Resident,
+    /// Light of every pixel by its colour.
+    pub reached: bool,
+}
+
+pub fn canvas<T>(work: impl FnOnce(&mut Canvas) -> T) -> T {
+    with(Way::Compute64, |gpu| {
+        let (points, colors) = bumpy(CANVAS_POINTS as usize, 20_000, &mut Random(0xCA75));
+        let cloud = cloud(vec![part(
+            Lattice { step: DVec3::splat(0.001), offset: DVec3::ZERO },
+            &points,
+            Some(colors),
+        )]);
+        let shown = DisplayAttribute::new(Attribute::Rgb, &cloud);
+        let resident = Resident::fill(gpu, cloud, shown, &Silent).expect("resident");
+        let mut canvas = Canvas { gpu, resident, reached: false };
+        let result = work(&mut canvas);
+        let Canvas { gpu, resident, .. } = canvas;
+        resident.free(gpu);
+        result
+    })
+}
+
+/// Layers after a pass, as bits.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Stage {
+    pub depth: Vec<f32>,
+    pub index: Vec<u32>,
+    pub color: Vec<[f32; 4]>,
+    /// Share of the light that reaches it, if present.
+    pub reached: Vec<[f32; 4]>,
+}
+
+/// Results of given keys; `None` if the effect is off.
+#[derive(Default)]
+pub struct Surface {
+    pub raw: Stage,
+    pub seen: Stage,
+    pub filled: Stage,
+    pub smoothed: Stage,
+    /// After Phong lighting.
+    pub shaded: Stage,
+    pub blended: Stage,
+    pub lit: Vec<f32>,
+    /// Light after ambient occlusion and blending.
+    pub left: Vec<f32>,
+    pub picture: Vec<[f32; 4]>,
+}
+
+impl Canvas<'_> {
+    /// Point spacing [m], equal for all points of the one node.
+    pub fn spacing(&self) -> f64 {
+        assert_eq!(self.resident.nodes.len(), 1);
+        self.resident.nodes[0].spacing
+    }
+
+    pub fn draw(&mut self, view: &View, keys: &[[u32; 2]], effects: &Effects) -> Surface {
+        self.draw_in(Light::default(), view, keys, effects)
+    }
+
+    pub fn draw_in(
+        &mut self,
+        light: Light,
+        view: &View,
+        keys: &[[u32; 2]],
+        effects: &Effects,
+    ) -> Surface {
+        let scene = FrameContext::of(view, &self.resident, light);
+        let mut g = Graph::new(self.gpu);
+        let uploaded = g.upload("keys", keys).unwrap();
+        let paint = resolve::paint(&mut g, &self.resident, &Default::default()).unwrap();
+        let resolved = resolve::begin(&mut g, view);
+        let resolved = resolve::record(
+            &mut g,
+            &Keys::nearest(uploaded),
+            &paint,
+            Strip { top: 0, size: view.size },
+            resolved,
+        );
+        let mut gbuffer = resolved.gbuffer(&mut g, view, &self.resident).unwrap();
+        // Depths come from keys here, and are arbitrary.
+        gbuffer.spacing_px = [0.0, f64::INFINITY];
+        gbuffer.shadow_factor = self.reached.then(|| g.copy("reached", &gbuffer.color));
+        let raw = keep(&mut g, &gbuffer);
+        let (mut seen, mut filled, mut smoothed, mut shaded, mut blended) =
+            (None, None, None, None, None);
+        if effects.visibility.switch != Switch::Off {
+            gbuffer = visibility::record(&mut g, &scene, &effects.visibility.settings, gbuffer);
+            seen = Some(keep(&mut g, &gbuffer));
+        }
+        if effects.fill.switch != Switch::Off {
+            gbuffer = fill::record(&mut g, &scene, &effects.fill.settings, gbuffer);
+            filled = Some(keep(&mut g, &gbuffer));
+        }
+        if effects.smooth.switch != Switch::Off {
+            gbuffer = smooth::record(&mut g, &scene, &effects.smooth.settings, gbuffer);
+            smoothed = Some(keep(&mut g, &gbuffer));
+        }
+        if effects.shape.switch != Switch::Off {
+            gbuffer = shape::record(&mut g, &scene, &effects.shape.settings, gbuffer);
+        }
+        if effects.phong.switch != Switch::Off {
+            gbuffer = phong::record(&mut g, &scene, &effects.phong.settings, gbuffer);
+            shaded = Some(keep(&mut g, &gbuffer));
+        }
+        let lit = gbuffer.shading.as_ref().map(|lit| g.download(lit));
+        if effects.ao.switch != Switch::Off {
+            gbuffer = ao::record(&mut g, &scene, &effects.ao.settings, gbuffer);
+        }
+        if effects.antialias.switch != Switch::Off {
+            gbuffer = antialias::record(&mut g, &scene, &effects.antialias.settings, gbuffer);
+            blended = Some(keep(&mut g, &gbuffer));
+        }
+        let left = gbuffer.shading.as_ref().map(|left| g.download(left));
+        let picture = composite::record(&mut g, view, [0.1, 0.2, 0.7], &gbuffer);
+        let picture = g.download(&picture);
+        let frame = g.submit_and_wait(&[]).expect("drawn, and no validation message");
+        let stage = |kept: Option<Kept>| kept.map_or(Stage::default(), |kept| read(&frame, &kept));
+        let surface = Surface {
+            raw: stage(Some(raw)),
+            seen: stage(seen),
+            filled: stage(filled),
+            smoothed: stage(smoothed),
+            shaded: stage(shaded),
+            blended: stage(blended),
+            lit: lit.map_or(Vec::new(), |lit| frame.read(&lit).to_vec()),
+            left: left.map_or(Vec::new(), |left| frame.read(&left).to_vec()),
+            picture: frame.read(&picture).to_vec(),
+        };
+        frame.recycle(self.gpu);
+        surface
+    }
+}
+
+/// Outputs of a stage.
+type Kept = ([Buffer; 3], Option<Buffer>);
+
+fn keep(g: &mut Graph, gbuffer: &passes::GBuffer) -> Kept {
+    let images = [&gbuffer.depth, &gbuffer.index, &gbuffer.color].map(|image| g.download(image));
+    (images, gbuffer.shadow_factor.as_ref().map(|image| g.download(image)))
+}
+
+fn read(frame: &CompletedSubmission, ([depth, index, color], reached): &Kept) -> Stage {
+    Stage {
+        depth: frame.read(depth).to_vec(),
+        index: frame.read(index).to_vec(),
+        color: frame.read(color).to_vec(),
+        reached: reached.as_ref().map_or(Vec::new(), |reached| frame.read(reached).to_vec()),
+    }
+}
+
+pub fn part(lattice: Lattice, points: &[[i32; 3]], rgb: Option<Vec<[u8; 3]>>) -> Part {
+    let column = |axis: usize| points.iter().map(|p| p[axis]).collect();
+    let columns = Columns { x: column(0), y: column(1), z: column(2), rgb, ..Columns::default() };
+    Part {
+        path: "memory".into(),
+        name: None,
+        header: Header::default(),
+        lattice,
+        columns,
+        intensity_range: [0.0, 65535.0],
+        rgb_scale: Default::default(),
+    }
+}
+
+pub fn cloud(parts: Vec<Part>) -> Cloud {
+    Cloud { parts, ..Cloud::default() }
+}
+
+/// Returns keys with a third of the pixels empty, the others at depths from a millimetre to a
+/// megametre: half in steps of ten, half smooth.
+pub fn random_keys(size: [u32; 2], points: u32, random: &mut Random) -> Vec<[u32; 2]> {
+    let key = |_| {
+        let depth = match random.bits() % 6 {
+            0 | 1 => return [NO_POINT; 2],
+            2 | 3 => 10f64.powi(random.within(-3.0, 6.0) as i32),
+            _ => random.within(4.9, 5.1),
+        };
+        [(random.bits() % points as u64) as u32, (depth as f32).to_bits()]
+    };
+    (0..size[0] * size[1]).map(key).collect()
+}
+
+/// A wide-angle camera, so that rays diverge, with ten pixels per metre.
+pub fn views(size: [u32; 2]) -> [View; 2] {
+    let height = size[1] as f64 / 10.0;
+    [perspective(DVec3::ZERO, DVec3::Y, 75.0), orthographic(DVec3::ZERO, DVec3::Y, height)]
+        .map(|camera| View::new(camera, size).unwrap())
+}
+
+/// Returns settings with only these effects, written as on the command line.
+pub fn effects(asked: &[&str]) -> Effects {
+    let mut effects = Effects::default();
+    EFFECTS.iter().for_each(|effect| effects.set_any(&format!("{effect}=off")).unwrap());
+    asked.iter().for_each(|asked| effects.set_any(asked).unwrap());
+    effects
+}

@@ -1,0 +1,171 @@
+//! Metamorphic oracles (guide: numerics, rule 4): what must not change a single bit.
+
+use crate::cameras::{orthographic, perspective};
+use crate::gpu::{Layers, WAYS, Way, cloud, draw, part};
+use crate::points::{Random, bumpy};
+use glam::DVec3;
+use pointillist::cloud::{Cloud, Lattice};
+use pointillist::passes::Switch;
+use pointillist::render::settings::RenderSettings;
+use pointillist::view::{Camera, View};
+
+/// A power of two: coordinates, translations and scalings are then exact in f64, and only f32 could go wrong.
+const STEP: f64 = 1.0 / 1024.0;
+const SIZE: [u32; 2] = [160, 120];
+
+fn settings() -> RenderSettings {
+    let mut settings = RenderSettings::default();
+    settings.effects.edl.switch = Switch::On;
+    settings
+}
+
+/// Eyes on multiples of 1/8 m, so that they too are exact wherever they are moved.
+fn cameras() -> [Camera; 3] {
+    let at = DVec3::new;
+    [
+        perspective(at(14.0, -22.5, 12.125), at(0.0, 0.0, 0.0), 55.0),
+        perspective(at(0.25, 0.125, 0.5), at(4.0, 1.0, 0.0), 75.0),
+        orthographic(at(5.0, -6.0, 30.0), at(0.0, 0.5, 0.25), 17.0),
+    ]
+}
+
+fn scene(scale: f64, offset: DVec3) -> Cloud {
+    let (points, colors) = bumpy(60_000, 20_000, &mut Random(0xB175));
+    cloud(vec![part(Lattice { step: DVec3::splat(STEP * scale), offset }, &points, Some(colors))])
+}
+
+fn moved(camera: Camera, by: DVec3, scale: f64) -> Camera {
+    Camera {
+        eye: camera.eye * scale + by,
+        target: camera.target * scale + by,
+        ortho_height: camera.ortho_height.map(|height| height * scale),
+        ..camera
+    }
+}
+
+fn picture(cloud: &Cloud, camera: Camera) -> Layers {
+    picture_of(cloud, camera, &settings())
+}
+
+fn picture_of(cloud: &Cloud, camera: Camera, settings: &RenderSettings) -> Layers {
+    let layers = draw(Way::Compute64, cloud, &View::new(camera, SIZE).unwrap(), settings);
+    assert!(
+        layers.depth.iter().filter(|z| z.is_finite()).count() > 1000,
+        "hardly anything is in the picture"
+    );
+    layers.assert_finite();
+    layers
+}
+
+#[test]
+fn hard_01_utm_translation_is_bit_identical() {
+    for camera in cameras() {
+        let here = picture(&scene(1.0, DVec3::ZERO), camera);
+        for utm in [
+            DVec3::new(500_000.0, 5_000_000.0, 100.0),
+            DVec3::new(-499_999.0 * STEP, 4_999_999.0, 12_345.0 * STEP),
+            DVec3::splat(-8e6),
+        ] {
+            let there = picture(&scene(1.0, utm), moved(camera, utm, 1.0));
+            assert!(
+                here.bits() == there.bits(),
+                "moving cloud and camera by {utm} changes the picture"
+            );
+        }
+    }
+}
+
+#[test]
+fn hard_01_translation_within_the_lattice_is_bit_identical() {
+    // The same place once in the offset and once in the integers.
+    for camera in cameras() {
+        let here = picture(&scene(1.0, DVec3::ZERO), camera);
+        let shift = [1 << 28, -(1 << 27) + 5, 77];
+        let mut there = scene(1.0, DVec3::ZERO);
+        let columns = &mut there.parts[0].columns;
+        for (column, shift) in
+            [&mut columns.x, &mut columns.y, &mut columns.z].into_iter().zip(shift)
+        {
+            column.iter_mut().for_each(|q| *q += shift);
+        }
+        let by = DVec3::from_array(shift.map(|s| s as f64 * STEP));
+        assert!(here.bits() == picture(&there, moved(camera, by, 1.0)).bits());
+    }
+}
+
+#[test]
+fn hard_01_scaling_by_powers_of_two_is_bit_identical() {
+    for camera in cameras() {
+        let here = picture(&scene(1.0, DVec3::ZERO), camera);
+        for k in -20..=20 {
+            let scale = 2f64.powi(k);
+            let mut there = picture(&scene(scale, DVec3::ZERO), moved(camera, DVec3::ZERO, scale));
+            // Depth is a length, and the one layer that scales; dividing by a power of two is exact.
+            there.depth.iter_mut().for_each(|z| *z /= scale as f32);
+            assert!(here.bits() == there.bits(), "scaling by 2^{k} changes more than depths");
+        }
+    }
+}
+
+#[test]
+fn hard_00_shuffled_input() {
+    let straight = scene(1.0, DVec3::ZERO);
+    let mut shuffled = straight.clone();
+    let columns = &mut shuffled.parts[0].columns;
+    let random = &mut Random(0x5FF1E);
+    let colors = columns.rgb.as_mut().unwrap();
+    for i in (1..columns.x.len()).rev() {
+        let j = (random.bits() % (i as u64 + 1)) as usize;
+        [&mut columns.x, &mut columns.y, &mut columns.z]
+            .into_iter()
+            .for_each(|column| column.swap(i, j));
+        colors.swap(i, j);
+    }
+    assert_ne!(straight.parts[0].columns, shuffled.parts[0].columns);
+    for camera in cameras() {
+        assert!(picture(&straight, camera).bits() == picture(&shuffled, camera).bits());
+    }
+}
+
+/// As many points as leave their duplicates in the same node: another node has another origin, and draws the same point from other integers, equal within the bounds of f32 only.
+#[test]
+fn hard_00_duplicated_points() {
+    let mut once = scene(1.0, DVec3::ZERO);
+    let columns = &mut once.parts[0].columns;
+    [&mut columns.x, &mut columns.y, &mut columns.z]
+        .into_iter()
+        .for_each(|column| column.truncate(20_000));
+    columns.rgb.as_mut().unwrap().truncate(20_000);
+    let mut thrice = once.clone();
+    let columns = &mut thrice.parts[0].columns;
+    for _ in 0..2 {
+        [&mut columns.x, &mut columns.y, &mut columns.z]
+            .into_iter()
+            .for_each(|column| column.extend_from_within(..20_000));
+        columns.rgb.as_mut().unwrap().extend_from_within(..20_000);
+    }
+    // More points a node are denser ones, and an automatic kernel is narrower.
+    let mut settings = settings();
+    settings.effects.set_any("visibility=on,levels=1,kernel=9").unwrap();
+    for camera in cameras() {
+        let [a, b] = [&once, &thrice].map(|cloud| picture_of(cloud, camera, &settings));
+        assert_eq!((a.nodes.len(), b.nodes.len()), (1, 1));
+        let ((depth, _, color, shaded), (depths, _, colors, shadeds)) = (a.bits(), b.bits());
+        assert!(
+            depth == depths && color == colors && shaded == shadeds,
+            "duplicates change more than ids"
+        );
+    }
+}
+
+#[test]
+fn hard_00_two_runs_and_both_ways_give_the_same_bits() {
+    let cloud = scene(1.0, DVec3::new(500_000.0, 5_000_000.0, 100.0));
+    for camera in cameras() {
+        let view = View::new(moved(camera, cloud.parts[0].lattice.offset, 1.0), SIZE).unwrap();
+        let first = draw(Way::Compute64, &cloud, &view, &settings());
+        for way in WAYS {
+            assert!(first.bits() == draw(way, &cloud, &view, &settings()).bits(), "{way:?}");
+        }
+    }
+}

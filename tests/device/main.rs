@@ -1,0 +1,36 @@
+//! Tests that open a Vulkan device.
+
+#[path = "../support/ancestors.rs"]
+mod ancestors;
+#[path = "../support/cameras.rs"]
+mod cameras;
+#[path = "../support/exr_file.rs"]
+mod exr_file;
+#[path = "../support/files.rs"]
+mod files;
+#[path = "../support/index_file.rs"]
+mod index_file;
+#[path = "../support/points.rs"]
+mod points;
+#[path = "../support/program.rs"]
+mod program;
+#[path = "../support/shared.rs"]
+mod shared;
+#[path = "../support/tree.rs"]
+mod tree;
+
+mod baselines;
+mod clip;
+mod derive;
+mod embedding;
+mod golden;
+mod gpu;
+mod hard;
+mod kernels;
+mod layers;
+mod load_thread;
+mod plan;
+mod residency;
+mod shadows;
+mod strokes;
+mod study;

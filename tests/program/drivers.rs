@@ -1,0 +1,53 @@
+//! A second Vulkan driver, if one is installed, draws the same picture.
+//!
+//! SwiftShader, in Debian's chromium package, has neither 64-bit atomics nor large texel buffers,
+//! so it takes the other variant of every core kernel.
+
+use crate::shared::skip;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+const SWIFTSHADER: &str = "/usr/lib/chromium/vk_swiftshader_icd.json";
+
+fn run(arguments: &[&str], driver: Option<&str>) {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_pointillist"));
+    command.args(arguments);
+    if let Some(driver) = driver {
+        command.env("VK_ICD_FILENAMES", driver).env("VK_DRIVER_FILES", driver);
+    }
+    let output = command.output().unwrap();
+    assert!(output.status.success(), "{arguments:?}: {}", String::from_utf8_lossy(&output.stderr));
+}
+
+#[test]
+fn swiftshader_draws_the_same_bytes() {
+    if !Path::new(SWIFTSHADER).exists() {
+        skip(&format!("no driver at {SWIFTSHADER} (in Debian's package chromium)"));
+        return;
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| -> PathBuf { folder.path().join(name) };
+    let text = |path: PathBuf| path.to_str().unwrap().to_string();
+    let scan = text(path("street.las"));
+    let camera = text(path("camera.json"));
+    run(&["synth", "street", "-o", &scan, "--points", "200000", "--camera-out", &camera], None);
+    for (name, driver) in [("default", None), ("swiftshader", Some(SWIFTSHADER))] {
+        for style in ["surface", "points"] {
+            let (png, exr) = (
+                text(path(&format!("{name}.{style}.png"))),
+                text(path(&format!("{name}.{style}.exr"))),
+            );
+            run(
+                &[
+                    "render", &scan, "-o", &png, "--exr", &exr, "--camera", &camera, "--size",
+                    "640x360", "--style", style,
+                ],
+                driver,
+            );
+        }
+    }
+    for kind in ["surface.png", "surface.exr", "points.png", "points.exr"] {
+        let read = |name: &str| std::fs::read(path(&format!("{name}.{kind}"))).unwrap();
+        assert!(read("default") == read("swiftshader"), "the two drivers' {kind} files differ");
+    }
+}

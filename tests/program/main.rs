@@ -1,0 +1,31 @@
+//! Tests of the program, which draws on a Vulkan device.
+
+#[path = "../support/commands.rs"]
+mod commands;
+#[path = "../support/exr_file.rs"]
+mod exr_file;
+#[path = "../support/files.rs"]
+mod files;
+#[path = "../support/index_file.rs"]
+mod index_file;
+#[path = "../support/made.rs"]
+mod made;
+#[path = "../support/png_file.rs"]
+mod png_file;
+#[path = "../support/program.rs"]
+mod program;
+#[path = "../support/shared.rs"]
+mod shared;
+
+mod bad;
+mod cli;
+mod colors;
+mod drivers;
+mod faults;
+mod guide;
+mod indexed;
+mod saved_shadows;
+mod stations;
+mod strays;
+mod text_tables;
+mod tiled;

@@ -1,0 +1,186 @@
+//! Strays and duplicate points have no influence: pictures, spacing and elevation colours are those
+//! of the cloud without them, from files and through an index.
+
+use crate::commands::run;
+use crate::png_file::{Png, read_png};
+use crate::program::{render, succeeded, text};
+use glam::DVec3;
+use las::point::Classification;
+use las::{Builder, Point, Transform, Vector, Writer};
+use std::collections::BTreeSet;
+use std::path::{Path, PathBuf};
+
+/// Returns a wavy sheet of 20 x 20 m.
+fn sheet(points: usize, corner: DVec3) -> Vec<DVec3> {
+    let place = |i: usize| {
+        let (x, y) =
+            (((i * 7919) % 20_011) as f64 / 1000.55, ((i * 104_729) % 19_997) as f64 / 999.85);
+        corner + DVec3::new(x, y, 3.0 * (0.3 * x).sin() * (0.3 * y).cos())
+    };
+    (0..points).map(place).collect()
+}
+
+fn write(path: &Path, points: &[DVec3], class: impl Fn(usize) -> u8) {
+    let mut builder = Builder::from((1, 4));
+    builder.point_format = las::point::Format::new(6).unwrap();
+    let axis = Transform { scale: 0.001, offset: 0.0 };
+    builder.transforms = Vector { x: axis, y: axis, z: axis };
+    let mut writer = Writer::from_path(path, builder.into_header().unwrap()).unwrap();
+    for (i, p) in points.iter().enumerate() {
+        let classification = Classification::new(class(i)).unwrap();
+        let point = Point {
+            x: p.x,
+            y: p.y,
+            z: p.z,
+            classification,
+            gps_time: Some(0.0),
+            return_number: 1,
+            number_of_returns: 1,
+            ..Point::default()
+        };
+        writer.write_point(point).unwrap();
+    }
+    writer.close().unwrap();
+}
+
+struct Place {
+    folder: tempfile::TempDir,
+}
+
+impl Place {
+    fn new() -> Place {
+        Place { folder: tempfile::tempdir().unwrap() }
+    }
+
+    fn las(&self, name: &str, points: &[DVec3]) -> PathBuf {
+        let path = self.folder.path().join(format!("{name}.las"));
+        write(&path, points, |_| 1);
+        path
+    }
+
+    fn index(&self, las: &Path) -> PathBuf {
+        let path = las.with_extension("pnti");
+        succeeded(&run([Path::new("index"), las, Path::new("-o"), &path]));
+        path
+    }
+
+    fn picture(&self, cloud: &Path, options: &str) -> Png {
+        let path = cloud.with_extension("png");
+        succeeded(&render(cloud, &format!("-o {} --size 320x240 {options}", path.display())));
+        read_png(&path)
+    }
+
+    fn info(&self, cloud: &Path) -> serde_json::Value {
+        serde_json::from_str(&succeeded_text(cloud)).unwrap()
+    }
+}
+
+fn succeeded_text(cloud: &Path) -> String {
+    let output = run([Path::new("info"), cloud, Path::new("--json")]);
+    succeeded(&output);
+    text(&output.stdout)
+}
+
+/// Returns the share of pixels that differ by more than a few levels.
+fn differing(a: &Png, b: &Png) -> f64 {
+    assert_eq!(a.size, b.size);
+    let differ = a
+        .pixels
+        .iter()
+        .zip(&b.pixels)
+        .filter(|(a, b)| (0..3).any(|c| a[c].abs_diff(b[c]) > 8))
+        .count();
+    differ as f64 / a.pixels.len() as f64
+}
+
+#[test]
+fn pictures_are_those_of_the_cloud_without_strays() {
+    let place = Place::new();
+    let far = DVec3::new(500_000.0, 1_000_000.0, 100.0);
+    for (name, corner, strays) in [
+        ("up", DVec3::ZERO, vec![DVec3::new(10.0, 10.0, 1000.0)]),
+        ("zero", far, vec![DVec3::ZERO]),
+        ("down", DVec3::ZERO, (0..4).map(|i| DVec3::new(5.0 * i as f64, 3.0, -3e5)).collect()),
+        ("few", DVec3::ZERO, vec![DVec3::new(0.0, 0.0, 500.0)]),
+    ] {
+        let points = sheet(if name == "few" { 300 } else { 5000 }, corner);
+        let without = place.las(&format!("{name}_without"), &points);
+        let with = place.las(&format!("{name}_with"), &[&points[..], &strays[..]].concat());
+        let (one, other) = (place.picture(&without, ""), place.picture(&with, ""));
+        assert_eq!(differing(&one, &other), 0.0, "{name}");
+        let [one, other] = [without, with.clone()].map(|las| place.picture(&place.index(&las), ""));
+        // Points of a leaf lie along another curve, by which their spacing is estimated.
+        assert!(differing(&one, &other) < 1e-2, "{name}, indexed: {}", differing(&one, &other));
+        for cloud in [with.clone(), with.with_extension("pnti")] {
+            let said = place.info(&cloud);
+            assert_eq!(said["strays"]["points"], strays.len(), "{name}: {said}");
+            let at: Vec<f64> = said["strays"]["places"][0]
+                .as_array()
+                .unwrap()
+                .iter()
+                .map(|v| v.as_f64().unwrap())
+                .collect();
+            assert!((DVec3::from_slice(&at) - strays[0]).length() < 1.0, "{name}: {at:?}");
+        }
+    }
+}
+
+#[test]
+fn strays_are_drawn_where_they_lie_unless_they_are_to_be_hidden() {
+    let place = Place::new();
+    let points = sheet(5000, DVec3::ZERO);
+    let las = place.las("with", &[&points[..], &[DVec3::new(10.0, 10.0, 60.0)]].concat());
+    let camera = place.folder.path().join("camera.json");
+    std::fs::write(
+        &camera,
+        r#"{"eye": [10, -120, 30], "target": [10, 10, 30], "up": [0, 0, 1], "fov_y": 50}"#,
+    )
+    .unwrap();
+    let options = format!("--camera {} --effect edl=off", camera.display());
+    for cloud in [las.clone(), place.index(&las)] {
+        let [shown, hidden] = ["show", "hide"]
+            .map(|strays| place.picture(&cloud, &format!("{options} --strays {strays}")));
+        let differ: Vec<usize> =
+            (0..shown.pixels.len()).filter(|&i| shown.pixels[i] != hidden.pixels[i]).collect();
+        assert_eq!(differ.len(), 1, "{}: {differ:?}", cloud.display());
+        assert!(differ[0] < shown.pixels.len() / 3, "it lies above the sheet");
+    }
+}
+
+#[test]
+fn points_that_occur_ten_times_are_drawn_as_one() {
+    let place = Place::new();
+    let points = sheet(5000, DVec3::ZERO);
+    let ten: Vec<DVec3> = points.iter().flat_map(|&p| [p; 10]).collect();
+    let (once, often) = (place.las("once", &points), place.las("often", &ten));
+    assert_eq!(differing(&place.picture(&once, ""), &place.picture(&often, "")), 0.0);
+    let [once, often] = [once, often].map(|las| place.picture(&place.index(&las), ""));
+    assert!(differing(&once, &often) < 2e-3, "{}", differing(&once, &often));
+}
+
+#[test]
+fn pictures_of_classes_have_the_colours_of_classes_alone() {
+    let place = Place::new();
+    let path = place.folder.path().join("classes.las");
+    write(&path, &sheet(5000, DVec3::ZERO), |i| 2 + (i * 31 % 7) as u8 / 2);
+    for cloud in [path.clone(), place.index(&path)] {
+        for fill in ["fill=method=median", "fill=method=pullpush", "fill=method=mask", "fill=auto"]
+        {
+            let colors = |options: &str| -> BTreeSet<[u8; 3]> {
+                let picture = place.picture(
+                    &cloud,
+                    &format!("--color class --effect shape=off --effect edl=off {options}"),
+                );
+                picture.pixels.into_iter().collect()
+            };
+            let palette = colors("--effect fill=off --effect visibility=off");
+            assert_eq!(palette.len(), 5);
+            // Colours are rounded on their way.
+            let is_one = |color: &[u8; 3]| {
+                palette.iter().any(|one| (0..3).all(|c| color[c].abs_diff(one[c]) <= 1))
+            };
+            let filled = colors(&format!("--effect {fill}"));
+            assert!(filled.iter().all(is_one), "{fill}: {filled:?} {palette:?}");
+        }
+    }
+}

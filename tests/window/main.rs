@@ -1,0 +1,19 @@
+//! Tests of windows. They need Xvfb, xdotool and ImageMagick, which `tools/setup` installs.
+
+#[path = "../support/exr_file.rs"]
+mod exr_file;
+#[path = "../support/files.rs"]
+mod files;
+#[path = "../support/png_file.rs"]
+mod png_file;
+#[path = "../support/points.rs"]
+mod points;
+#[path = "../support/program.rs"]
+mod program;
+#[path = "../support/tree.rs"]
+mod tree;
+
+mod display;
+mod presentation;
+mod window;
+mod window_lifecycle;
