@@ -70,7 +70,7 @@ fn does(next: Next<Place>) -> Did {
 fn loader(queue: &Arc<Queue<Place>>, answers: usize) -> thread::JoinHandle<Vec<Did>> {
     let queue = queue.clone();
     thread::spawn(move || {
-        (0..answers).map(|_| does(queue.next().expect("nobody has closed it"))).collect()
+        (0..answers).map(|_| does(queue.next().expect("it is open"))).collect()
     })
 }
 
@@ -107,7 +107,7 @@ fn what_is_on_its_way_stays_within_its_bound() {
     model(|| {
         let (queue, places) = shared();
         let loader = loader(&queue, 3);
-        // As a residency does: new destinations only if there is room, and repeated requests
+        // A residency requests new destinations only if there is room, and repeated requests
         // without one.
         let mut left = vec![3, 2, 1];
         while let Some(&node) = left.last() {

@@ -32,7 +32,7 @@ fn read_bytes(name: &str, bytes: &[u8]) -> Result<Cloud> {
     read(&path)
 }
 
-/// A LAS 1.2 file, point format 2, scale 0.001.
+/// Returns a LAS 1.2 file, point format 2, scale 0.001.
 fn las(points: &[([i32; 3], [u16; 3])]) -> Vec<u8> {
     let mut file = vec![0u8; 227];
     file[..4].copy_from_slice(b"LASF");
@@ -294,7 +294,7 @@ fn every_bad_file_ends_in_points_or_an_error_soon_and_small() {
     }
 }
 
-/// The process's largest resident size so far.
+/// Returns the process's largest resident size so far.
 fn peak_kib() -> Option<u64> {
     let status = fs::read_to_string("/proc/self/status").ok()?;
     status

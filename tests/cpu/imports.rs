@@ -1,4 +1,5 @@
-//! Module dependencies: the edges that exist, without circles. And what is confined to few places.
+//! Module dependencies: the edges that exist, without circles. Some things are confined to few
+//! places.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
@@ -109,13 +110,14 @@ fn word(character: char) -> bool {
     character.is_alphanumeric() || character == '_'
 }
 
-/// Module path of a source.
+/// Returns the module path of a source.
 fn module_path(path: &str) -> Vec<String> {
     let path = path.trim_end_matches(".rs").trim_end_matches("/mod");
     path.split('/').map(str::to_string).collect()
 }
 
-/// Paths of a use tree, or of a path within code: `a::{b, c::d}` is `a::b` and `a::c::d`.
+/// Returns the paths of a use tree, or of a path within code: `a::{b, c::d}` is `a::b` and
+/// `a::c::d`.
 fn expand(code: &str) -> Vec<Vec<String>> {
     let code = code.trim_start();
     if let Some(group) = code.strip_prefix('{') {
@@ -148,7 +150,7 @@ fn expand(code: &str) -> Vec<Vec<String>> {
     }
 }
 
-/// Modules that a module uses, other than itself.
+/// Returns the modules that a module uses, other than itself.
 fn used(own: &[String], code: &str, modules: &BTreeSet<Vec<String>>) -> BTreeSet<Vec<String>> {
     let mut found = BTreeSet::new();
     for start in ["crate::", "super::", "self::"] {
@@ -176,7 +178,8 @@ fn used(own: &[String], code: &str, modules: &BTreeSet<Vec<String>>) -> BTreeSet
     found
 }
 
-/// For each folder, which of its files and folders use which others of it; without unit tests.
+/// Returns for each folder which of its files and folders use which others of it, without unit
+/// tests.
 fn edges() -> BTreeMap<String, BTreeMap<String, BTreeSet<String>>> {
     let sources: BTreeMap<Vec<String>, String> = sources()
         .into_iter()
@@ -201,7 +204,7 @@ fn edges() -> BTreeMap<String, BTreeMap<String, BTreeSet<String>>> {
     edges
 }
 
-/// Everything that can be reached from a node.
+/// Returns everything that can be reached from a node.
 fn reached(edges: &BTreeMap<String, BTreeSet<String>>, from: &str) -> BTreeSet<String> {
     let mut found = BTreeSet::new();
     let mut open = vec![from.to_string()];
@@ -295,7 +298,7 @@ fn unsafe_code_and_vulkan_stay_where_they_are_read_with_care() {
     assert!(wrong.is_empty(), "{}", wrong.join("\n"));
 }
 
-/// Its program and its window print; the library returns notes, reports to `Progress`, or logs.
+/// The program and the window print. The library returns notes, reports to `Progress`, or logs.
 #[test]
 fn the_library_prints_nothing() {
     let mut wrong = Vec::new();

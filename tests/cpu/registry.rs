@@ -1,4 +1,5 @@
-//! Nothing is there twice, and nothing is there for nobody: shaders and who runs them, effects and what belongs to each.
+//! Nothing is there twice or unused: shaders and the passes that run them, effects and what belongs
+//! to each.
 
 use pointillist::guide::{self, PAGES};
 use pointillist::passes::EFFECTS;
@@ -15,7 +16,7 @@ fn files(folder: &Path) -> Vec<PathBuf> {
     entries.flat_map(|path| if path.is_dir() { files(&path) } else { vec![path] }).collect()
 }
 
-/// All text of a folder's files.
+/// Returns the text of all files of a folder.
 fn text(folder: &str) -> String {
     let read = |path: &PathBuf| String::from_utf8_lossy(&fs::read(path).unwrap()).into_owned();
     files(&root().join(folder)).iter().map(read).collect()
@@ -30,7 +31,7 @@ fn every_included_shader_file_is_included() {
     let shaders = text("glsl");
     for path in files(&root().join("glsl/lib")) {
         let name = path.file_name().unwrap().to_str().unwrap();
-        assert!(shaders.contains(&format!("#include \"{name}\"")), "nobody includes {name}");
+        assert!(shaders.contains(&format!("#include \"{name}\"")), "no shader includes {name}");
     }
 }
 
@@ -59,7 +60,7 @@ fn every_effect_has_a_file_a_twin_a_picture_and_a_line_for_its_user() {
     }
 }
 
-/// The table, the list in `lib.rs` and the folders say the same.
+/// The table, the list in `lib.rs` and the folders agree.
 #[test]
 fn every_module_is_in_the_crates_documentation() {
     let library = fs::read_to_string(root().join("src/lib.rs")).unwrap();

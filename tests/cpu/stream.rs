@@ -267,7 +267,7 @@ const FORMATS: [(u8, usize); 2] = [(3, 34), (7, 36)];
 #[derive(Clone, Copy)]
 enum Chunks {
     Of(u32),
-    /// Of 1000, 2000, 3000 ... points.
+    /// Chunks of 1000, 2000, 3000 ... points.
     Varying,
 }
 

@@ -303,7 +303,7 @@ fn painted(index: Index, view: &View, budget: u64) -> (Vec<f32>, u64) {
 
 #[test]
 fn strokes_of_a_tenth_of_the_points_cover_what_all_of_them_do() {
-    // As many as the paper's dragon has.
+    // The paper's dragon has this many points.
     let place = Place::new(SceneKind::Torus, 437_645);
     let size = [400, 300];
     let view =

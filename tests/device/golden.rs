@@ -1,7 +1,11 @@
-//! Tiny pictures of synthetic clouds, compared with those committed: each effect alone, each way of colouring.
+//! Tiny pictures of synthetic clouds, compared with those committed: each effect alone, and each
+//! way of colouring.
 //!
-//! Arithmetic that decides pixels is the same on every driver, so the threshold is small: the last bit of a channel may differ, a shape may not.
-//! A picture that changed on purpose: `POINTILLIST_UPDATE=1 cargo nextest run --release golden::`, and look at it before committing it.
+//! Arithmetic that decides pixels is the same on every driver. The last bit of a channel may
+//! differ, shapes may not.
+//!
+//! A picture that changed on purpose is accepted with
+//! `POINTILLIST_UPDATE=1 cargo nextest run --release golden::`. Look at it before committing it.
 
 use pointillist::cloud::attribute::{Attribute, DisplayAttribute};
 use pointillist::gpu::DeviceOptions;
@@ -321,7 +325,7 @@ fn strokes_in_front_are_all_there_is() {
     );
 }
 
-/// As figure 17 of the paper: the innermost torus opaque, the others less so.
+/// The paper's figure 17: the innermost torus is opaque, the others less so.
 #[test]
 fn transparency() {
     let opacities = ["class:3=0.3", "class:2=0.5"];

@@ -27,9 +27,9 @@ use std::sync::{Mutex, OnceLock};
 pub enum Way {
     Compute64,
     Compute32,
-    /// As `Compute64`, on a device whose memory the CPU cannot map.
+    /// `Compute64` on a device whose memory the CPU cannot map.
     Unmapped,
-    /// As `Compute64`, on a device whose texel buffers are small.
+    /// `Compute64` on a device whose texel buffers are small.
     Words,
 }
 

@@ -1,4 +1,5 @@
-//! guide: numerics, one test a case, named after it. What each promises, and why, stands there; a tolerance that is not there is derived beside its use.
+//! Cases of "guide: numerics", one test each, named by number. The guide says what each promises
+//! and why. Tolerances that are not there are derived beside their use.
 
 mod coordinates;
 mod decisions;

@@ -1,6 +1,8 @@
-//! Every kernel against its f64 twin on random input, at odd sizes, under core and synchronization validation: a message fails the submission, and with it the test.
+//! Every kernel against its f64 twin: random input, odd sizes, core and synchronization validation.
+//! A validation message fails the submission, and the test.
 //!
-//! Images come from a shelf where the frame before left its own pixels, so a pixel that a kernel forgets shows another frame's value, which no twin gives.
+//! Images are reused with the pixels of an earlier frame. A pixel that a kernel omits shows another
+//! frame's value, which no twin gives.
 
 mod antialias;
 mod ao;
@@ -41,13 +43,14 @@ fn cameras() -> [Camera; 3] {
     let around = |x, y, z| UTM.offset + DVec3::new(x, y, z);
     [
         perspective(around(17.0, -23.0, 11.0), UTM.offset, 50.0),
-        // Inside of the cloud, points behind and beside.
+        // The eye is inside of the cloud, with points behind and beside it.
         perspective(around(0.3, 0.2, 0.05), around(4.0, 1.0, 0.0), 75.0),
         orthographic(around(5.0, 6.0, 30.0), around(0.1, 0.2, 0.3), 19.0),
     ]
 }
 
-/// Three bumpy layers, 20 m wide, on the millimetre lattice of a projected coordinate system.
+/// Returns three bumpy layers, 20 m wide, on the millimetre lattice of a projected coordinate
+/// system.
 fn scene(points: usize) -> Cloud {
     let (points, colors) = bumpy(points, 20_000, &mut Random(0x5EED));
     cloud(vec![part(UTM, &points, Some(colors))])
@@ -84,7 +87,7 @@ fn project_and_resolve_agree_with_f64_and_both_key_ways_with_each_other() {
     }
 }
 
-/// What a frame makes of given keys.
+/// Layers that a frame makes of given keys.
 struct Resolved {
     depth: Vec<f32>,
     index: Vec<u32>,
@@ -143,7 +146,7 @@ fn resolved(
     })
 }
 
-/// The words that the points of a one-node cloud show, by id.
+/// Returns the words that the points of a one-node cloud show, by id.
 fn words(cloud: &Cloud, shown: &DisplayAttribute) -> Vec<u32> {
     let part = &cloud.parts[0];
     let organised = index::partition(&part.columns, &Silent).unwrap();
@@ -204,10 +207,11 @@ fn resolve_gives_the_depth_the_point_and_the_colour_of_every_key() {
     }
 }
 
-/// The colours that a word may have: one, or two where a ramp's arithmetic may fall on either side of a step.
+/// Returns the colours that a word may have: two where a ramp's arithmetic may fall on either side
+/// of a step, else one.
 fn colors(attribute: Attribute, word: u32, [lo, hi]: [u32; 2]) -> Vec<[Bounded; 3]> {
     let byte = |channel: u32| word >> (8 * channel) & 255;
-    // Made on the CPU, in f64, and rounded once: exact on both sides.
+    // Computed on the CPU in f64 and rounded once: exact on both sides.
     let linear = |encoded: f64| Bounded::exact(srgb_to_linear(encoded) as f32);
     match attribute {
         Attribute::Rgb => vec![[0, 1, 2].map(|c| linear(byte(c) as f64 / 255.0))],
@@ -272,7 +276,8 @@ fn edl_and_composite_stay_within_their_bounds() {
     println!("widest bound {widest:e}");
 }
 
-/// An oracle that accepts everything proves nothing: other colours and depths than the kernel's must be refused.
+/// An oracle that accepts everything proves nothing: colours and depths that the kernel did not
+/// write are refused.
 #[test]
 fn the_oracles_refuse_what_is_wrong() {
     let cloud = scene(150_000);
@@ -290,7 +295,8 @@ fn the_oracles_refuse_what_is_wrong() {
     assert!(check(&depth.iter().map(|z| z + 5e-4).collect::<Vec<_>>()).wrong > covered / 2);
     assert!(check(&vec![f32::INFINITY; depth.len()]).wrong > covered / 2);
     assert_eq!(check(&vec![f32::NAN; depth.len()]).wrong, depth.len());
-    // Eyes a hundredth of a pixel aside: about one point in a hundred falls into another pixel, and the bounds are narrow enough to see it.
+    // Eyes are moved by a hundredth of a pixel: one point in a hundred falls into another pixel,
+    // and the bounds are narrow enough to tell.
     let mut aside = view;
     aside.camera.eye += view.basis.right * (0.01 * 31.0 / view.focal_px());
     let depth = draw(Way::Compute64, &cloud, &aside, &bare()).depth;
@@ -321,6 +327,6 @@ fn a_frame_without_barriers_is_reported_by_synchronization_validation() {
             resident.free(gpu);
         });
     }
-    // And the device is as silent as before.
+    // The device reports nothing afterwards, either.
     draw(Way::Compute64, &cloud, &view, &bare());
 }

@@ -138,8 +138,8 @@ fn hard_15_layers_are_laid_over_each_other_as_sorted_surfaces_are() {
     }
 }
 
-/// Where points are too sparse for masks: two planes behind each other, point spacings of three and
-/// two and a half pixels.
+/// Points are too sparse for masks: two planes are behind each other, with point spacings of three
+/// and two and a half pixels.
 #[test]
 fn layers_of_sparse_points_have_no_holes() {
     let lattice = |apart: i32, y: i32| {
@@ -150,7 +150,7 @@ fn layers_of_sparse_points_have_no_holes() {
         points.iter().map(|point| if point[1] == 10_000 { COLORS[0] } else { COLORS[2] }).collect();
     let lattice = Lattice { step: DVec3::splat(0.001), offset: DVec3::ZERO };
     let cloud = gpu::cloud(vec![gpu::part(lattice, &points, Some(colors))]);
-    // Ten pixels per metre, and the planes' edges out of sight.
+    // The planes' edges are out of sight at ten pixels per metre.
     let view = View::new(orthographic(DVec3::ZERO, DVec3::Y, 4.8), [48, 48]).unwrap();
     let over = oracle::over(
         [COLORS[0], COLORS[2]]
@@ -177,7 +177,7 @@ fn layers_of_sparse_points_have_no_holes() {
     assert_eq!(found, 0);
 }
 
-/// A half of the picture that is too sparse has no holes, however many points the other half has.
+/// The sparse half of the picture has no holes, however many points the other half has.
 #[test]
 fn a_sparse_part_beside_a_dense_one_has_no_holes() {
     let lattice = Lattice { step: DVec3::splat(0.001), offset: DVec3::ZERO };
@@ -204,12 +204,13 @@ fn a_sparse_part_beside_a_dense_one_has_no_holes() {
 }
 
 /// Where surfaces turn away and points are two and a half pixels apart, depths are those of points
-/// some pixels away: the rest of a surface is not a layer of its own, and no later one is omitted.
+/// some pixels away. The rest of a surface is not a layer of its own, and no later layer is
+/// omitted.
 #[test]
 fn layers_of_sparse_surfaces_are_counted_where_these_turn_away() {
     let (world, cloud) = tori(750_000);
-    // Onto the inner side of the tube that lies behind, from near the axis: side by side its front,
-    // its back and its inside.
+    // The camera is near the axis and looks onto the inner side of the tube behind: its front, back
+    // and inside are side by side.
     let (eye, target) = (DVec3::new(1.3, -2.6, 1.45), DVec3::new(-0.515, -0.497, 0.32));
     let camera = Camera {
         eye,

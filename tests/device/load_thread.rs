@@ -197,7 +197,7 @@ fn uploads_report_progress_once() {
     let mut prepared = source.prepare(shown, &Arc::default(), &in_halves).unwrap();
     while prepared.step(&mut gpu, &in_halves).unwrap() {}
     prepared.finish(&mut gpu, 0).unwrap().free(&mut gpu);
-    // As many nodes at a time as there are threads may be told in another order.
+    // Nodes that threads work on at a time may be reported in another order.
     let slack = rayon::current_num_threads() as u64 * POINTS_PER_PAGE as u64;
     for heard in [in_turns.of("organising"), in_halves.of("organising")] {
         assert!(

@@ -1,7 +1,7 @@
-//! The plan of the default frame, and of the frame without each effect, as text: passes, barriers, memory.
+//! The plan of the default frame and of frames without effects, as text: passes, barriers, memory.
 //!
-//! To accept an intended change: `POINTILLIST_UPDATE=1 cargo nextest run --release plan::`, and read
-//! the difference before committing it.
+//! An intended change is accepted with `POINTILLIST_UPDATE=1 cargo nextest run --release plan::`.
+//! Read the difference before committing it.
 
 use crate::shared::skip;
 use pointillist::cloud::attribute::{Attribute, DisplayAttribute};
@@ -18,7 +18,7 @@ use pointillist::view::{Camera, Preset, View};
 use std::path::Path;
 use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
 
-/// A thousand points on 64 x 64 pixels.
+/// Draws a thousand points of a plane on 64 x 64 pixels.
 fn on_a_plane<T>(
     effects: &[&str],
     draw: impl FnOnce(&mut Gpu, &View, &Resident, &FrameConfig) -> T,
@@ -60,7 +60,8 @@ fn compare(name: &str, found: &str) {
     );
 }
 
-/// The projection depends on the device: the text is of one with 64-bit atomics, as lavapipe has.
+/// The projection depends on the device. The text is that of a device with 64-bit atomics, such as
+/// lavapipe.
 #[test]
 fn the_default_frame() {
     compare("default", &plan_with(&[]));
@@ -98,7 +99,7 @@ fn nothing_that_is_off_leaves_a_trace() {
     compare("points", &plan_with(&off.iter().map(String::as_str).collect::<Vec<_>>()));
 }
 
-/// Cancels after this many checks.
+/// A progress that cancels after this many checks.
 struct Patience(AtomicU32);
 
 impl Progress for Patience {

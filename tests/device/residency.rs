@@ -606,7 +606,7 @@ fn what_the_device_outlives_is_written_nowhere() {
 
 #[test]
 fn every_attribute_is_shown_as_the_cloud_itself_shows_it() {
-    // Elevation is computed from positions; the planes that the tree has are covered by the picture tests.
+    // Elevation is computed from positions. The picture tests cover the planes of the tree.
     let planted = Planted::new();
     let [lo, hi] = planted.index.directory.contents.bounds.unwrap();
     let shown = DisplayAttribute::indexed(Attribute::Elevation, [lo.z, hi.z], [0, 65_535]);

@@ -1,4 +1,5 @@
-//! Shadows: kernels against their twins, and marks of points against rays through the surfaces that the points were taken from.
+//! Shadows: kernels against their twins, and marks of points against rays through the surfaces that
+//! the points lie on.
 
 use crate::cameras::{orthographic, perspective};
 use crate::files::scan;
@@ -41,7 +42,7 @@ fn bounds(resident: &Resident) -> (DVec3, DVec3) {
         .unwrap()
 }
 
-/// Where points are, and how many samples of the light reach them.
+/// Returns where points are, and how many samples of the light reach them.
 fn marked(cloud: &Cloud, light: Light, settings: Settings) -> (Vec<(DVec3, u8)>, Facts) {
     gpu::with(Way::Compute64, |gpu| {
         let resident = Resident::fill(
@@ -91,21 +92,23 @@ fn marked(cloud: &Cloud, light: Light, settings: Settings) -> (Vec<(DVec3, u8)>,
 
 const STEP: f64 = 1e-5;
 
-/// Points on a lattice of hundredths of millimetres.
+/// Returns points on a lattice of hundredths of millimetres.
 fn points(at: impl Iterator<Item = DVec3>) -> Cloud {
     let points: Vec<[i32; 3]> = at.map(|p| (p / STEP).round().as_ivec3().to_array()).collect();
     cloud(vec![part(Lattice { step: DVec3::splat(STEP), offset: DVec3::ZERO }, &points, None)])
 }
 
-/// Uniform on a square of this half width, by two axes.
+/// Returns uniform points on the square of this half width along two axes.
 fn square(count: usize, half: f64, u: DVec3, v: DVec3, seed: u64) -> impl Iterator<Item = DVec3> {
     let mut random = Random(seed);
     (0..count).map(move |_| u * random.within(-half, half) + v * random.within(-half, half))
 }
 
-/// guide: numerics, case 13: with a layer of sqrt(2) texels' sides and a quantum no plane shades itself, at any angle up to the limit; where masks fill from neighbours, with twice as much.
+/// guide: numerics, case 13: with a layer of sqrt(2) texels' sides and a quantum, no plane shades
+/// itself at any angle up to the limit. If masks fill from neighbours, twice as much is needed.
 ///
-/// The slope is taken from neighbours, and the theorem needs the one across the lower corner of a texel: without filling, the plane's rim, which has none there, is left out.
+/// The slope is taken from neighbours, but the theorem needs that across the lower corner of a
+/// texel. Without filling, the plane's rim has none there, and is left out.
 #[test]
 fn hard_13_planes_do_not_shade_themselves() {
     let mut failures = Vec::new();
@@ -120,7 +123,8 @@ fn hard_13_planes_do_not_shade_themselves() {
                 );
                 let count = 120_000;
                 let cloud = points(square(count, 1.0, DVec3::X, DVec3::Y, 7));
-                // The picture is as wide as the plane's diagonal at most, and foreshortened across it.
+                // The picture is at most as wide as the plane's diagonal, and foreshortened across
+                // it.
                 let texel = (4.0 * angle.cos() * per_texel / count as f64).sqrt();
                 let wide = 2.0 * (around.cos() + around.sin());
                 let settings =
@@ -145,16 +149,16 @@ fn hard_13_planes_do_not_shade_themselves() {
     assert!(failures.is_empty(), "{} cases:\n{}", failures.len(), failures.join("\n"));
 }
 
-/// Of points more than a texel from every edge of shadow.
+/// Counts of points. Those more than a texel from every edge of shadow are clear.
 #[derive(Debug, Default)]
 struct Verdict {
     clear: usize,
     falsely_dark: usize,
     falsely_lit: usize,
-    /// Nearer behind what shades them than its layer is deep along the light.
+    /// Points nearer behind what shades them than its layer is deep along the light.
     in_gap: usize,
     in_band: usize,
-    /// What shades them, or might, was not scanned.
+    /// Points whose shading surface, or what might be one, was not scanned.
     unknown: usize,
 }
 
@@ -163,7 +167,8 @@ impl Verdict {
         count as f64 / self.clear.max(1) as f64
     }
 
-    /// Falsely dark, falsely lit; and of all points those in the gap.
+    /// Returns the shares of clear points that are falsely dark and falsely lit, and that of all
+    /// points in the gap.
     fn percent(&self) -> [f64; 3] {
         let all = self.clear + self.in_gap + self.in_band + self.unknown;
         [
@@ -175,7 +180,8 @@ impl Verdict {
     }
 }
 
-/// `first` is how far along a ray the first surface is, `scanned` whether points were taken from there.
+/// Judges marks. `first` is how far along a ray the first surface is, `scanned` whether points were
+/// taken from there.
 fn judge(
     marked: &[(DVec3, u8)],
     facts: &Facts,
@@ -190,7 +196,8 @@ fn judge(
     let texel = facts.texel_m;
     let steepest = (1.0 / Settings::default().limit.powi(2) - 1.0).sqrt();
     let one = |&(p, count): &(DVec3, u8)| {
-        // How far in front of the point the first surface is, beside it; negative behind it.
+        // Distance from the point forward to the first surface beside it; negative if that is
+        // behind.
         let front = |x: f64, y: f64| {
             let from = p + u * x + v * y - travel * FAR;
             first(from, travel).map_or(f64::NEG_INFINITY, |t| FAR - t)
@@ -206,7 +213,7 @@ fn judge(
             .map(|[x, y]| (front(x * texel, y * texel), x.hypot(y) * texel));
         let around: Vec<(f64, f64)> = around.collect();
         let ring: Vec<f64> = around.iter().map(|(front, _)| *front).collect();
-        // Layer / <v, n>, of the steepest slope within a texel of what shades the point.
+        // Layer / <v, n> for the steepest slope within a texel of what shades the point.
         let curved = around
             .iter()
             .filter(|(_, run)| *run > 0.0)
@@ -215,7 +222,7 @@ fn judge(
         let mut verdict = Verdict::default();
         let most = ring.iter().copied().fold(f64::NEG_INFINITY, f64::max);
         let least = ring.iter().copied().fold(f64::INFINITY, f64::min);
-        // A point is on its surface but for the lattice, which a slope makes larger.
+        // A point is on its surface up to a lattice step, which a slope enlarges.
         let lit = own <= 5e-4 * (1.0 + slope);
         if most > 0.0 && !scanned(p - travel * own.max(0.0)) {
             verdict.unknown = 1;
@@ -309,7 +316,8 @@ fn the_street_is_shaded_as_rays_say() {
     );
 }
 
-/// What lies behind a closed surface is dark, whether or not the light's picture has gaps in it; and so is what lies behind a plate, however near.
+/// Everything behind a closed surface is dark, even if the light's picture has gaps. Everything
+/// behind a plate is dark, however near.
 #[test]
 fn nothing_behind_a_closed_surface_is_lit() {
     let lights = [DVec3::NEG_Z, DVec3::new(0.5, 1.0, -1.0), DVec3::new(1.0, 0.3, -0.5)];
@@ -326,7 +334,7 @@ fn nothing_behind_a_closed_surface_is_lit() {
         let cloud = synth::collect("scene", &world, 1_000_000, 1, 0.0, &Silent).unwrap();
         for direction in lights {
             let (marked, facts) = marked(&cloud, Light::Direction(direction), Settings::default());
-            // Those of the two rings within the outer one, which lies 13 cm around them.
+            // Points of the two inner rings; the outer one lies 13 cm around them.
             let is_inner = |p: DVec3| {
                 scene == synth::SceneKind::NestedTori && (p.x.hypot(p.y) - 1.0).hypot(p.z) < 0.3
             };
@@ -351,8 +359,10 @@ fn nothing_behind_a_closed_surface_is_lit() {
     }
 }
 
-/// A light within a closed surface sees it from so near that its points lie far apart in the light's pictures; nothing shines through between them, nor past the borders of those pictures. Where a nearer part
-/// of the surface ends its shadow is as much wider as gaps are; and of few points the layer that those gaps ask for reaches to the surface around it.
+/// A light in a closed surface is so near to it that points lie far apart in the light's pictures.
+/// Nothing shines through between them, nor past the borders of those pictures. Where a nearer part
+/// of the surface ends, its shadow is wider by the gaps. With few points, the layer that gaps
+/// require reaches to the surface around it.
 #[test]
 fn a_light_in_a_closed_surface_lights_nothing_outside_of_it() {
     let mut world = synth::build(synth::SceneKind::NestedTori, 1, 0.0);
@@ -424,7 +434,8 @@ fn peeling_marks_the_same_points_as_comparing_depths() {
     }
 }
 
-/// Dobrev et al. 2010, sec. 6: ka + m (kd + ks). In full shadow a surface shows the ambient part of its colour and no more; in full light what it shows without shadows.
+/// Dobrev et al. 2010, sec. 6: ka + m (kd + ks). In full shadow a surface shows the ambient part of
+/// its colour only. In full light it looks as without shadows.
 #[test]
 fn shadows_take_what_phong_adds_and_leave_its_ambient_part() {
     let floor = square(300_000, 1.5, DVec3::X, DVec3::Y, 3);
@@ -452,7 +463,7 @@ fn shadows_take_what_phong_adds_and_leave_its_ambient_part() {
             (0.25 * pointillist::cloud::colormap::srgb_to_linear(channel as f64 / 255.0)) as f32
         });
         let in_shadow = |pixel: &[f32; 4]| (0..3).all(|c| (pixel[c] - ambient[c]).abs() <= 1e-6);
-        // Between points of plate and floor normals may face away from the light.
+        // Between points of plate and floor, normals may face away from the light.
         let [dark, away] =
             [&shaded, &lit].map(|pixels| pixels.iter().filter(|pixel| in_shadow(pixel)).count());
         let odd = lit
@@ -468,7 +479,8 @@ fn shadows_take_what_phong_adds_and_leave_its_ambient_part() {
     }
 }
 
-/// guide: numerics, case 14: behind a half plane a point sees of the light what each of its samples says, but for those whose ray passes the edge within texels.
+/// guide: numerics, case 14: behind a half plane a point gets the light of each sample whose ray
+/// passes the edge. Rays within texels of the edge are left out.
 #[test]
 fn hard_14_behind_an_edge_every_sample_is_the_ray_to_its_place() {
     let floor = square(300_000, 1.5, DVec3::X, DVec3::Y, 3);
@@ -481,7 +493,7 @@ fn hard_14_behind_an_edge_every_sample_is_the_ray_to_its_place() {
         .basis()
         .unwrap();
     let tangent = 12f64.to_radians().tan();
-    // How far a ray to the floor has passed the edge's side where it crosses the plate's height.
+    // Distance by which a ray to the floor passes the edge where it crosses the plate's height.
     let aside: Vec<f64> =
         area_light_samples::places(16, area_light_samples::Pattern::Stratified, 0)
             .iter()
@@ -505,7 +517,8 @@ fn hard_14_behind_an_edge_every_sample_is_the_ray_to_its_place() {
     );
 }
 
-/// Cast over several frames, however many at a time, samples add up to the marks that one frame makes of all; and when they are all there nothing more is cast.
+/// Cast over several frames, however many at a time, samples add up to the marks of one frame that
+/// casts all. Then nothing more is cast.
 #[test]
 fn samples_add_up_frame_by_frame_to_the_same_marks() {
     let cloud = points(square(40_000, 1.0, DVec3::X, DVec3::Y, 3).chain(square(
@@ -578,7 +591,7 @@ fn samples_add_up_frame_by_frame_to_the_same_marks() {
             );
             assert!(frames[5].1 == whole.1 && frames[7].1 == whole.1, "{method:?}, {light}");
             assert!(frames[4].1 != whole.1 && whole.1.iter().any(|&count| (1..7).contains(&count)));
-            // The marks are read, and that is all.
+            // Only the marks are read.
             assert!([1, 6, 7].iter().all(|&frame| frames[frame].2 == 1), "{method:?}, {light}");
             let begun = of(&[Some(2), None]).pop().unwrap();
             assert!(begun.1 == whole.1);
@@ -586,7 +599,8 @@ fn samples_add_up_frame_by_frame_to_the_same_marks() {
     }
 }
 
-/// Where nodes of an index come and go the others keep their marks, but for those whose light passes where they are; all are those of casting everything anew.
+/// Nodes of an index come and go. The others keep their marks, unless their light passes there. All
+/// marks equal those of casting everything anew.
 #[test]
 fn marks_of_nodes_that_come_and_go_are_those_of_casting_all_anew() {
     let folder = tempfile::tempdir().unwrap();
@@ -682,7 +696,8 @@ fn marks_of_nodes_that_come_and_go_are_those_of_casting_all_anew() {
     }
 }
 
-/// Depths of a light's picture, gaps closed, and how deep it reaches; and the same of those half as wide and high, with the depths that they begin with.
+/// Returns for each picture of a light, the largest first and each half as wide and high as the one
+/// before, the depths that it begins with, the depths with gaps closed, and how deep light reaches.
 fn reached(gpu: &mut Gpu, view: &View, keys: &[[u32; 2]], layer: &Layer) -> Vec<[Vec<f32>; 3]> {
     let raw: Vec<f32> = keys
         .iter()
@@ -711,7 +726,7 @@ fn reached(gpu: &mut Gpu, view: &View, keys: &[[u32; 2]], layer: &Layer) -> Vec<
     pictures
 }
 
-/// Whether a point lies so near to a texel, of so many a row.
+/// Tests whether a point lies within `fill` texels of a texel, in rows of `width`.
 fn near_a_point(depth: &[f32], width: usize, fill: u32, i: usize) -> bool {
     let span =
         |at: usize, end: usize| at.saturating_sub(fill as usize)..(at + fill as usize + 1).min(end);
@@ -741,7 +756,8 @@ fn light_passes_agree_with_f64() {
                     let usual = Layer::new(&view, (DVec3::ZERO, DVec3::ONE), &settings);
                     let own =
                         Layer { metres: 0.001, texels: texels.unwrap_or(usual.texels), ..usual };
-                    // Surfaces up to a depth of five are sparse, and of half as much once it is halved.
+                    // Surfaces up to a depth of five are sparse, and up to half of it after
+                    // halving.
                     let layer = Layer {
                         halvings,
                         spacing_m: if own.perspective {
@@ -752,7 +768,7 @@ fn light_passes_agree_with_f64() {
                         ..own
                     };
                     let mut keys = random_keys(size, 1000, &mut random);
-                    // Whole tiles without a point.
+                    // Whole tiles have no point.
                     keys.iter_mut()
                         .enumerate()
                         .filter(|(i, _)| i % size[0] as usize >= 80)
@@ -774,12 +790,12 @@ fn light_passes_agree_with_f64() {
                         );
                         let [_, filled, limit] = &alone[0];
                         let [width, half] = [size[0] as usize, size[0].div_ceil(2) as usize];
-                        // Nobody asks how deep light reaches where no point is.
+                        // The reach of light does not matter where no point is.
                         for i in (0..depth.len()).filter(|&i| near_a_point(depth, width, fill, i)) {
                             let possible = match fill {
                                 0 => vec![depth[i]],
                                 1 => oracle::fill(size, &layer, 0, depth, i),
-                                // What steps before have made is not at hand.
+                                // Results of earlier steps are not available.
                                 _ => vec![filled[i]],
                             };
                             assert!(
@@ -792,7 +808,7 @@ fn light_passes_agree_with_f64() {
                                 || bounds.iter().any(|bound| bound.holds(limit[i]));
                             assert!(holds, "{size:?} {i}: limit {} of {bounds:?}", limit[i]);
                             let parent = i / width / 2 * half + i % width / 2;
-                            // A picture that is halved is known where something in it is sparse in the finer one.
+                            // A halved picture is known where the finer one has something sparse.
                             let is_known = number == 0 || front[i].is_finite();
                             let coarser = pictures
                                 .get(number + 1)
@@ -913,7 +929,8 @@ fn marks_agree_with_f64() {
     }
 }
 
-/// Light passes run when the light, the nodes or a setting has changed, and not otherwise; and what is kept is what was computed.
+/// Light passes run when the light, the nodes or a setting has changed, and only then. What is kept
+/// equals what was computed.
 #[test]
 fn marks_are_kept_while_light_and_nodes_stay() {
     let cloud = Ring::new().cloud(20_000);

@@ -1,4 +1,5 @@
-//! What a brush needs to know of points, against analytic truth; and the same whatever the threads and the order of the file.
+//! What a brush needs to know of points, against analytic truth. The result is the same for any
+//! number of threads and order of the file.
 
 mod tangents;
 
@@ -17,7 +18,8 @@ fn world_of(part: &Part, i: usize) -> DVec3 {
     part.lattice.world([part.columns.x[i], part.columns.y[i], part.columns.z[i]].map(i64::from))
 }
 
-/// Degrees between the strokes' normals and the torus's own, sorted; and how many normals are not known.
+/// Returns the sorted angles between strokes' normals and the torus's own in degrees, and how many
+/// normals are unknown.
 fn angles(part: &Part, strokes: &[Stroke], center: DVec3) -> (Vec<f64>, usize) {
     let truth = |p: DVec3| {
         let p = p - center;
@@ -37,7 +39,7 @@ fn angles(part: &Part, strokes: &[Stroke], center: DVec3) -> (Vec<f64>, usize) {
 
 #[test]
 fn normals_of_a_torus_are_within_a_degree_and_with_noise_within_five() {
-    // Torus of radii 1 and 0.4: 15.8 square metres, so points are 12.6 mm apart.
+    // The torus of radii 1 and 0.4 has 15.8 square metres, so points are 12.6 mm apart.
     let (count, spacing) = (100_000, 0.0126);
     for (noise, most) in [(0.0, 1.0), (spacing / 4.0, 5.0)] {
         let cloud = scene(SceneKind::Torus, count, noise);
@@ -60,7 +62,7 @@ fn normals_of_a_torus_are_within_a_degree_and_with_noise_within_five() {
     }
 }
 
-/// Against the surfaces that rays of the scanners hit, with those of leaves, bars and corners among them.
+/// Compares with the surfaces that scanners' rays hit, leaves, bars and corners included.
 #[test]
 fn normals_of_a_street_are_within_a_degree_and_with_noise_within_five() {
     let world = synth::build(SceneKind::Street, 1, 0.1);
@@ -188,7 +190,7 @@ fn hard_19_tangents_are_orthonormal_over_the_sphere_and_up_to_its_pole() {
     check(DVec3::X);
 }
 
-/// Half a torus's points, painted: the picture, and what painting took.
+/// Pictures of painted points.
 mod painted {
     use super::*;
     use crate::gpu;
@@ -233,7 +235,7 @@ mod painted {
         paint_through(cloud, view, effect, &[])
     }
 
-    /// Where some points are not opaque.
+    /// Paints a cloud whose points are not all opaque.
     fn paint_through(cloud: &Cloud, view: &View, effect: &str, opacities: &[&str]) -> Painted {
         gpu::with(gpu::Way::Compute64, |gpu| {
             let mut resident = resident(gpu, cloud);
@@ -268,7 +270,7 @@ mod painted {
         bytemuck::cast_slice(picture)
     }
 
-    /// Root of the mean square, over all channels.
+    /// Returns the root of the mean square over all channels.
     fn error(a: &[[f32; 4]], b: &[[f32; 4]]) -> f64 {
         let squares = a
             .iter()
@@ -307,9 +309,9 @@ mod painted {
     /// A frame of a picture at rest.
     struct Frame {
         picture: Vec<[f32; 4]>,
-        /// Strokes were looked for, and their fragments counted and made.
+        /// Strokes were sought, and their fragments counted and made.
         painted: bool,
-        /// More frames would change nothing.
+        /// More frames change nothing.
         settled: bool,
         facts: Facts,
     }
@@ -338,7 +340,7 @@ mod painted {
         drawn
     }
 
-    /// As a window draws them, until one is settled.
+    /// Draws frames as a window does, until one is settled.
     fn rest(
         gpu: &mut Gpu,
         view: &View,
@@ -400,7 +402,7 @@ mod painted {
                         frames.iter().all(|frame| counts(&frame.facts) == counts(&exact.facts)),
                         "{effect}, {at_once}"
                     );
-                    // A frame more, for another panel's sake, changes nothing; what follows begins anew.
+                    // A further frame for another panel changes nothing. Later ones begin anew.
                     let more = draw(gpu, &view, &resident, effect, Some(at_once));
                     assert!(
                         !more.painted
@@ -438,9 +440,9 @@ mod painted {
             };
             assert!(settled(gpu, &resident, &view, effect), "the first time");
             assert!(!settled(gpu, &resident, &view, effect), "nothing has changed");
-            // What does not change a fragment.
+            // These settings do not change a fragment.
             assert!(!settled(gpu, &resident, &view, "strokes=on,radius=5,memory=600"));
-            // Strokes that hide each other, as while the camera moves, leave what is kept alone.
+            // Strokes that hide each other, drawn while the camera moves, leave what is kept alone.
             draw(gpu, &other, &resident, "strokes=on,blend=blur", Some(6));
             assert!(!settled(gpu, &resident, &view, effect));
             for view in [&other, &smaller, &view] {
@@ -460,7 +462,7 @@ mod painted {
             assert!(settled(gpu, &resident, &view, effect), "and back");
             resident.nodes[0].count -= 1;
             assert!(settled(gpu, &resident, &view, effect), "a point less");
-            // More than the memory allowed is not kept, but painted whole, part by part.
+            // Fragments beyond the memory are not kept. They are painted whole, part by part.
             let parts = draw(gpu, &view, &resident, "strokes=on,size=6,memory=1", Some(1));
             assert!(parts.facts.parts > 1 && parts.settled, "{:?}", parts.facts);
             assert!(
@@ -471,7 +473,8 @@ mod painted {
         });
     }
 
-    /// Strokes of a few hundred points a pixel, and strokes that each touch every tile: lavapipe ends all loops of an invocation together after 65,535 rounds, which has lost some of both.
+    /// A pixel has a few hundred strokes, or each stroke touches every tile. lavapipe ends all
+    /// loops of an invocation together after 65,535 rounds, which has lost some of both.
     #[test]
     fn hard_16_no_stroke_of_a_crowded_tile_is_lost_and_none_that_touches_many() {
         let cloud = scene(SceneKind::NestedTori, 80_000, 0.0);
@@ -484,14 +487,14 @@ mod painted {
             let mut effects = Effects::default();
             effects.set_any(effect).unwrap();
             let settings = &effects.strokes.settings;
-            // Of points that are not opaque none hide others wholly.
+            // Points that are not opaque hide none wholly.
             for (rules, opacity) in [(&[][..], 1.0), (&["0.9"], 0.9)] {
                 let painted = paint_through(&cloud, &view, effect, rules);
                 let facts = painted.facts;
                 let counted = oracle::fragments(&view, settings, part, &found, &|_| opacity);
                 println!("{effect}, opacity {opacity}: {counted} fragments; {facts}");
                 assert!(facts.listed > 8 * 8192 && (facts.hidden > 0) == (opacity == 1.0));
-                // Traces on the verge of none may be rounded the other way.
+                // Faint traces may be rounded away.
                 assert!(
                     (facts.fragments + facts.hidden).abs_diff(counted) < counted / 1000,
                     "{counted}: {facts}"
@@ -508,7 +511,7 @@ mod painted {
             }
         }
 
-        // As many as in small windows of the picture, but for roundings.
+        // The counts equal those of small windows of the picture, up to roundings.
         let cloud = scene(SceneKind::Plane, 600, 0.0);
         let view =
             View::new(Camera::framing(Preset::Top, &cloud.core_points(), [320, 256]), [320, 256])
@@ -522,7 +525,8 @@ mod painted {
         assert!(whole > 600 * 100 && whole.abs_diff(windows) < whole / 1000, "{whole}, {windows}");
     }
 
-    /// The one through the rasteriser, the other by tiles: of what hides what is behind both know the nearest, with the same bits.
+    /// The one is rasterised, the other drawn by tiles. Both know the nearest opaque stroke, with
+    /// the same bits.
     #[test]
     fn z_buffered_strokes_are_as_deep_as_those_of_an_a_buffer() {
         let (cloud, view) = torus(6000);
@@ -575,7 +579,7 @@ mod painted {
     #[test]
     fn memory_bounds_how_much_is_painted_at_once_and_changes_no_pixel() {
         let (cloud, view) = torus(60_000);
-        // Also where the strokes of a single tile are more than the memory holds.
+        // The strokes of a single tile are more than the memory holds, too.
         let far = View::new(view.camera, [17, 13]).unwrap();
         for (view, effect) in [
             (&view, "strokes=on,blend=abuffer"),
@@ -596,7 +600,8 @@ mod painted {
         }
     }
 
-    /// Pixels of a surface whose rays hit it; how many of them no stroke covers; and pixels more than three away that one does.
+    /// Counts of pixels whose rays hit a surface, of those that no stroke covers, and of covered
+    /// pixels more than three away from it.
     #[derive(Debug)]
     struct Coverage {
         surface: usize,
@@ -611,7 +616,8 @@ mod painted {
         hits: impl Fn(DVec3, DVec3) -> bool + Sync,
     ) -> Coverage {
         let [width, height] = view.size.map(i64::from);
-        // Of pixels nearby the middles, and where those miss, as they do the tip of a claw, all around in quarters of a pixel.
+        // Nearby pixels count by their centres. Where those miss, as at the tip of a claw, quarters
+        // of a pixel all around count.
         let near = |k: i64| {
             let around = |steps: i64| {
                 (-3 * steps..=3 * steps)
@@ -644,7 +650,7 @@ mod painted {
         }
     }
 
-    /// Whatever the brush and the blending, from all sides.
+    /// Checks coverage from all sides for every brush and blending.
     fn covers(cloud: &Cloud, hits: impl Fn(DVec3, DVec3) -> bool + Sync) {
         let size = [400, 300];
         for preset in [Preset::Iso, Preset::Top, Preset::Front, Preset::Side, Preset::Fit] {
@@ -685,7 +691,7 @@ mod painted {
         });
     }
 
-    /// The Stanford dragon's every so many points, and its surface.
+    /// Returns every `every`-th point of the Stanford dragon, and its surface.
     fn dragon(every: usize) -> Option<(Cloud, Mesh)> {
         let path = shared("data/objects/stanford_dragon_437k.ply")?;
         let mesh = Mesh::read(&path, |p| p).unwrap();
@@ -716,7 +722,8 @@ mod painted {
         }
     }
 
-    /// Pixels more than two from every edge of the surface; in how many the depth is that of what lies behind it, and in how many a tenth of the light.
+    /// Counts of pixels more than two from every edge of the surface: all, those with the depth of
+    /// what lies behind it, and those with a tenth of its light.
     #[derive(Debug)]
     struct Seen {
         pixels: usize,
@@ -724,7 +731,7 @@ mod painted {
         light: usize,
     }
 
-    /// Of a depth, as in `truth`.
+    /// Share of a depth by which something is behind, as in `truth`.
     const BEHIND: f64 = 0.005;
 
     fn seen(
@@ -735,7 +742,7 @@ mod painted {
     ) -> Seen {
         let (mut cloud, eye, forward) = (cloud.clone(), view.camera.eye, view.basis.forward);
         let part = &cloud.parts[0];
-        // What is seen is red, what is hidden blue.
+        // Seen points are red, hidden ones blue.
         let color = |i: usize| {
             let p = world_of(part, i);
             let from = match view.camera.projection {
@@ -750,7 +757,7 @@ mod painted {
         };
         let colors = (0..part.columns.len()).map(color).collect();
         cloud.parts[0].columns.rgb = Some(colors);
-        // Colours make clusters, which are of no matter here.
+        // Colours make clusters, which do not matter here.
         let painted = paint(&cloud, view, &format!("{effect},long=0"));
         let truth = Truth::cast(view, &Met(first));
         let mut seen = Seen { pixels: 0, behind: 0, light: 0 };
@@ -781,7 +788,8 @@ mod painted {
                 mesh.first(origin, direction)
             }))
         };
-        // Parts of a thousand. Where a tenth of the dragon's points lie no stroke knows how crests and hollows run between them.
+        // Thousandths. At a tenth of the dragon's points no stroke knows how crests and hollows run
+        // between them.
         let all = [
             ("torus", 1, Some(torus(437_645, [960, 600]))),
             ("a tenth of its points", 1, Some(torus(43_765, [400, 300]))),
@@ -871,7 +879,8 @@ mod painted {
         }
     }
 
-    /// Seen straight from above all strokes of a plane are as deep as each other: some are painted over, of any colour.
+    /// Seen straight from above, all strokes of a plane are equally deep. Strokes of any colour are
+    /// painted over.
     #[test]
     fn of_strokes_of_one_depth_no_colour_comes_first() {
         let mut cloud = scene(SceneKind::Plane, 2000, 0.0);
@@ -902,10 +911,11 @@ mod painted {
         }
     }
 
-    /// Half black over white is 188 of 255, and of strokes behind each other each lets through what those before it leave; coverages have 8 bits.
+    /// Half black over white is 188 of 255. Each stroke lets through its share of what those before
+    /// it leave. Coverages have 8 bits.
     #[test]
     fn hard_17_strokes_let_light_through_linearly() {
-        // Sheets of points, one behind the other, all black, painted with strokes too small to touch.
+        // Sheets of black points, one behind the other, painted with strokes too small to touch.
         let sheets = |count: i32| {
             let mut cloud = scene(SceneKind::Plane, 2000, 0.0);
             let axis = |of: fn(i32) -> i32| (0..400 * count).map(of).collect::<Vec<i32>>();

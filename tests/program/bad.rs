@@ -55,19 +55,19 @@ fn draw(file: &Path, picture: &Path) -> Cost {
     watch(command, Duration::from_secs(60))
 }
 
-/// What a run cost.
+/// Cost of a run.
 pub struct Cost {
     pub output: Output,
-    /// That processors worked for it: on a busy machine it waits for them, too.
+    /// Processor time. Waiting on a busy machine does not count.
     pub time: Duration,
-    /// The most memory that was resident, bytes; none where the system does not say.
+    /// Largest resident size [bytes], if the system reports it.
     pub peak: Option<u64>,
 }
 
-/// Runs a command and watches it. The kernel's own high-water mark is read again and again until the process is gone: what is missed is only
-/// what grew within the last millisecond.
+/// Runs a command and watches it. The kernel's high-water mark is read until the process is gone.
+/// Only growth within the last millisecond is missed.
 pub fn watch(mut command: Command, limit: Duration) -> Cost {
-    // Files take any amount; a pipe that nobody reads stops whoever writes.
+    // Files take any amount. A pipe that is not read would stop its writer.
     let [mut out, mut err] = [(); 2].map(|()| tempfile::tempfile().expect("a temporary file"));
     command.stdout(out.try_clone().unwrap()).stderr(err.try_clone().unwrap());
     let began = Instant::now();
@@ -98,7 +98,8 @@ pub fn watch(mut command: Command, limit: Duration) -> Cost {
     }
 }
 
-/// Of user and system, which the kernel counts in hundredths of a second.
+/// Returns the processor time of user and system, which the kernel counts in hundredths of a
+/// second.
 fn processor_time(stat: &str) -> Option<Duration> {
     let stat = std::fs::read_to_string(stat).ok()?;
     // The name in parentheses may hold anything.

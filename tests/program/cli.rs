@@ -43,7 +43,7 @@ impl Place {
         path
     }
 
-    /// `render` of a cloud with a line in which `@` is this folder.
+    /// Runs `render` on a cloud, with a line in which `@` is this folder.
     fn render(&self, cloud: &Path, line: &str) -> std::process::Output {
         render(cloud, &self.line(line))
     }
@@ -143,7 +143,7 @@ fn a_picture_from_a_file_and_nothing_else() {
     assert!(picture.pixels.iter().filter(|&&pixel| pixel != background).count() > 10_000);
 }
 
-/// Of PRODUCT.md.
+/// Layers that PRODUCT.md lists.
 const CHANNELS: [&str; 12] = [
     "A",
     "B",
@@ -297,7 +297,7 @@ fn every_option_of_render_does_what_it_says() {
         (looked.len(), holes.matches('#').count() as u64),
         (96, explained["tiles"]["holes"].as_u64().unwrap())
     );
-    // Of every tile the coarsest level that looked.
+    // The coarsest level that looked at each tile.
     for by_level in explained["tiles"]["looked_at"].as_array().unwrap() {
         let level = by_level[0].as_u64().unwrap().ilog2();
         let coarsest =
@@ -362,7 +362,7 @@ fn the_same_input_gives_the_same_bits_on_any_number_of_threads() {
     }
 }
 
-/// The same cloud in two orders, drawn with these options.
+/// Draws a cloud in two orders with these options, and checks that the pictures are the same.
 fn assert_order_does_not_show(options: &str) {
     let place = Place::new();
     let cloud = place.scan("street.las", SceneKind::Street, 200_000);
@@ -596,7 +596,7 @@ fn info_counts_what_it_reads() {
         .unwrap()
         .to_string();
 
-    // An index knows as much of classes.
+    // An index knows classes, too.
     let index = place.at("street.pnti");
     succeeded(&pointillist().arg("index").arg(&cloud).arg("-o").arg(&index).output().unwrap());
     let output = pointillist().args(["info", "--json"]).arg(&index).output().unwrap();

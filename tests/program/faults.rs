@@ -114,7 +114,7 @@ impl Place {
         }
     }
 
-    /// The cloud and perhaps its index, and nothing else.
+    /// Checks that the cloud and perhaps its index are there, and nothing else.
     #[track_caller]
     fn is_tidy(&self, what: &str) {
         let left: Vec<_> = names(self.folder.path())
@@ -124,7 +124,7 @@ impl Place {
         assert!(left.is_empty(), "{what}: {left:?} were left");
     }
 
-    /// A build without faults makes the new index and removes leftovers.
+    /// Checks that a build without faults makes the new index and removes leftovers.
     #[track_caller]
     fn recovers(&self, what: &str) {
         succeeded(&self.command().output().unwrap());
@@ -306,7 +306,7 @@ fn any_call_that_fails_leaves_the_old_index_or_the_new_one() {
     assert!(faults > 60);
 }
 
-/// Checks that everything in it can be read.
+/// Tests whether everything in an index can be read.
 fn is_readable(path: &Path) -> bool {
     let Ok(index) = Index::open(path) else { return false };
     (0..index.nodes().len()).all(|number| {

@@ -136,7 +136,7 @@ fn the_example_of_an_effect_is_the_effect() {
     assert!(words(&effect).contains(&words(example)), "src/passes/edl.rs has another `record`");
 }
 
-/// Doctests compile both, and they are one.
+/// Doctests compile both examples, and they are the same.
 #[test]
 fn the_example_of_the_readme_is_that_of_the_crate() {
     let library = fs::read_to_string(root().join("src/lib.rs")).unwrap();
@@ -176,7 +176,7 @@ fn modules_and_files_are_those_that_exist() {
     }
 }
 
-/// Two pages: a stranger reads all of it.
+/// A stranger reads all of its two pages.
 #[test]
 fn the_readme_is_short() {
     let readme = readme();

@@ -54,7 +54,7 @@ fn no_seam_shows_whatever_is_drawn() {
         let drawn = whole.pixels.iter().filter(|pixel| **pixel != whole.pixels[0]).count();
         assert!(drawn > 5000, "{look}: {drawn} pixels are drawn");
         assert_eq!(differ, 0, "{look}");
-        // As a window saves it.
+        // Windows save pictures in tiles.
         succeeded(&place.render("street.las", "tiles.png", &format!("{size} {look} --tile 72")));
         assert!(read_png(&place.at("tiles.png")).pixels == whole.pixels, "{look}");
         assert!(

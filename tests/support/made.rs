@@ -3,7 +3,7 @@
 use laz::{LasZipCompressor, LazItemRecordBuilder, LazVlrBuilder};
 use std::path::{Path, PathBuf};
 
-/// What a record holds that tests ask for.
+/// Values of a record that tests set.
 #[derive(Clone, Copy, Debug)]
 pub struct Point {
     pub q: [i32; 3],
@@ -21,7 +21,7 @@ pub struct Las {
     pub scale: [f64; 3],
     pub offset: [f64; 3],
     pub vlrs: Vec<Vlr>,
-    /// Behind the points.
+    /// Records behind the points.
     pub evlrs: Vec<Vlr>,
     /// Bytes that follow the fields of the format in each record.
     pub extra: u16,
@@ -43,7 +43,8 @@ impl Default for Las {
     }
 }
 
-/// A wavy sheet of 5000 points, 20 x 20 m in steps of millimetres, in colours of its points' numbers.
+/// Returns a wavy sheet of 5000 points, 20 x 20 m in steps of millimetres, coloured by the points'
+/// numbers.
 pub fn sheet(rgb: impl Fn(usize) -> [u16; 3]) -> Vec<Point> {
     let mut state = 1u64;
     let mut next = || {
@@ -139,7 +140,7 @@ impl Las {
         file
     }
 
-    /// Compressed, in chunks of 1000 points; without records behind the points.
+    /// Returns the compressed file, in chunks of 1000 points and without records behind the points.
     pub fn laz(&self) -> Vec<u8> {
         let items =
             LazItemRecordBuilder::default_for_point_format_id(self.format, self.extra).unwrap();

@@ -1,6 +1,6 @@
 //! Points at random.
 
-/// xorshift64 (Marsaglia 2003): variety, and the same numbers every time.
+/// Random numbers, the same every time: xorshift64 (Marsaglia 2003).
 pub struct Random(pub u64);
 
 impl Random {

@@ -294,7 +294,7 @@ fn ctrl_c_closes_the_window_without_partial_files() {
     assert!(left.is_empty(), "{left:?} is left");
 }
 
-/// All that a file says.
+/// Reads all that a file holds.
 fn read(file: &Path) -> cloud::Part {
     cloud::read(&[file.to_owned()], &ReadOptions::new(ColumnSet::ALL, true), &Silent)
         .unwrap()
@@ -302,8 +302,7 @@ fn read(file: &Path) -> cloud::Part {
         .remove(0)
 }
 
-/// Position of a point of a file.
-/// Returns a position with the digits of its lattice, as printed and exported.
+/// Returns the position of a file's point, with the digits of its lattice, as printed and exported.
 fn position(part: &cloud::Part, i: usize) -> DVec3 {
     let place = part
         .lattice
@@ -474,7 +473,7 @@ fn find(viewer: &Viewer, color: [u8; 3]) -> Option<[usize; 2]> {
     Some([middle(0), middle(1)])
 }
 
-/// Finds them once the panel is complete.
+/// Finds pixels of a colour once the panel is complete.
 fn find_at_rest(viewer: &mut Viewer, color: [u8; 3]) -> [usize; 2] {
     let mut last = None;
     viewer.until("panel at rest", |viewer| {
@@ -485,7 +484,7 @@ fn find_at_rest(viewer: &mut Viewer, color: [u8; 3]) -> [usize; 2] {
     last.expect("it was found")
 }
 
-/// As wide as the panel is at least, pixels.
+/// Least width of the panel [px].
 const PANEL: usize = 240;
 
 #[test]
@@ -561,7 +560,7 @@ fn panel_hides_and_shows_a_class() {
     }
 }
 
-/// A box's faces, as the scene's file has them.
+/// Returns the faces of a box in a scene's file.
 fn faces(scene: &serde_json::Value) -> Vec<f64> {
     let words = scene["clip"][0].as_str().unwrap();
     words.split_once(':').unwrap().1.split(',').map(|number| number.parse().unwrap()).collect()

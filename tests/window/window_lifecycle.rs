@@ -15,7 +15,7 @@ use pointillist::view::{Camera, View};
 use std::path::Path;
 use std::time::{Duration, Instant};
 
-/// Of a file, in the world.
+/// Returns the points of a file, in the world.
 fn points(file: &Path) -> Vec<DVec3> {
     let read = ReadOptions::new(ColumnSet::default(), true);
     let part = cloud::read(&[file.to_owned()], &read, &Silent).unwrap().parts.remove(0);
@@ -30,7 +30,7 @@ fn resize(place: &Place, viewer: &mut Viewer, [width, height]: [u32; 2]) {
     viewer.until("another size", |viewer| viewer.photograph().size == [width, height]);
 }
 
-/// Eight times as wide as the window.
+/// The saved picture is eight times as wide as the window.
 #[test]
 fn window_stays_responsive_while_saving_a_large_picture() {
     let place = Place::new();
@@ -130,7 +130,7 @@ fn layers_are_saved_as_render_writes_them() {
     viewer.close();
 }
 
-/// Twelve times as wide as the window.
+/// The saved picture is twelve times as wide as the window.
 #[test]
 fn file_dropped_while_saving_is_shown_and_is_in_the_next_picture() {
     let place = Place::new();
@@ -178,7 +178,7 @@ fn file_dropped_while_saving_is_shown_and_is_in_the_next_picture() {
     );
 }
 
-/// Of a million points, which takes seconds.
+/// Strokes of a million points take seconds.
 #[test]
 fn window_stays_responsive_while_strokes_are_computed() {
     let place = Place::new();
@@ -315,7 +315,7 @@ fn panel_shows_notes_on_files_and_settings() {
     viewer.close();
 }
 
-/// As a window manager does with a window that does not respond.
+/// Window managers destroy windows that do not respond.
 #[test]
 fn window_destroyed_by_another_program_ends_this_one_cleanly() {
     let place = Place::new();
@@ -327,7 +327,7 @@ fn window_destroyed_by_another_program_ends_this_one_cleanly() {
     assert!(!said.contains("panicked") && !said.to_lowercase().contains("validation"), "{said}");
 }
 
-/// As to another monitor, which may be of another size.
+/// The other monitor may be of another size.
 #[test]
 fn moved_window_keeps_picture_and_picks() {
     let place = Place::new();
@@ -390,7 +390,7 @@ fn picks(
 fn scale_factor_enlarges_the_panel_and_keeps_picks_exact() {
     let place = Place::new();
     let size = [1000, 800];
-    // Of a panel beside nothing, from the left side of the window.
+    // The width of a panel beside nothing, from the left side of the window.
     let width = |viewer: &Viewer| {
         let row = &viewer.photograph().pixels[400 * 1000 + 20..401 * 1000];
         20 + row.iter().take_while(|pixel| **pixel != pointillist::config::BACKGROUND).count()

@@ -45,7 +45,8 @@ fn samples_of_several_stations_are_means_of_what_all_have_with_one_exposure() {
 
 #[test]
 fn the_heaviest_class_of_a_cell_is_its_class() {
-    // 2^18 pairs of cells' corners: three points of one class and two of another in each, far from the next.
+    // 2^18 pairs of cells' corners, far from each other: three points of one class and two of
+    // another in each.
     let mut points = Vec::new();
     for i in 0..1i32 << 17 {
         let corner = [i % 512 * 1024, i / 512 * 1024, 0];

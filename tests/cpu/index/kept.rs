@@ -1,4 +1,5 @@
-//! Every point is in one leaf, bit by bit, whatever the clouds; and the bytes depend on the points alone.
+//! Every point is in one leaf, bit by bit, whatever the clouds are. The bytes depend on the points
+//! alone.
 
 use super::*;
 

@@ -1,4 +1,5 @@
-//! Where points are: huge nodes, extreme lattices, coordinates that are no numbers (guide: numerics, case 1, case 30).
+//! Where points are: huge nodes, extreme lattices, and coordinates that are not numbers (guide:
+//! numerics, case 1, case 30).
 
 use crate::cameras::{orthographic, perspective};
 use crate::gpu::{Layers, Way, bare, cloud, draw, part};
@@ -12,7 +13,7 @@ use pointillist::render::settings::RenderSettings;
 use pointillist::study::oracle::{points::Points, project};
 use pointillist::view::View;
 
-/// Draws and holds the depths against f64; both precisions.
+/// Draws with both precisions and compares depths with f64.
 fn agrees(cloud: &Cloud, view: &View) -> Layers {
     let draw = |precision| {
         let layers = draw(Way::Compute64, cloud, view, &RenderSettings { precision, ..bare() });
@@ -36,7 +37,7 @@ fn agrees(cloud: &Cloud, view: &View) -> Layers {
     draw(Precision::Auto)
 }
 
-/// A node 10 km wide; the eye a metre from a wall within it.
+/// The node is 10 km wide, and the eye is a metre from a wall within it.
 #[test]
 fn hard_02_camera_in_a_huge_node() {
     let random = &mut Random(2);
@@ -62,7 +63,8 @@ fn hard_02_camera_in_a_huge_node() {
     let layers = agrees(&cloud, &view);
     assert_eq!(layers.nodes.len(), 1);
 
-    // guide: numerics, case 2: 12 u f, beyond the quantisation that was chosen. Every drawn point truly lies in its pixel, or nearer to it than that.
+    // guide: numerics, case 2: 12 u f, beyond the chosen quantisation. A drawn point lies in its
+    // pixel, or nearer to it than that.
     let exact = draw(
         Way::Compute64,
         &cloud,
@@ -83,7 +85,8 @@ fn hard_02_camera_in_a_huge_node() {
     assert!(worst <= 12.0 * 2f64.powi(-24) * f);
 }
 
-/// One pixel a lattice step, points in the middle of pixels within the picture and beyond each of its edges, in front of the camera plane, on it and behind it.
+/// A pixel is a lattice step. Points lie in the middle of pixels, within the picture and beyond
+/// each of its edges, before the camera plane, on it and behind it.
 #[test]
 fn hard_03_at_and_behind_the_camera_plane() {
     let lattice = Lattice { step: DVec3::ONE, offset: DVec3::ZERO };
@@ -92,7 +95,8 @@ fn hard_03_at_and_behind_the_camera_plane() {
         .collect();
     let cloud = cloud(vec![part(lattice, &grid, None)]);
     let size = [16, 12];
-    // Looking along +y from between the lattice points: pixel centres at whole x and z.
+    // The camera looks along +y from between the lattice points: pixel centres are at whole x and
+    // z.
     let eye = DVec3::new(0.5, 0.0, 0.5);
     let flat = View::new(orthographic(eye, eye + DVec3::Y, 12.0), size).unwrap();
     let layers = draw(Way::Compute64, &cloud, &flat, &bare());
@@ -106,13 +110,14 @@ fn hard_03_at_and_behind_the_camera_plane() {
     ids.dedup();
     assert_eq!(ids.len(), 16 * 12, "no column or row of points from beyond an edge");
 
-    // With perspective the points on the camera plane would divide by zero; those behind would be mirrored into the picture.
+    // With perspective, points on the camera plane would be divided by zero, and those behind it
+    // mirrored into the picture.
     let deep = View::new(perspective(eye, eye + DVec3::Y, 90.0), size).unwrap();
     let layers = draw(Way::Compute64, &cloud, &deep, &bare());
     assert!(layers.depth.iter().all(|&z| z == 5.0 || z == f32::INFINITY));
     agrees(&cloud, &deep);
 
-    // Nothing at all is in front.
+    // Nothing is in front.
     let away =
         View::new(perspective(DVec3::new(0.0, 6.0, 0.0), DVec3::new(0.0, 7.0, 0.0), 90.0), size)
             .unwrap();
@@ -139,7 +144,8 @@ fn hard_03_coordinates_that_are_no_numbers_are_left_out_and_said() {
     agrees(&cloud, &view);
 }
 
-/// Depths, and pixel positions, that an f32 cannot hold: they may go undrawn, but nothing that is no number may be drawn.
+/// Depths and pixel positions that an f32 cannot hold may go undrawn, but nothing that is not a
+/// number is drawn.
 #[test]
 fn hard_03_coordinates_beyond_f32_do_not_reach_the_picture() {
     for huge in ["1e38", "3e38", "1e39", "1e300"] {
@@ -164,7 +170,7 @@ fn hard_03_coordinates_beyond_f32_do_not_reach_the_picture() {
     }
 }
 
-/// The whole int32 range on every axis, through LAS's own numbers: differences reach 2^32 - 1.
+/// LAS numbers span the whole range of i32 on every axis: differences reach 2^32 - 1.
 #[test]
 fn hard_30_las_extremes() {
     let random = &mut Random(30);
@@ -199,7 +205,8 @@ fn hard_30_las_extremes() {
     }
 }
 
-/// |scale| < ulp(|offset|) / 2: offset + scale * X rounds neighbours together in f64; on the lattice each keeps its own pixel.
+/// If |scale| < ulp(|offset|) / 2, offset + scale * X rounds neighbours together in f64. On the
+/// lattice each keeps its own pixel.
 #[test]
 fn hard_30_steps_below_the_ulp_of_the_offset() {
     let offset = (1u64 << 40) as f64;
@@ -209,11 +216,13 @@ fn hard_30_steps_below_the_ulp_of_the_offset() {
         (0..64).flat_map(|x| (0..32).map(move |y| [x - 32, y - 16, 0])).collect();
     let lattice = Lattice { step: DVec3::splat(step), offset: DVec3::splat(offset) };
     let cloud = cloud(vec![part(lattice, &points, None)]);
-    // An eye can only be where f64 has a number: at the offset. Half a pixel aside of the points, by an even size and one pixel a step.
+    // An eye can only be where f64 has a number: at the offset. The even size puts it half a pixel
+    // beside the points; a pixel is a step.
     let eye = DVec3::splat(offset) + DVec3::Z;
     let view = View::new(orthographic(eye, eye - DVec3::Z, 32.0 * step), [64, 32]).unwrap();
     let layers = draw(Way::Compute64, &cloud, &view, &bare());
-    // Points lie on the edges between pixels exactly, and their arithmetic is exact: x = 32 + i falls into pixel 32 + i. Rows run downwards: y = 16 - j, for j = -16 row 32.
+    // Points lie exactly on the edges between pixels, and their arithmetic is exact: x = 32 + i
+    // falls into pixel 32 + i. Rows run downwards: y = 16 - j is row 32 for j = -16.
     let drawn = layers.index.iter().filter(|id| **id != NO_POINT).count();
     assert_eq!(drawn, 64 * 31, "neighbours share pixels");
     assert!(layers.depth[64..].iter().all(|&z| z == 1.0));

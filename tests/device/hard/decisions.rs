@@ -1,4 +1,5 @@
-//! Which point a pixel shows, which colour it has, and at which sizes (guide: numerics, case 4 to 6, case 24, case 25).
+//! Which point a pixel shows, which colour it has, and at which sizes (guide: numerics, case 4 to
+//! 6, case 24, case 25).
 
 use crate::cameras::{orthographic, perspective};
 use crate::gpu::{WAYS, Way, bare, cloud, draw, part};
@@ -17,8 +18,9 @@ use pointillist::synth::las_file::LasFile;
 use pointillist::view::View;
 use rayon::prelude::*;
 
-/// Two layers, two quanta of f32 apart at their depth: the nearer is drawn in every pixel, at its own depth. Lattice steps are one quantum, and the camera looks along an axis,
-/// so that depths are whole steps and no rounding is allowed to hide anything.
+/// Two layers are two quanta of f32 apart. The nearer is drawn in every pixel, at its own depth.
+/// Lattice steps are one quantum, and the camera looks along an axis: depths are whole steps, and
+/// no rounding can hide anything.
 #[test]
 fn hard_04_depth_quanta() {
     for depth in [1.0, 64.0, 1024.0, 8192.0] {
@@ -27,7 +29,8 @@ fn hard_04_depth_quanta() {
         let grid = |y: i32| {
             (0..16).flat_map(move |x| (0..16).map(move |z| [aside(x) + 2048, y, aside(z) + 2048]))
         };
-        // The farther layer first, then the nearer, then the farther again: arrival must not matter.
+        // The farther layer comes first, then the nearer, then the farther again: the order must
+        // not matter.
         let points: Vec<_> =
             grid((1 << 23) + 2).chain(grid(1 << 23)).chain(grid((1 << 23) + 2)).collect();
         let cloud = cloud(vec![part(
@@ -44,7 +47,7 @@ fn hard_04_depth_quanta() {
             vec![depth as f32; 256],
             "at {depth} m"
         );
-        // Without the nearer layer the pictures are two quanta farther: nothing is rounded onto anything.
+        // Without the nearer layer all is two quanta farther: nothing is rounded onto anything.
         let mut behind = cloud.clone();
         let keep = |column: &mut Vec<i32>| *column = column[..256].to_vec();
         let columns = &mut behind.parts[0].columns;
@@ -57,8 +60,9 @@ fn hard_04_depth_quanta() {
     }
 }
 
-/// A key is `depth bits << 32 | id`, and a point is kept if `depth >= near`. Over all 2^32 patterns: what is kept orders as the numbers do, next to next, and so in all;
-/// what is not kept is NaN, negative, -0, or nearer than near.
+/// A key is `depth bits << 32 | id`, and a point is kept if `depth >= near`. Over all 2^32
+/// patterns, kept depths are ordered as their bits are, each before the next. Others are NaN,
+/// negative, -0, or nearer than `near`.
 #[test]
 fn hard_05_packed_ordering() {
     let key = |bits: u32, id: u32| (bits as u64) << 32 | id as u64;
@@ -70,14 +74,15 @@ fn hard_05_packed_ordering() {
             let bits = block << 20 | low;
             let expected = (near..=infinity).contains(&bits);
             wrong += (kept(bits) != expected) as u32;
-            // Of two kept neighbours the smaller number has the smaller key, whatever the ids.
+            // The smaller of two kept neighbours has the smaller key, whatever the ids.
             let ordered = f32::from_bits(bits) < f32::from_bits((bits + 1) & 0x7FFF_FFFF)
                 && key(bits, NO_POINT) < key(bits.wrapping_add(1), 0);
             wrong += (expected && bits < infinity && !ordered) as u32;
         }
         assert_eq!(wrong, 0, "among the patterns from {:#x}", block << 20);
     });
-    // Equal depths order by id, and the value that means "no point" is greater than every key of a finite depth.
+    // Equal depths are ordered by id. The value for "no point" is greater than the key of any
+    // finite depth.
     assert!(key(near, 0) < key(near, 1) && key(infinity, NO_POINT) < u64::MAX);
 }
 
@@ -100,20 +105,21 @@ fn hard_05_coincident_points_show_the_same_one_whatever_their_order() {
     assert_eq!(forward.index.iter().filter(|id| **id != NO_POINT).count(), 1);
 }
 
-/// Chunk counts at +-1 of 65,535 workgroups cannot occur: a dispatch walks nodes of one block of 256 pages, and every node takes two pages at least, so it has at most 2,048 chunks.
+/// Chunk counts at +-1 of 65,535 workgroups cannot occur: a dispatch walks the nodes of one block
+/// of 256 pages, every node takes at least two pages, so there are at most 2,048 chunks.
 #[test]
 fn hard_06_a_dispatch_never_has_more_workgroups_than_one_row() {
     const { assert!(PAGES_PER_BLOCK / 2 * CHUNKS_PER_PAGE <= 65_535) };
     assert_eq!(CHUNKS_PER_PAGE * POINTS_PER_CHUNK, POINTS_PER_PAGE);
 }
 
-/// Points at +-1 of what a lane, a chunk and a page take.
+/// Counts lie at +-1 of what a lane, a chunk and a page hold.
 #[test]
 fn hard_06_counts_around_every_limit() {
     let lattice = Lattice { step: DVec3::splat(0.001), offset: DVec3::ZERO };
     for limit in [4, 32, 4096, 8192, 65_536, 2 * 65_536] {
         for count in limit - 1..=limit + 1 {
-            // Every point its own pixel: what is lost, or drawn twice, is counted.
+            // Every point has its own pixel, so lost and repeated ones are counted.
             let width = 512;
             let points: Vec<_> =
                 (0..count).map(|i| [(i % width) * 10 + 5, (i / width) * 10 + 5, 0]).collect();
@@ -181,7 +187,7 @@ fn hard_06_sizes() {
     }
 }
 
-/// One LAS file with all 65,536 values in each channel.
+/// A LAS file has all 65,536 values in each channel.
 #[test]
 fn hard_24_16_bit_colours() {
     let folder = tempfile::tempdir().unwrap();
@@ -211,7 +217,8 @@ fn hard_24_16_bit_colours() {
     }
 }
 
-/// The second of two passes recomputes the depths of the first: if one bit differed, a covered pixel would find no point at its depth, and keep "no point".
+/// The second of two passes recomputes the depths of the first. If one bit differed, a covered
+/// pixel would find no point at its depth, and keep "no point".
 #[test]
 fn hard_25_two_passes_one_depth() {
     let (points, colors) = bumpy(200_000, 2_000_000, &mut Random(25));

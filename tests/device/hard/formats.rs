@@ -1,4 +1,5 @@
-//! "raw.Z agrees with f64", for each format and camera. The reference are the numbers that the test wrote into the file, in f64, and nothing that the readers made of them.
+//! Depths (`raw.Z`) agree with f64 for each format and camera. The reference is computed from the
+//! numbers that the test wrote, not from what readers made of them.
 
 use crate::cameras::{orthographic, perspective};
 use crate::gpu::{Way, bare, draw};
@@ -19,7 +20,7 @@ use std::path::Path;
 const UTM: DVec3 = DVec3::new(500_000.0, 5_000_000.0, 100.0);
 const SCALE: f64 = 0.001;
 
-/// What a file holds: integers with scale and offset, or numbers.
+/// Contents of a file: integers with scale and offset, or numbers.
 enum Written {
     Scaled(Vec<[i32; 3]>),
     Numbers(Vec<DVec3>),
@@ -37,7 +38,8 @@ impl Written {
     }
 }
 
-/// Surfaces 20 m wide, and a millimetre-fine patch of 2 m around the origin for the camera that is a millimetre away.
+/// Returns surfaces 20 m wide, and a patch of 2 m around the origin in millimetres, for the camera
+/// that is a millimetre away.
 fn surfaces() -> Vec<[i32; 3]> {
     let random = &mut Random(0xF0);
     let (mut points, _) = bumpy(60_000, 20_000, random);
@@ -51,7 +53,7 @@ fn surfaces() -> Vec<[i32; 3]> {
     points
 }
 
-/// The same surfaces as numbers of all digits.
+/// Returns the same surfaces as numbers with all digits.
 fn numbers() -> Vec<DVec3> {
     let random = &mut Random(0xF1);
     let scatter =
@@ -93,8 +95,9 @@ fn agrees(name: &str, write: impl FnOnce(&Path) -> Written) {
         "{name}"
     );
     let part = &cloud.parts[0];
-    // Decimals are kept to the last digit. Other numbers are kept to the nearest step of a lattice of less than 2^30 steps, found with one f64 division and difference: half a step, and an ulp of the
-    // coordinate.
+    // Decimals are kept to the last digit. Other numbers are kept to the nearest step of a lattice
+    // of less than 2^30 steps, found with one division and one difference in f64: half a step, and
+    // an ulp of the coordinate.
     let is_decimal = part.lattice.step.x.log2().fract() != 0.0;
     let moved = match written {
         Written::Scaled(_) => DVec3::ZERO,
@@ -209,7 +212,7 @@ fn hard_00_raw_z_agrees_with_f64_ply() {
 fn hard_00_raw_z_agrees_with_f64_xyz() {
     agrees("surfaces.xyz", |path| {
         let mut text = String::new();
-        // Six decimals, as surveyors write them; the reference is what these digits say.
+        // Surveyors write six decimals. The reference is what these digits say.
         let lines =
             numbers().iter().map(|p| p.to_array().map(|v| format!("{v:.6}"))).collect::<Vec<_>>();
         lines.iter().for_each(|line| text += &(line.join(" ") + "\n"));

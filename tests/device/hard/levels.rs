@@ -1,4 +1,5 @@
-//! What a cut that mixes levels shows of a plane, and what one sees when levels change (guide: numerics, case 31).
+//! What a cut of several levels shows of a plane, and what one sees when levels change (guide:
+//! numerics, case 31).
 
 use crate::cameras::perspective;
 use crate::gpu::{Way, with};
@@ -21,7 +22,7 @@ use std::sync::OnceLock;
 
 const SIZE: [u32; 2] = [512, 384];
 
-/// 4 m x 4 m, points uniform at random: a root, a few nodes below it, and many leaves.
+/// Returns points uniformly at random on 4 m x 4 m: a root, a few nodes below it, and many leaves.
 fn plane() -> &'static Scan {
     static PLANE: OnceLock<Scan> = OnceLock::new();
     PLANE.get_or_init(|| {
@@ -39,7 +40,7 @@ fn open(gpu: &mut pointillist::graph::Gpu) -> Residency {
     .unwrap()
 }
 
-/// Longest sides of the cells of the nodes between the root and the leaves.
+/// Returns the mean of the longest sides of cells, of nodes between the root and the leaves.
 fn middle_spacing(index: &Index) -> f64 {
     let inner = || {
         index
@@ -51,32 +52,35 @@ fn middle_spacing(index: &Index) -> f64 {
     inner().sum::<f64>() / inner().count() as f64
 }
 
-/// Of the pixels of a picture, in a band along borders between levels, on the side of the coarser node, and inside of that node, at the same depth.
+/// Counts of pixels and holes in a band along borders between levels, on the side of the coarser
+/// node. Pixels inside of that node at the same depth are the reference.
 #[derive(Default, Debug)]
 struct Holes {
     pixels: f64,
     holes: f64,
-    /// As many as there would be if the band were inside.
+    /// Holes that the band would have if it were inside.
     expected: f64,
 }
 
 impl Holes {
-    /// How much more often a pixel of the band is a hole.
+    /// Returns how much more often a pixel of the band is a hole.
     fn excess(&self) -> f64 {
         (self.holes - self.expected) / self.pixels
     }
 }
 
-/// Rows have the same depth all along: the camera does not roll. A row of the band is compared with rows of the same node up to this many away.
+/// Distance up to which rows of a node are compared with a row of the band [px]. A row has one
+/// depth, since the camera does not roll.
 const NEIGHBOURS: usize = 4;
-/// Pixels from a border where a node's inside begins.
+/// Distance from a border at which a node's inside begins [px].
 const INSIDE: i32 = 6;
 
 fn count(index: &Index, drawn: &[usize], view: &View, covered: &[bool]) -> Holes {
     let [width, height] = SIZE.map(|side| side as usize);
     let boxes: Vec<_> =
         drawn.iter().map(|&node| (node, index.bounds(&index.nodes()[node]))).collect();
-    // The drawn node whose box is nearest to where the pixel's ray meets the plane; none near the plane's edge.
+    // The drawn node whose box is nearest to where the pixel's ray meets the plane; `None` near the
+    // plane's edge.
     let node_at = |i: usize| {
         let (eye, ray) = view.ray((i % width) as f64 + 0.5, (i / width) as f64 + 0.5);
         let centre = plane().world.offset;
@@ -90,7 +94,8 @@ fn count(index: &Index, drawn: &[usize], view: &View, covered: &[bool]) -> Holes
     };
     let nodes: Vec<Option<usize>> = (0..width * height).into_par_iter().map(node_at).collect();
     let spacing = |node: usize| index.nodes()[node].spacing;
-    // Of a pixel and eight around it: the node with the coarsest cells and whether all have the same; none where one of them leaves the plane.
+    // The node with the coarsest cells among a pixel's neighbourhood, and whether all have the
+    // same; `None` where a pixel leaves the plane.
     let window = |x: usize, y: usize, radius: i32| {
         let mut coarsest = nodes[y * width + x]?;
         let mut mixed = false;
@@ -105,7 +110,7 @@ fn count(index: &Index, drawn: &[usize], view: &View, covered: &[bool]) -> Holes
         }
         Some((coarsest, mixed))
     };
-    // By node and row: pixels and holes.
+    // Pixels and holes by node and row.
     let mut band = vec![[0.0; 2]; index.nodes().len() * height];
     let mut inside = band.clone();
     for (x, y) in (0..height).flat_map(|y| (0..width).map(move |x| (x, y))) {
@@ -141,8 +146,10 @@ fn count(index: &Index, drawn: &[usize], view: &View, covered: &[bool]) -> Holes
     found
 }
 
-/// Holes in the band are not independent of each other: cells beat with pixels. Views from elsewhere are, so their spread says what chance does: under "no more at borders" the mean
-/// excess of V views is above t(V - 1) standard errors once in 10,000 times.
+/// Checks that holes are no more frequent at borders. Holes of a band depend on each other, since
+/// cells beat with pixels. Views from elsewhere do not, so their spread tells what chance does: if
+/// borders had no more holes, the mean excess of V views would exceed t(V - 1) standard errors once
+/// in 10,000 times.
 fn no_more_at_borders(
     name: &str,
     spacing_px: f64,
@@ -198,7 +205,8 @@ fn hard_31_borders_head_on() {
                 + DVec3::new(random.within(-0.8, 0.8), random.within(-0.8, 0.8), 0.0);
             let camera = perspective(target + DVec3::Z * height, target, 40.0);
             let view = View::new(camera, SIZE).unwrap();
-            // Everything is equally far, so only a budget mixes levels: too small for all leaves by one point.
+            // Everything is equally far, so only a budget mixes levels: one point too small for all
+            // leaves.
             let all =
                 lod::choose(index, &view, &Clips::default(), &full(SIZE), &HashSet::new()).points;
             (view, Detail { budget: all - 1, ..full(SIZE) })
@@ -217,12 +225,13 @@ fn hard_31_borders_tilted() {
                 / spacing_px;
             let target = plane().world.offset
                 + DVec3::new(random.within(-0.8, 0.8), random.within(-0.8, 0.8), 0.0);
-            // Oblique to the nodes' sides, so that a row crosses borders and insides.
+            // Rows are oblique to the nodes' sides, and cross borders and insides.
             let turn = random.within(0.35, 1.2);
             let away = DVec3::new(turn.cos(), turn.sin(), 1.0).normalize();
             let view =
                 View::new(perspective(target + away * distance, target, 40.0), SIZE).unwrap();
-            // In the middle of the errors of what lies between root and leaves, so that some of it is refined.
+            // The threshold is the middle of the errors between root and leaves, so that some nodes
+            // are refined.
             let mut errors: Vec<f64> = index
                 .nodes()
                 .iter()
@@ -237,9 +246,11 @@ fn hard_31_borders_tilted() {
     }
 }
 
-/// A sample stands for points of its cell, which is at most `lod` = 1 px wide; where its level gives way, what is drawn moves by at most the diagonal, sqrt 2 px on a plane, and
-/// by 0.1 px with the camera. Frames ten apart have moved by 1 px at the picture's edge, by half a pixel and more in the mean. FLIP grows at most in
-/// proportion to the movement: it saturates. So a level change may look like (sqrt 2 + 0.1) / 0.5 = 3 times that movement, and no more.
+/// A sample stands for points of its cell, which is at most `lod` = 1 px wide. Where its level
+/// changes, the drawing moves by at most the diagonal, sqrt 2 px on a plane, and by 0.1 px with the
+/// camera. Frames ten apart have moved by 1 px at the picture's edge, and by at least half a pixel
+/// in the mean. FLIP grows at most in proportion to the movement, since it saturates. A level
+/// change may therefore look like (sqrt 2 + 0.1) / 0.5 = 3 times that movement.
 #[test]
 fn hard_31_popping() {
     const BOUND: f64 = 3.0;

@@ -28,7 +28,7 @@ fn alone(epsilon: f64) -> luminance::Settings {
     luminance::Settings { space: luminance::Space::Hsv, neighbourhood: 1.0, epsilon }
 }
 
-/// From above, the lattice's cells from `(0, 0)` on being pixels from the lower left.
+/// Returns a view from above. The lattice's cells from `(0, 0)` on are pixels from the lower left.
 fn from_above(side: u32) -> View {
     let middle = DVec3::new(side as f64 / 2.0 - 0.5, side as f64 / 2.0 - 0.5, 0.0);
     let camera = pointillist::view::Camera {
@@ -38,7 +38,8 @@ fn from_above(side: u32) -> View {
     View::new(camera, [side; 2]).unwrap()
 }
 
-/// All 2^24 colours, each before a point of another value, so that V becomes the mean of the two: as by way of hue and saturation.
+/// Each of all 2^24 colours lies before a point of another value, so V becomes the mean of the two.
+/// The result is that of hue and saturation.
 #[test]
 fn hard_22_hsv() {
     const SIDE: i32 = 1024;
@@ -72,7 +73,7 @@ fn hard_22_hsv() {
     assert_eq!(black, 1, "black becomes grey");
 }
 
-/// White points in one pixel, as many as u32 sums of 16 and of 8 bits wrap at: their mean is white.
+/// One pixel has as many white points as u32 sums of 16 and of 8 bits wrap at. Their mean is white.
 #[test]
 fn hard_23_sums() {
     for count in [65_538, 16_843_010] {
@@ -96,7 +97,7 @@ fn hard_23_sums() {
     }
 }
 
-/// Colours of all pixels, and how many points each has the mean of.
+/// Returns the colours of all pixels, and how many points each is the mean of.
 fn drawn_and_counted(
     way: Way,
     cloud: &Cloud,
@@ -123,7 +124,8 @@ fn drawn_and_counted(
     })
 }
 
-/// Coordinates as in a projected system, seen at an angle: with an epsilon that no f32 depth notices, the front point still finds itself.
+/// Coordinates are those of a projected system, seen at an angle. The epsilon is below the ulp of
+/// depths, and the front point still finds itself.
 #[test]
 fn hard_25_two_passes_one_depth() {
     let (points, colors) = bumpy(200_000, 20_000, &mut Random(0x25));

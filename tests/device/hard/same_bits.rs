@@ -9,7 +9,8 @@ use pointillist::passes::Switch;
 use pointillist::render::settings::RenderSettings;
 use pointillist::view::{Camera, View};
 
-/// A power of two: coordinates, translations and scalings are then exact in f64, and only f32 could go wrong.
+/// Step of lattices, a power of two: coordinates, translations and scalings are exact in f64, and
+/// only f32 could go wrong.
 const STEP: f64 = 1.0 / 1024.0;
 const SIZE: [u32; 2] = [160, 120];
 
@@ -19,7 +20,7 @@ fn settings() -> RenderSettings {
     settings
 }
 
-/// Eyes on multiples of 1/8 m, so that they too are exact wherever they are moved.
+/// Returns cameras whose eyes are on multiples of 1/8 m, so that moved eyes are exact, too.
 fn cameras() -> [Camera; 3] {
     let at = DVec3::new;
     [
@@ -77,7 +78,7 @@ fn hard_01_utm_translation_is_bit_identical() {
 
 #[test]
 fn hard_01_translation_within_the_lattice_is_bit_identical() {
-    // The same place once in the offset and once in the integers.
+    // The same place is once in the offset and once in the integers.
     for camera in cameras() {
         let here = picture(&scene(1.0, DVec3::ZERO), camera);
         let shift = [1 << 28, -(1 << 27) + 5, 77];
@@ -100,7 +101,7 @@ fn hard_01_scaling_by_powers_of_two_is_bit_identical() {
         for k in -20..=20 {
             let scale = 2f64.powi(k);
             let mut there = picture(&scene(scale, DVec3::ZERO), moved(camera, DVec3::ZERO, scale));
-            // Depth is a length, and the one layer that scales; dividing by a power of two is exact.
+            // Depth is a length, the one layer that scales. Dividing by a power of two is exact.
             there.depth.iter_mut().for_each(|z| *z /= scale as f32);
             assert!(here.bits() == there.bits(), "scaling by 2^{k} changes more than depths");
         }
@@ -127,7 +128,9 @@ fn hard_00_shuffled_input() {
     }
 }
 
-/// As many points as leave their duplicates in the same node: another node has another origin, and draws the same point from other integers, equal within the bounds of f32 only.
+/// There are few enough points for their duplicates to be in the same node. Another node has
+/// another origin, and draws the same point from other integers: equal within the bounds of f32
+/// only.
 #[test]
 fn hard_00_duplicated_points() {
     let mut once = scene(1.0, DVec3::ZERO);
@@ -144,7 +147,7 @@ fn hard_00_duplicated_points() {
             .for_each(|column| column.extend_from_within(..20_000));
         columns.rgb.as_mut().unwrap().extend_from_within(..20_000);
     }
-    // More points a node are denser ones, and an automatic kernel is narrower.
+    // More points per node are denser, and an automatic kernel is narrower.
     let mut settings = settings();
     settings.effects.set_any("visibility=on,levels=1,kernel=9").unwrap();
     for camera in cameras() {

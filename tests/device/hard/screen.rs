@@ -1,4 +1,5 @@
-//! Silhouettes, small filters, and light on the screen (guide: numerics, the rules, case 12, case 17, case 26).
+//! Silhouettes, small filters, and light on the screen (guide: numerics, the rules, case 12, case
+//! 17, case 26).
 
 use crate::gpu::{CANVAS_POINTS, canvas, effects, random_keys, views};
 use crate::points::Random;
@@ -7,7 +8,8 @@ use pointillist::config::NO_POINT;
 use pointillist::view::Projection;
 use pointillist::view::light::Light;
 
-/// Tilted planes, grazing ones too: their 1/z is affine, and gives no edge above 16 ulps; the Laplacian of z itself does.
+/// The 1/z of tilted planes, grazing ones too, is affine, and gives no edge above 16 ulps. The
+/// Laplacian of z itself does.
 #[test]
 fn hard_12_silhouettes() {
     let size = [127, 61];
@@ -59,7 +61,8 @@ fn hard_17_blending_space() {
             surface.blended.color[7 * 16 + 7],
             surface.blended.color[7 * 16 + 8],
         );
-        // Of the weights 1 2 1, three quarters lie on the side of the surface, and a quarter on the other.
+        // Three quarters of the weights 1 2 1 lie on the side of the surface, a quarter on the
+        // other.
         for c in 0..3 {
             assert!(
                 (beside[c] - 0.75 * inside[c]).abs() < 1e-6
@@ -77,7 +80,8 @@ fn hard_17_blending_space() {
     });
 }
 
-/// What is constant stays as it is, to the last bit, beside holes and at the picture's edges too, however often.
+/// Constants are unchanged to the last bit, beside holes and at the picture's edges, however often
+/// filters run.
 #[test]
 fn hard_26_small_filters() {
     let random = &mut Random(26);
@@ -107,7 +111,8 @@ fn hard_26_small_filters() {
     });
 }
 
-/// guide: numerics, rule 5: whatever the depths, the settings and the light, no NaN, and no infinity but the background's depth.
+/// guide: numerics, rule 5: whatever the depths, settings and light are, nothing is NaN, and only
+/// the background's depth is infinite.
 #[test]
 fn hard_00_light_and_filters_leave_nothing_that_is_no_number() {
     let random = &mut Random(0x1165);

@@ -1,4 +1,5 @@
-//! Hidden layers, holes, and shade (guide: numerics, case 7 to 11), and what of them must not change a single bit: where tiles begin, and which of them are looked at.
+//! Hidden layers, holes and shade (guide: numerics, case 7 to 11). Where tiles begin and which of
+//! them are looked at must not change a single bit of them.
 
 use crate::cameras::perspective;
 use crate::gpu::{
@@ -19,7 +20,7 @@ use pointillist::view::light::Light;
 use pointillist::view::{Camera, Preset, Projection, View};
 use std::f64::consts::{FRAC_PI_2, TAU};
 
-/// Keys of given depths; the point follows from the place.
+/// Returns keys of given depths. The point follows from the place.
 fn keys(depths: &[Option<f32>]) -> Vec<[u32; 2]> {
     let key = |(i, z): (usize, &Option<f32>)| {
         z.map_or([NO_POINT; 2], |z| [i as u32 * 7 % CANVAS_POINTS, z.to_bits()])
@@ -27,8 +28,10 @@ fn keys(depths: &[Option<f32>]) -> Vec<[u32; 2]> {
     depths.iter().enumerate().map(key).collect()
 }
 
-/// The empty solid angle of a pit of every depth, and of a peak, which opens it beyond the hemisphere. The kernel says of a threshold just below its sum that the pixel is visible, and of one just
-/// above that it is not: so its own sum lies between, within 2.1e-6 of the twin's, even where that is 1e-7 steradians.
+/// The solid angles of a pit of every depth, and of a peak, whose angle is wider than the
+/// hemisphere. The pixel is visible for a threshold just below the kernel's sum, and hidden for one
+/// just above. The sum therefore lies between, within 2.1e-6 of the twin's, even where that is 1e-7
+/// steradians.
 #[test]
 fn hard_07_cone_solid_angle() {
     const BOUND: f64 = 2.1e-6;
@@ -70,7 +73,8 @@ fn hard_07_cone_solid_angle() {
                             visibility::Settings { threshold, ..settings };
                         canvas.draw(&view, &keys(&depths), &effects).seen.depth[pixel].is_finite()
                     };
-                    // The kernel compares in units of a sector's hemisphere, in f32: thresholds that are such numbers.
+                    // The kernel compares f32 in units of a sector's hemisphere. Thresholds are
+                    // such numbers.
                     let unit = TAU / sectors as f64;
                     let [below, above] = [1.0 - BOUND, 1.0 + BOUND].map(|part| sum * part / unit);
                     let below = if below as f32 as f64 > below {
@@ -97,8 +101,9 @@ fn hard_07_cone_solid_angle() {
     assert!(least < 1e-6 && greatest > 9.0);
 }
 
-/// A wall that is half as dense as its node says, strewn, and another behind it in every other pixel: a kernel that follows the node leaves some of that one, levels do not; nor where gaps are as wide as a
-/// quarter of a tile.
+/// A wall of random points is half as dense as its node says, with another behind it in every other
+/// pixel. A kernel that follows the node leaves some of the other one; levels leave none, even
+/// where gaps are a quarter of a tile wide.
 #[test]
 fn hard_07_walls_that_are_sparser_than_their_node_hide_what_is_behind() {
     canvas(|canvas| {
@@ -150,8 +155,9 @@ fn hard_07_walls_that_are_sparser_than_their_node_hide_what_is_behind() {
     });
 }
 
-/// A wall, strewn, that rises towards the camera as it leads away from something far nearer. By the paper's measure its points beside the contour have no cone to either side, and half of them are lost; and what lies behind the
-/// nearer thing is hidden all the same.
+/// A wall of random points rises towards the camera as it leads away from a much nearer thing. By
+/// the paper's measure points beside the contour have no cone to either side, and half of them are
+/// lost. The points behind the nearer thing are hidden all the same.
 #[test]
 fn hard_07_a_surface_is_not_hidden_by_its_own_slope() {
     canvas(|canvas| {
@@ -201,7 +207,8 @@ fn hard_07_a_surface_is_not_hidden_by_its_own_slope() {
     });
 }
 
-/// What that rule gives up: of two walls with three points in ten pixels each, one behind the other, how many points of the farther one show through. From two spacings on, none does.
+/// Two walls with three points in ten pixels each are one behind the other. By the rule for slopes,
+/// points of the farther wall may show through. From two spacings on, none does.
 #[test]
 fn hard_07_walls_two_spacings_behind_each_other_do_not_show_through() {
     canvas(|canvas| {
@@ -248,7 +255,8 @@ fn hard_07_walls_two_spacings_behind_each_other_do_not_show_through() {
     });
 }
 
-/// A pixel without a point, and each of the 2^8 sets of neighbours: how many sectors are empty, told by thresholds between whole numbers.
+/// Each of the 2^8 sets of neighbours around a pixel without a point. Thresholds between whole
+/// numbers tell how many sectors are empty.
 #[test]
 fn hard_08_sector_index() {
     const CELL: usize = 4;
@@ -293,7 +301,7 @@ fn hard_08_sector_index() {
     });
 }
 
-/// Every pixel without a point is a hole, and no point is hidden.
+/// Settings for which every pixel without a point is a hole, and no point is hidden.
 const HOLES_EVERYWHERE: visibility::Settings = visibility::Settings {
     levels: 1.0,
     kernel: 3.0,
@@ -305,7 +313,8 @@ const HOLES_EVERYWHERE: visibility::Settings = visibility::Settings {
     lead: 0.0,
 };
 
-/// Each of the 2^9 sets of pixels of a 3 x 3 that hold points, on a plane, across a step, and all of one depth, where the colour alone says which was taken.
+/// Each of the 2^9 sets of pixels of a 3 x 3 that hold points: on a plane, across a step, and all
+/// at one depth, where only the colour tells which was taken.
 #[test]
 fn hard_09_filling() {
     const CELL: i64 = 5;
@@ -328,7 +337,7 @@ fn hard_09_filling() {
                     taken.then(|| shape(x, y) as f32)
                 };
                 let depths: Vec<_> = (0..columns * rows).map(depth).collect();
-                // 1e-300 is no f32 but 0: only equal depths are averaged, and nothing is divided by it.
+                // 1e-300 is 0 as f32: only equal depths are averaged, and nothing is divided by it.
                 for tolerance in [0.0, 1e-300, 5.0] {
                     let mut effects = effects(&["visibility=on", "fill=on"]);
                     effects.visibility.settings = HOLES_EVERYWHERE;
@@ -377,7 +386,8 @@ fn hard_09_filling() {
                                 after.depth[i].is_finite() || !stage.depth[i].is_finite(),
                                 "{case}: what was filled is gone"
                             );
-                            // A real sample, or at delta 0 a mean of equals: no depth between the layers is invented.
+                            // A real sample, or a mean of equals at delta 0: no depth between the
+                            // layers is invented.
                             if tolerance == 1e-300 && after.depth[i].is_finite() {
                                 assert!(
                                     depths.contains(&Some(after.depth[i])),
@@ -407,7 +417,8 @@ fn shade(
     (surface.lit, twin)
 }
 
-/// Depths around 1000 with a deviation of 0.1: squares of depths would leave nothing of it. The bound is so narrow only because differences come first.
+/// Depths are around 1000 with a deviation of 0.1: squares of depths would lose it. The narrow
+/// bound holds because differences come first.
 #[test]
 fn hard_10_sigma() {
     let random = &mut Random(10);
@@ -431,7 +442,8 @@ fn hard_10_sigma() {
     });
 }
 
-/// A plane that faces the camera is bright in every pixel, at the picture's edges and beside what is missing too.
+/// A plane that faces the camera is bright in every pixel, at the picture's edges and beside holes,
+/// too.
 #[test]
 fn hard_11_omega() {
     let random = &mut Random(11);
@@ -461,7 +473,8 @@ fn hard_11_omega() {
     });
 }
 
-/// guide: numerics, rule 5 over all that the chain leaves: whatever the depths and the settings, no NaN, nothing unknown, and no infinity but the background's depth.
+/// guide: numerics, rule 5, for the whole chain: whatever the depths and settings are, nothing is
+/// NaN or unknown, and only the background's depth is infinite.
 #[test]
 fn hard_00_nothing_that_is_no_number() {
     let random = &mut Random(0);
@@ -499,7 +512,7 @@ fn hard_00_nothing_that_is_no_number() {
                     ],
                 ] {
                     let mut depths = random_keys(size, CANVAS_POINTS, random);
-                    // The nearest that is drawn, and the farthest that is a number.
+                    // The nearest depth that is drawn, and the farthest that is a number.
                     for key in depths.iter_mut().filter(|key| key[0] != NO_POINT) {
                         match random.bits() % 40 {
                             0 => key[1] = pointillist::config::NEAR_M.to_bits(),
@@ -529,7 +542,7 @@ fn hard_00_nothing_that_is_no_number() {
     });
 }
 
-/// Without a word from the user all three run: what same_bits.rs says of pictures, it says of them.
+/// All three effects run by default: what same_bits.rs checks of pictures holds for them.
 #[test]
 fn hard_00_surfaces_are_part_of_every_picture() {
     let view = views([16, 16])[0];
@@ -555,7 +568,7 @@ fn hard_00_surfaces_are_part_of_every_picture() {
     );
 }
 
-/// Skipping tiles changes nothing: not which pixels are taken out, not what they are filled with, not the picture.
+/// Skipping tiles changes neither which pixels are hidden, nor what fills them, nor the picture.
 #[test]
 fn hard_00_tiles_that_are_skipped_had_nothing_to_hide() {
     let (mut taken_out, mut pixels) = (0, 0);

@@ -72,7 +72,7 @@ fn silhouettes_are_blended_as_f64_does() {
     assert!(blended > 50_000 && stayed > 50_000 && doubtful < stayed / 10_000);
 }
 
-/// Tiles in which depth jumps nowhere are left alone, and the picture is the same, bit by bit.
+/// Tiles without a jump of depth are skipped, and the picture is the same, bit by bit.
 #[test]
 fn tiles_without_silhouettes_are_skipped_and_the_picture_is_the_same() {
     let random = &mut Random(0x5A);

@@ -70,7 +70,7 @@ fn ao_leaves_the_light_that_f64_does() {
     assert!(darkened > pixels / 10 && doubtful < pixels / 6 && most < 1e-2);
 }
 
-/// Shape depiction leaves light, and ambient occlusion a part of that.
+/// Shape depiction leaves some light, and ambient occlusion a part of that.
 #[test]
 fn ao_multiplies_what_other_effects_leave() {
     let random = &mut Random(0xA1);

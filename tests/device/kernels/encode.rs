@@ -1,4 +1,4 @@
-//! Pictures encoded on the device against the thresholds that files are encoded with on the CPU: the same bytes.
+//! Encoding on the device gives the bytes of the CPU's thresholds, with which files are encoded.
 
 use super::{SIZES, cameras, scene};
 use crate::gpu::{WAYS, bare, with};

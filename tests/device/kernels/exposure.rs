@@ -1,4 +1,4 @@
-//! One exposure for all stations, against colours that were made so beforehand, on the CPU.
+//! One exposure for all stations, against colours that were evened beforehand on the CPU.
 
 use crate::cameras::{orthographic, perspective};
 use crate::gpu::{WAYS, Way, bare, draw, part};
@@ -16,7 +16,8 @@ use std::collections::HashSet;
 const LATTICE: Lattice =
     Lattice { step: DVec3::splat(0.001), offset: DVec3::new(500_000.0, 5_000_000.0, 100.0) };
 
-/// Three stations, two of them in one file, no two points in one place; their gains are not 1.
+/// Returns three stations, two of them in one file, with no two points in one place and gains other
+/// than 1.
 fn scene() -> Cloud {
     let (points, colors) = bumpy(60_000, 20_000, &mut Random(0xE4905));
     let mut taken = HashSet::new();
@@ -45,7 +46,7 @@ fn scene() -> Cloud {
     Cloud { parts, stations: stations.to_vec(), notes: Vec::new() }
 }
 
-/// The same with colours of 8 bits that have one exposure.
+/// Returns the same cloud with colours of 8 bits that have one exposure.
 fn evened(cloud: &Cloud, gains: &[f64]) -> Cloud {
     assert!(gains[0] < 0.8 && gains[2] > 1.5, "{gains:?}");
     let levels = resolve::levels(gains);
@@ -97,7 +98,7 @@ fn exposures_are_those_of_colours_that_were_made_even_beforehand() {
             assert!(gains.iter().any(of), "{plain:?} became {got:?}");
         }
         let colors = || got.color.iter().zip(&twin.color);
-        // Not rounded to 8 bits here.
+        // These are not rounded to 8 bits.
         assert!(
             colors()
                 .all(|(got, twin)| (0..3).all(|c| (code(got[c]) - code(twin[c])).abs() < 0.501)
@@ -106,7 +107,7 @@ fn exposures_are_those_of_colours_that_were_made_even_beforehand() {
         assert!(
             got.color.iter().zip(&plain.color).filter(|(got, plain)| got != plain).count() > 1000
         );
-        // Sums are of values of 8 bits, and so the very same.
+        // Sums are of 8-bit values, and therefore the same.
         for luminance in ["luminance=on", "luminance=on,space=rgb,neighbourhood=1,epsilon=0.5"] {
             let twin = draw(Way::Compute64, &evened, &view, &settings(&[luminance]));
             for way in WAYS {

@@ -13,14 +13,14 @@ fn masks_fill_what_the_twin_fills() {
     assert!(filled > 5_000 && replaced > 5_000);
 }
 
-/// Where visibility has found the holes those are filled, and what else masks take for hidden.
+/// Holes that visibility has found are filled, and pixels that masks take for hidden are replaced.
 #[test]
 fn known_holes_are_filled_as_the_twin_fills_them() {
     let (filled, replaced) = fill_as_the_twin_does("visibility=on,levels=1,kernel=5");
     assert!(filled > 5_000 && replaced > 500, "{filled}, {replaced}");
 }
 
-/// Pixels that held no point, and pixels that held another.
+/// Returns how many filled pixels held no point, and how many held another.
 fn fill_as_the_twin_does(visibility: &str) -> (usize, usize) {
     let random = &mut Random(0xD0B);
     let (mut filled, mut replaced) = (0, 0);
@@ -42,7 +42,8 @@ fn fill_as_the_twin_does(visibility: &str) -> (usize, usize) {
                     let surface = canvas.draw(&view, &keys, &effects);
                     let (raw, got) =
                         (if found { &surface.seen } else { &surface.raw }, &surface.filled);
-                    // Where no steps are asked for, one and a half times as many as points lie pixels apart, 31 at most.
+                    // By default the number of steps is one and a half times the point spacing in
+                    // pixels, at most 31.
                     let spacing_px =
                         |z: f32| canvas.spacing() as f32 as f64 * view.focal_px() / z as f64;
                     let reach = |z: f32| {
@@ -86,7 +87,8 @@ fn fill_as_the_twin_does(visibility: &str) -> (usize, usize) {
     (filled, replaced)
 }
 
-/// Each of the 2^8 sets of neighbours with points around a pixel without, and around one that they may hide: it changes where no five of the others lie side by side.
+/// Each of the 2^8 sets of neighbours with points, around a pixel without one and around one that
+/// they may hide. It changes unless five of the others lie side by side.
 #[test]
 fn every_mask_keeps_what_it_should() {
     const CELL: usize = 5;
@@ -110,7 +112,7 @@ fn every_mask_keeps_what_it_should() {
             }
             let mut effects = nothing();
             effects.set_any("fill=on,method=mask,layer=1,iterations=1").unwrap();
-            // Both kinds of steps run: of what is occluded here, no pixel is background.
+            // Both kinds of steps run: no occluded pixel here is background.
             let got = canvas.draw(&views(size)[0], &keys, &effects).filled;
             for mask in 0..256usize {
                 let middle = place(mask, (1, 1));

@@ -1,4 +1,5 @@
-//! Luminance correction against its f64 twin: random points, both spaces, both neighbourhoods, both ways of adding; and a picture in more than one strip.
+//! Luminance correction against its f64 twin: random points, both spaces, both neighbourhoods, both
+//! ways of adding, and a picture in more than one strip.
 
 use crate::cameras::{orthographic, perspective};
 use crate::gpu::{WAYS, Way, bare, cloud, draw, part, with};
@@ -35,7 +36,7 @@ fn scene(points: usize) -> Cloud {
     cloud(vec![part(LATTICE, &points, Some(colors))])
 }
 
-/// How many pixels changed, and how many are in doubt.
+/// Returns how many pixels changed, and how many are in doubt.
 fn check(cloud: &Cloud, view: &View, luminance: luminance::Settings, ways: &[Way]) -> [usize; 3] {
     let mut settings = bare();
     settings.precision = Precision::Planes(3);
@@ -111,7 +112,7 @@ fn luminance_is_the_mean_that_f64_finds() {
     assert!(total[1] > total[0] / 5 && total[2] < total[0] / 10, "{total:?}");
 }
 
-/// Sums of three channels are 24 bytes a pixel: more than one binding of many devices.
+/// Sums of three channels take 24 bytes per pixel: more than one binding of many devices.
 #[test]
 fn luminance_of_a_large_picture_is_corrected_band_by_band() {
     let cloud = scene(300_000);
@@ -122,7 +123,7 @@ fn luminance_of_a_large_picture_is_corrected_band_by_band() {
     assert!(changed > 10_000 && doubtful < changed, "{changed} changed, {doubtful} doubtful");
 }
 
-/// Colours of a part of the picture, drawn as the whole is.
+/// Returns the colours of a part of the picture, drawn as the whole is.
 fn colors(gpu: &mut Gpu, resident: &Resident, config: &FrameConfig, part: &View) -> Vec<[f32; 4]> {
     let mut g = Graph::new(gpu);
     let outcome = frame::record(&mut g, part, resident, config).unwrap();
@@ -133,7 +134,8 @@ fn colors(gpu: &mut Gpu, resident: &Resident, config: &FrameConfig, part: &View)
     colors
 }
 
-/// Four stations side by side, of which the second and the third meet: where they may, means, and elsewhere what was there.
+/// Four stations lie side by side, and the second and the third meet. Pixels there are means,
+/// others are unchanged.
 #[test]
 fn what_one_station_alone_has_seen_keeps_its_colours() {
     let mut random = Random(0x51DE);
@@ -198,7 +200,7 @@ fn what_one_station_alone_has_seen_keeps_its_colours() {
                     "{way:?} pixel {x} {y} of a piece"
                 );
             }
-            // What is hidden disagrees with nobody.
+            // Hidden points disagree with no station.
             let mut resident = resident;
             let mut without = |number: &str| {
                 resident.opacities =

@@ -40,7 +40,7 @@ fn phong_lights_as_f64_does() {
                             (false, random_keys(size, CANVAS_POINTS, random)),
                             (true, layered_keys(size, random)),
                         ] {
-                            // Half of the time in shadows of any depth.
+                            // Half of the runs are in shadows of any depth.
                             canvas.reached = random.bits().is_multiple_of(2);
                             let mut effects = nothing();
                             effects.phong.switch = Switch::On;
@@ -98,7 +98,8 @@ fn phong_lights_as_f64_does() {
     assert!(changed > bounds.len() / 2 && doubtful < bounds.len() / 100 && most < 1e-3);
 }
 
-/// Normals of points reach the pixels that show them, and those around take their mean; a quarter of the points have none.
+/// Normals of points reach the pixels that show them, and pixels around take their mean. A quarter
+/// of the points have none.
 #[test]
 fn phong_lights_by_the_normals_of_points_as_f64_does() {
     let random = &mut Random(0xFACE);
@@ -173,7 +174,7 @@ fn phong_lights_by_the_normals_of_points_as_f64_does() {
                     };
                     own += 1;
                     let twin = oracle::phong::facing(&view, i, normal);
-                    // Seen from the side it is either of the two.
+                    // Seen from the side, both are possible.
                     let holds =
                         |sign: f32| (0..3).all(|axis| twin[axis].holds(sign * facing[axis]));
                     assert!(
@@ -205,7 +206,8 @@ fn phong_lights_by_the_normals_of_points_as_f64_does() {
     assert!(own > 10_000 && around > 1000 && doubtful < own / 20);
 }
 
-/// Points with normals to all sides, drawn without those that face away: the picture of the others alone.
+/// Points have normals to all sides. Drawn without back faces they give the picture of the front
+/// faces alone.
 #[test]
 fn back_faces_are_left_out_where_that_is_asked_for() {
     let random = &mut Random(0xBACC);
@@ -264,7 +266,8 @@ fn back_faces_are_left_out_where_that_is_asked_for() {
                     .filter(|(a, b)| a != b && (**a - **b).abs() > 1e-5 * a.abs())
                     .count()
             };
-            // A node's box is another one without some points, and a point may fall into the pixel beside.
+            // A node's box differs without some points, and a point may fall into the neighbouring
+            // pixel.
             let (off, changed) = (differ(&dropped, &fronts), differ(&all, &fronts));
             println!("{:?} {way:?}: {off} pixels off, of {changed}", camera.projection);
             assert!(changed > 3000 && off < changed / 300, "{off} of {changed}");

@@ -74,7 +74,7 @@ fn smoothing_takes_the_means_that_f64_does() {
     assert!(widest < 1e-5 && stayed > 1000);
 }
 
-/// However often, it does not go beyond what lies beside filled pixels.
+/// Repeated smoothing does not go beyond the neighbours of filled pixels.
 #[test]
 fn smoothing_again_and_again_stays_where_something_was_filled() {
     let random = &mut Random(0x5301);

@@ -1,4 +1,5 @@
-//! Visibility, filling and shape against their f64 twins, each from what the kernels before it made.
+//! Visibility, filling and shape against their f64 twins, each from what the kernels before it
+//! made.
 
 use crate::cameras::{orthographic, perspective};
 use crate::gpu::{CANVAS_POINTS, Canvas, Stage, Surface, canvas, random_keys};
@@ -15,14 +16,14 @@ use rayon::prelude::*;
 
 pub const SIZES: [[u32; 2]; 5] = [[1, 1], [7, 3], [8, 8], [65, 33], [127, 61]];
 
-/// A wide angle, so that rays lean, and ten pixels a metre.
+/// Returns views with a wide angle, so that rays lean, and ten pixels per metre.
 pub fn views(size: [u32; 2]) -> [View; 2] {
     let height = size[1] as f64 / 10.0;
     [perspective(DVec3::ZERO, DVec3::Y, 75.0), orthographic(DVec3::ZERO, DVec3::Y, height)]
         .map(|camera| View::new(camera, size).unwrap())
 }
 
-/// A bumpy surface, another behind it, and gaps.
+/// Returns a bumpy surface, another behind it, and gaps.
 pub fn layered_keys(size: [u32; 2], random: &mut Random) -> Vec<[u32; 2]> {
     let key = |i: u32| {
         let (x, y) = ((i % size[0]) as f64, (i / size[0]) as f64);
@@ -37,7 +38,7 @@ pub fn layered_keys(size: [u32; 2], random: &mut Random) -> Vec<[u32; 2]> {
     (0..size[0] * size[1]).map(key).collect()
 }
 
-/// Every effect switched off.
+/// Returns effects that are all off.
 pub fn nothing() -> Effects {
     let mut effects = Effects::default();
     for effect in pointillist::passes::EFFECTS {
@@ -61,7 +62,7 @@ struct Tally {
 }
 
 impl Tally {
-    /// Whether a pixel is as the twin has it.
+    /// Counts a pixel. Fails if it differs from the twin's.
     fn count(&mut self, verdict: Verdict, surface: &Surface, i: usize) -> Result<(), String> {
         let (raw, seen) = (&surface.raw, &surface.seen);
         let same = raw.depth[i] == seen.depth[i]
@@ -86,7 +87,7 @@ impl Tally {
     }
 }
 
-/// Whether the kernel of a single level decides as the twin does.
+/// Checks that the kernel of a single level decides as the twin does.
 fn check_seen(
     canvas: &mut Canvas,
     view: &View,
@@ -116,7 +117,7 @@ fn check_seen(
 
 const ALL: visibility::Looked = visibility::Looked::All;
 
-/// The paper's own way.
+/// The paper's own single kernel.
 #[test]
 fn visibility_decides_as_f64_does() {
     let random = &mut Random(0x5EE);
@@ -157,7 +158,7 @@ fn visibility_decides_as_f64_does() {
     );
 }
 
-/// On a pyramid, all rounds together. What a pixel decides that f64 and f32 may see differently, others may depend on.
+/// A pyramid, all rounds together. Pixels may depend on others that f64 and f32 decide differently.
 #[test]
 fn levels_decide_as_f64_does() {
     let random = &mut Random(0x1E7E1);
@@ -221,7 +222,8 @@ fn levels_decide_as_f64_does() {
     );
 }
 
-/// A plane at a depth, and another twice as far behind it. Of the nearer one columns so many pixels wide hold three points in four pixels, or, every other column, one in so many.
+/// Returns a plane at a depth, and another twice as far behind it. Columns of the nearer one,
+/// `wide` pixels each, hold in turn three points in four pixels and one in `one_in`.
 fn patchy_keys(view: &View, z: f64, wide: u32, one_in: u64, random: &mut Random) -> Vec<[u32; 2]> {
     let width = view.size[0];
     let key = |i: u32| {
@@ -237,14 +239,14 @@ fn patchy_keys(view: &View, z: f64, wide: u32, one_in: u64, random: &mut Random)
     (0..width * view.size[1]).map(key).collect()
 }
 
-/// Each part of a surface is judged where it is dense, not the dense ones beside it.
+/// Each part of a surface is judged by its own density, not by that of denser parts beside it.
 #[test]
 fn sparse_parts_of_a_surface_hide_what_is_behind_them() {
     let random = &mut Random(0xD1A);
     canvas(|canvas| {
         let view = &views([320, 160])[0];
         for (apart_px, wide, one_in, most) in [(2.0, 24, 8, 0.005), (3.0, 80, 20, 0.01)] {
-            // Points are so far apart by their node.
+            // The node says that points are `apart_px` apart.
             let z = canvas.spacing() * view.focal_px() / apart_px;
             let keys = patchy_keys(view, z, wide, one_in, random);
             let surface =
@@ -260,7 +262,7 @@ fn sparse_parts_of_a_surface_hide_what_is_behind_them() {
     });
 }
 
-/// What filling starts from, or goes on from.
+/// Returns what filling starts from, or continues from.
 fn pixels(seen: &Stage, filled: &Stage) -> Vec<Pixel> {
     let filling = |i: usize| {
         seen.depth[i] == f32::NEG_INFINITY
@@ -271,7 +273,7 @@ fn pixels(seen: &Stage, filled: &Stage) -> Vec<Pixel> {
         .collect()
 }
 
-/// Layers before filling, and after so many steps of it.
+/// Returns the layers before filling, and after `steps` steps of it.
 fn after_steps(
     canvas: &mut Canvas,
     view: &View,
@@ -288,7 +290,7 @@ fn after_steps(
     (surface.seen, filled)
 }
 
-/// One step: how many pixels it may change, and how wide their bounds are.
+/// Checks one step. Returns how many pixels it may change, and how wide their bounds are.
 fn check_step(
     view: &View,
     effects: &Effects,
@@ -371,7 +373,8 @@ fn filling_takes_every_step_as_f64_does() {
     assert!(filling > 50_000 && widest < 1e-5);
 }
 
-/// One picture to the end: holes as wide as take many steps, so that tiles fall asleep and are woken by their neighbours. Every step is the twin's from the step before, with every tile awake.
+/// A picture is filled to the end. Holes take many steps, so that tiles are skipped and wake up
+/// through their neighbours. Every step is that of the twin, which skips none.
 #[test]
 fn filling_sleeps_where_nothing_changes_and_nowhere_else() {
     let random = &mut Random(0x51EE9);
@@ -408,7 +411,8 @@ fn filling_sleeps_where_nothing_changes_and_nowhere_else() {
     });
 }
 
-/// How much of the light reaches a surface is filled and smoothed as its colour is: where both begin alike they end alike, bit for bit. Methods that carry points look that up anew.
+/// The light that reaches a surface is filled and smoothed as its colour is. If both begin alike
+/// they end alike, bit for bit. Methods that carry points look it up anew.
 #[test]
 fn what_reaches_a_surface_is_filled_and_smoothed_like_its_colour() {
     let random = &mut Random(0x5ADE);
@@ -496,15 +500,17 @@ fn shape_leaves_the_light_that_f64_does() {
             }
         }
     });
-    // Of surfaces: where depths of millimetres and megametres meet, nearly anything is within rounding.
+    // Only surfaces count: where depths of millimetres and megametres meet, nearly anything is
+    // within rounding.
     bounds.sort_by(f64::total_cmp);
     let [middle, most] = [0.5, 0.9].map(|share| bounds[(share * bounds.len() as f64) as usize]);
     println!("{} pixels, bounds: median {middle:e}, nine in ten {most:e}", bounds.len());
     assert!(most < 1e-3);
 }
 
-/// Tilted planes beside a rough strip. Where whole tiles are planes the kernels leave deeper levels out, which may change the light by no more than the last bits of a screen's colour; and however many
-/// levels there are, what a frame before left in memory shows nowhere.
+/// Tilted planes lie beside a rough strip. Where whole tiles are planes the kernels omit deeper
+/// levels, which changes the light by the last bits of a screen's colour at most. Memory of a frame
+/// before shows nowhere, however many levels there are.
 #[test]
 fn shape_leaves_deeper_levels_out_where_they_change_nothing() {
     let random = &mut Random(0x914E);
@@ -550,7 +556,8 @@ fn shape_leaves_deeper_levels_out_where_they_change_nothing() {
                 }
                 let twin = shape_oracle::light(&view, &settings, &surface.raw.depth);
                 let off = |i: usize| (surface.lit[i] as f64 - twin[i].value).abs() - twin[i].error;
-                // Planes end at the picture's edges; deeper levels carry that inwards, and the kernels leave it out.
+                // Planes end at the picture's edges. Deeper levels carry that inwards, and the
+                // kernels omit them.
                 let rim = levels as u32;
                 let inside = |i: &usize| {
                     let (x, y) = (*i as u32 % size[0], *i as u32 / size[0]);

@@ -1,9 +1,11 @@
-//! What strokes are painted along: on the device as in f64, and turned with a cloud that is turned in its file.
+//! What strokes are painted along: the same on the device as in f64, and turned with a cloud that
+//! is turned in its file.
 
 use super::*;
 use crate::gpu;
 
-/// The kernel's own tangents, f32, against the f64 twin of the same bits; over the sphere, and around the places where a way jumps, from 1e-1 to 1e-7 away.
+/// Compares the kernel's f32 tangents with the f64 twin of the same bits: over the sphere, and from
+/// 1e-1 to 1e-7 around the places where a method jumps.
 #[test]
 fn hard_19_tangents_of_the_device_agree_with_f64_over_the_sphere_and_up_to_its_pole() {
     use pointillist::passes::strokes::Tangents;
@@ -38,7 +40,7 @@ fn hard_19_tangents_of_the_device_agree_with_f64_over_the_sphere_and_up_to_its_p
     let directions: Vec<Direction> =
         normals.into_iter().zip(turns).map(|(normal, turn)| Direction { normal, turn }).collect();
 
-    // As guide: numerics, case 19 has it.
+    // guide: numerics, case 19.
     let most = 6.0 * 2f64.powi(-23);
     for way in
         [Tangents::Householder, Tangents::Eberly, Tangents::Squareplate, Tangents::Covariance]
@@ -51,7 +53,7 @@ fn hard_19_tangents_of_the_device_agree_with_f64_over_the_sphere_and_up_to_its_p
             let [n, found] = [*normal, found].map(|v| DVec3::from_array(v.map(f64::from)));
             let (t, b) = householder(n);
             let truth = tangent(way, n, t * turn[0] as f64 + b * turn[1] as f64);
-            // Whether a plate is one roundings may decide.
+            // Near the threshold, rounding decides whether this is a plate.
             let plate = n.cross(DVec3::new(n.y, n.z, n.x)).length_squared();
             if way == Tangents::Squareplate && (plate / 1e-6 - 1.0).abs() < 1e-3 {
                 undecided += 1;
@@ -72,7 +74,8 @@ fn hard_19_tangents_of_the_device_agree_with_f64_over_the_sphere_and_up_to_its_p
     }
 }
 
-/// The same surface, turned in its file: strokes turn with it, but for what the lattice rounds. In the axes of the file, as the formulas stand, they would not.
+/// A surface is turned in its file. Strokes turn with it, up to the lattice's rounding. In the axes
+/// of the file, in which the formulas are written, they would not.
 #[test]
 fn strokes_turn_with_a_cloud_that_is_turned_in_its_file() {
     use glam::DQuat;
@@ -95,7 +98,7 @@ fn strokes_turn_with_a_cloud_that_is_turned_in_its_file() {
             Columns { x: axis(|p| p.x), y: axis(|p| p.y), z: axis(|p| p.z), ..Columns::default() };
         Part { columns, lattice, ..part.clone() }
     };
-    // Of every point the tangent, its normal outward.
+    // Returns the tangent of every point, with normals outward.
     let tangents = |part: &Part, turn: DQuat, way: Tangents, axes: &Axes| -> Vec<DVec3> {
         let found = strokes(&part.columns, &part.lattice, &Silent).unwrap();
         let of = |(i, stroke): (usize, &Stroke)| {
@@ -141,7 +144,7 @@ fn strokes_turn_with_a_cloud_that_is_turned_in_its_file() {
                 "{name}, {way:?}: {mean:.4} degrees in the mean, 99.9 %: {most:.4}; in the axes of the file {of_file:.1}"
             );
             assert!(mean < 0.02 && most < 0.5, "{name}, {way:?}: {mean} degrees, 99.9 %: {most}");
-            // A quarter about z leaves what Eberly asks of x and y as it is.
+            // A quarter turn about z does not change what Eberly's method asks of x and y.
             let turns_by_itself =
                 way == Tangents::Covariance || way == Tangents::Eberly && turn == quarter;
             assert!(of_file > 5.0 || turns_by_itself, "{name}, {way:?}: {of_file}");

@@ -50,7 +50,7 @@ impl Desktop {
         [little_endian, self.serial, 1].iter().for_each(|word| settings.extend(word.to_le_bytes()));
         settings.extend([INTEGER, 0, 7, 0]);
         settings.extend(name);
-        // Of an inch, 1024 parts of a dot.
+        // The unit is 1024th of a dot per inch.
         [self.serial, 1024 * dots].iter().for_each(|word| settings.extend(word.to_le_bytes()));
         let kind = self.atom("_XSETTINGS_SETTINGS");
         let set = self.display.change_property(

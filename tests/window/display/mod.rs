@@ -21,7 +21,7 @@ pub const SIZE: [u32; 2] = [400, 300];
 /// An X server without a screen.
 pub struct Display {
     server: Child,
-    // It ends when nobody listens.
+    // The server ends when its output is closed.
     _says: BufReader<ChildStdout>,
     pub name: String,
 }
@@ -72,7 +72,7 @@ impl Display {
 
 impl Drop for Display {
     fn drop(&mut self) {
-        // Asked to end it takes its socket along.
+        // A server that is asked to end removes its socket.
         let _ = Command::new("kill").arg(self.server.id().to_string()).status();
         let _ = self.server.wait();
     }
@@ -101,7 +101,7 @@ impl Heard {
         self.lines.lock().unwrap().clone()
     }
 
-    /// All of it.
+    /// Returns all of it, once the stream has ended.
     fn end(self) -> Vec<u8> {
         self.reader.join().unwrap();
         self.lines
@@ -124,7 +124,7 @@ pub struct Viewer<'d> {
 }
 
 impl<'d> Viewer<'d> {
-    /// In a small window without its panel, which would lie over the picture.
+    /// Opens a small window without its panel, which would lie over the picture.
     pub fn open(display: &'d Display, folder: &Path, files: &[&Path], line: &str) -> Viewer<'d> {
         let mut viewer = Viewer::with_panel(display, folder, files, SIZE, line);
         // Keys before the first frame may be lost.
@@ -230,12 +230,12 @@ impl<'d> Viewer<'d> {
         )
     }
 
-    /// Lines on standard output until now.
+    /// Returns the lines on standard output until now.
     pub fn printed(&self) -> Vec<String> {
         self.heard.as_ref().unwrap()[0].now()
     }
 
-    /// Lines on standard error until now.
+    /// Returns the lines on standard error until now.
     pub fn said(&self) -> Vec<String> {
         self.heard.as_ref().unwrap()[1].now()
     }
@@ -301,7 +301,7 @@ impl<'d> Viewer<'d> {
         assert!(worked <= 2, "{worked} hundredths of a second of work within two seconds of rest");
     }
 
-    /// As `kill -NAME` does.
+    /// Sends a signal, as `kill -NAME` does.
     pub fn signal(&self, name: &str) {
         let sent = Command::new("kill")
             .args(["-s", name, &self.program.as_ref().unwrap().id().to_string()])

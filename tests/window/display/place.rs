@@ -21,7 +21,7 @@ impl Place {
         self.folder.path().join(name)
     }
 
-    /// A scan, as a file.
+    /// Writes a scan to a file of this name.
     pub fn scan(&self, name: &str, scene: SceneKind, points: u64) -> PathBuf {
         let path = self.at(name);
         scan(&path, scene, points);
@@ -32,7 +32,7 @@ impl Place {
         self.scan("scan.las", SceneKind::Street, points)
     }
 
-    /// The window, small and without its panel.
+    /// Opens a small window without its panel.
     pub fn view(&self, cloud: &[&Path], line: &str) -> Viewer<'_> {
         Viewer::open(&self.display, self.folder.path(), cloud, line)
     }
@@ -53,7 +53,7 @@ impl Place {
         path
     }
 
-    /// The file that a key saves.
+    /// Presses a key, and waits for the file that it saves.
     #[track_caller]
     pub fn saved(&self, viewer: &mut Viewer, key: &str, name: &str) -> PathBuf {
         let path = self.at(name);
