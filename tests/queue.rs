@@ -69,9 +69,7 @@ fn does(next: Next<Place>) -> Did {
 /// A loader that answers a number of requests, and ends.
 fn loader(queue: &Arc<Queue<Place>>, answers: usize) -> thread::JoinHandle<Vec<Did>> {
     let queue = queue.clone();
-    thread::spawn(move || {
-        (0..answers).map(|_| does(queue.next().expect("it is open"))).collect()
-    })
+    thread::spawn(move || (0..answers).map(|_| does(queue.next().expect("it is open"))).collect())
 }
 
 #[test]

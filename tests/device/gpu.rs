@@ -102,14 +102,7 @@ fn bytes(colors: &[[f32; 4]]) -> &[u32] {
 
 /// Returns settings without effects: points as they are projected.
 pub fn bare() -> RenderSettings {
-    let mut settings = RenderSettings::default();
-    passes::EFFECTS.iter().for_each(|effect| {
-        settings
-            .effects
-            .set_any(&format!("{effect}=off"))
-            .expect("every effect can be switched off")
-    });
-    settings
+    RenderSettings { effects: nothing(), ..RenderSettings::default() }
 }
 
 pub fn draw(way: Way, cloud: &Cloud, view: &View, settings: &RenderSettings) -> Layers {
@@ -329,17 +322,23 @@ pub fn random_keys(size: [u32; 2], points: u32, random: &mut Random) -> Vec<[u32
     (0..size[0] * size[1]).map(key).collect()
 }
 
-/// A wide-angle camera, so that rays diverge, with ten pixels per metre.
+/// Returns views with a wide angle, so that rays diverge, and ten pixels per metre.
 pub fn views(size: [u32; 2]) -> [View; 2] {
     let height = size[1] as f64 / 10.0;
     [perspective(DVec3::ZERO, DVec3::Y, 75.0), orthographic(DVec3::ZERO, DVec3::Y, height)]
         .map(|camera| View::new(camera, size).unwrap())
 }
 
-/// Returns settings with only these effects, written as on the command line.
-pub fn effects(asked: &[&str]) -> Effects {
+/// Returns effects that are all off.
+pub fn nothing() -> Effects {
     let mut effects = Effects::default();
     EFFECTS.iter().for_each(|effect| effects.set_any(&format!("{effect}=off")).unwrap());
+    effects
+}
+
+/// Returns these effects alone, written as on the command line.
+pub fn effects(asked: &[&str]) -> Effects {
+    let mut effects = nothing();
     asked.iter().for_each(|asked| effects.set_any(asked).unwrap());
     effects
 }

@@ -1,7 +1,7 @@
 //! Anti-aliasing against its f64 twin.
 
-use super::surface::{SIZES, layered_keys, nothing, views};
-use crate::gpu::{CANVAS_POINTS, Canvas, canvas, random_keys};
+use super::surface::{SIZES, layered_keys};
+use crate::gpu::{CANVAS_POINTS, Canvas, canvas, nothing, random_keys, views};
 use crate::points::Random;
 use pointillist::config::NO_POINT;
 use pointillist::study::oracle;

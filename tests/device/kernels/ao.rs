@@ -1,7 +1,7 @@
 //! Ambient occlusion against its f64 twin, and against corners whose occlusion is known.
 
-use super::surface::{SIZES, layered_keys, nothing, views};
-use crate::gpu::{CANVAS_POINTS, canvas, random_keys};
+use super::surface::{SIZES, layered_keys};
+use crate::gpu::{CANVAS_POINTS, canvas, nothing, random_keys, views};
 use crate::points::Random;
 use pointillist::passes::{Switch, ao};
 use pointillist::study::oracle;

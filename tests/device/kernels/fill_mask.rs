@@ -1,7 +1,7 @@
 //! Filling by masks against its twin: every depth, index and colour.
 
-use super::surface::{SIZES, layered_keys, nothing, views};
-use crate::gpu::{CANVAS_POINTS, canvas, random_keys};
+use super::surface::{SIZES, layered_keys};
+use crate::gpu::{CANVAS_POINTS, canvas, nothing, random_keys, views};
 use crate::points::Random;
 use pointillist::config::NO_POINT;
 use pointillist::passes::{Switch, fill};

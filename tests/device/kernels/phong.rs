@@ -1,8 +1,8 @@
 //! Phong lighting against its f64 twin.
 
-use super::surface::{SIZES, layered_keys, nothing, views};
+use super::surface::{SIZES, layered_keys};
 use crate::cameras::{orthographic, perspective};
-use crate::gpu::{self, CANVAS_POINTS, Way, canvas, cloud, part, random_keys};
+use crate::gpu::{self, CANVAS_POINTS, Way, canvas, cloud, nothing, part, random_keys, views};
 use crate::points::{Random, bumpy};
 use glam::DVec3;
 use pointillist::cloud::attribute::{Attribute, DisplayAttribute};

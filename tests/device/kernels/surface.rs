@@ -1,10 +1,8 @@
 //! Visibility, filling and shape against their f64 twins, each from what the kernels before it
 //! made.
 
-use crate::cameras::{orthographic, perspective};
-use crate::gpu::{CANVAS_POINTS, Canvas, Stage, Surface, canvas, random_keys};
+use crate::gpu::{CANVAS_POINTS, Canvas, Stage, Surface, canvas, nothing, random_keys, views};
 use crate::points::Random;
-use glam::DVec3;
 use pointillist::config::NO_POINT;
 use pointillist::passes::{Effects, Switch, fill, shape, visibility};
 use pointillist::study::oracle::fill::{self as fill_oracle, Pixel};
@@ -15,13 +13,6 @@ use pointillist::view::View;
 use rayon::prelude::*;
 
 pub const SIZES: [[u32; 2]; 5] = [[1, 1], [7, 3], [8, 8], [65, 33], [127, 61]];
-
-/// Returns views with a wide angle, so that rays lean, and ten pixels per metre.
-pub fn views(size: [u32; 2]) -> [View; 2] {
-    let height = size[1] as f64 / 10.0;
-    [perspective(DVec3::ZERO, DVec3::Y, 75.0), orthographic(DVec3::ZERO, DVec3::Y, height)]
-        .map(|camera| View::new(camera, size).unwrap())
-}
 
 /// Returns a bumpy surface, another behind it, and gaps.
 pub fn layered_keys(size: [u32; 2], random: &mut Random) -> Vec<[u32; 2]> {
@@ -36,15 +27,6 @@ pub fn layered_keys(size: [u32; 2], random: &mut Random) -> Vec<[u32; 2]> {
         [(random.bits() % CANVAS_POINTS as u64) as u32, (depth as f32).to_bits()]
     };
     (0..size[0] * size[1]).map(key).collect()
-}
-
-/// Returns effects that are all off.
-pub fn nothing() -> Effects {
-    let mut effects = Effects::default();
-    for effect in pointillist::passes::EFFECTS {
-        effects.set_any(&format!("{effect}=off")).unwrap();
-    }
-    effects
 }
 
 fn only_visibility(settings: visibility::Settings) -> Effects {
