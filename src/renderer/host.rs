@@ -4,7 +4,7 @@
 
 use crate::error::{Error, Result};
 use crate::gpu;
-use crate::gpu::requirements::FEATURES;
+use crate::gpu::requirements::{FEATURES, Features};
 use ash::vk::{self, Handle};
 use std::ffi::c_void;
 
@@ -73,6 +73,45 @@ pub unsafe fn check(
         return Ok(());
     }
     Err(Error::Device(format!("the device lacks {}", missing.join(", "))))
+}
+
+/// Enables the required features in the host's `VkPhysicalDeviceFeatures2` and the structures that
+/// follow it, and the optional ones if `optional`; what is enabled already stays. Errors if the
+/// chain has no `VkPhysicalDeviceVulkan12Features` or no `VkPhysicalDeviceVulkan13Features`.
+///
+/// # Safety
+/// `chain` is a `VkPhysicalDeviceFeatures2`, and what follows are valid Vulkan structures.
+pub unsafe fn enable_features(chain: *mut c_void, optional: bool) -> Result<()> {
+    use vk::StructureType as Type;
+    let (mut v10, mut v12, mut v13) = (None, None, None);
+    let mut next = chain.cast::<vk::BaseOutStructure>();
+    while !next.is_null() {
+        // SAFETY: every structure of a chain begins with its type and the next one.
+        unsafe {
+            match (*next).s_type {
+                Type::PHYSICAL_DEVICE_FEATURES_2 => {
+                    v10 = Some(&mut *next.cast::<vk::PhysicalDeviceFeatures2>());
+                }
+                Type::PHYSICAL_DEVICE_VULKAN_1_2_FEATURES => {
+                    v12 = Some(&mut *next.cast::<vk::PhysicalDeviceVulkan12Features>());
+                }
+                Type::PHYSICAL_DEVICE_VULKAN_1_3_FEATURES => {
+                    v13 = Some(&mut *next.cast::<vk::PhysicalDeviceVulkan13Features>());
+                }
+                _ => {}
+            }
+            next = (*next).p_next;
+        }
+    }
+    let (Some(v10), Some(v12), Some(v13)) = (v10, v12, v13) else {
+        return Err(Error::Request(
+            "the chain needs VkPhysicalDeviceFeatures2, VkPhysicalDeviceVulkan12Features and VkPhysicalDeviceVulkan13Features".into(),
+        ));
+    };
+    let mut features = Features { v10: v10.features, v12: *v12, v13: *v13 };
+    gpu::requirements::enable(&mut features, optional);
+    (v10.features, *v12, *v13) = (features.v10, features.v12, features.v13);
+    Ok(())
 }
 
 /// # Safety

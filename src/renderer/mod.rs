@@ -28,7 +28,7 @@ mod projection;
 
 pub use clouds::{CloudId, CloudState, OpenSettings};
 pub use compose::{Area, Targets};
-pub use host::{Access, Encoding, Host, Requirement, Target, check, requirements};
+pub use host::{Access, Encoding, Host, Requirement, Target, check, enable_features, requirements};
 pub use projection::{Matrices, ViewCamera};
 
 pub use crate::cloud::points::{Points, Positions};
