@@ -64,6 +64,8 @@ pub mod app;
 pub mod atomic_file;
 #[cfg(feature = "study")]
 pub mod bench;
+#[cfg(feature = "c")]
+pub mod c;
 #[cfg(feature = "cli")]
 pub mod cli;
 pub mod cloud;

@@ -25,6 +25,7 @@ mod compose;
 mod host;
 mod picture;
 mod projection;
+mod words;
 
 pub use clouds::{CloudId, CloudState, OpenSettings};
 pub use compose::{Area, Targets};
@@ -295,12 +296,6 @@ impl Renderer {
     pub fn set_settings(&mut self, settings: RenderSettings) {
         self.revision += 1;
         self.settings = settings;
-    }
-
-    /// Sets an effect as on the command line: `NAME=off|on|auto[,key=value...]`.
-    pub fn set_effect(&mut self, text: &str) -> Result<()> {
-        self.revision += 1;
-        self.settings.effects.set(text).map_err(Error::Request)
     }
 
     /// Sets opacities and clip boxes of all clouds.

@@ -637,7 +637,7 @@ fn frames_of_random_calls_leave_the_picture_of_a_fresh_start() {
     };
     let mut clouds = Vec::new();
     let place = [[0.0f32; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.3]];
-    for frame in 0..300 {
+    for frame in 0..200 {
         match next(8) {
             0 if clouds.len() < 4 => {
                 clouds.push(renderer.open(&[index.clone()], &OpenSettings::default()).unwrap());

@@ -1,0 +1,310 @@
+// Point clouds drawn into a Vulkan application's images: docs in the guide, "embedding".
+//
+// Structs begin with their size, which their _default function sets. Every function returns a
+// PointillistResult; on failure, outputs are as they were, and `error`, which may be NULL, has a
+// message. Handles are cast to uint64_t. A renderer is used by one thread at a time.
+
+#ifndef POINTILLIST_H
+#define POINTILLIST_H
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+// Version of this interface: functions and members are only added while it is the same.
+#define POINTILLIST_VERSION 1
+
+// Outcome of a function.
+typedef enum PointillistResult {
+  // Success.
+  POINTILLIST_RESULT_OK = 0,
+  // A request makes no sense: null, a wrong number, an unknown name.
+  POINTILLIST_RESULT_REQUEST = 1,
+  // A file cannot be read, or does not follow its format.
+  POINTILLIST_RESULT_FILE = 2,
+  // The device lacks something, or its memory is exhausted.
+  POINTILLIST_RESULT_DEVICE = 3,
+  // The device is lost; the renderer can only be freed.
+  POINTILLIST_RESULT_DEVICE_LOST = 4,
+  // A fault of pointillist; the renderer can only be freed.
+  POINTILLIST_RESULT_PANIC = 5,
+} PointillistResult;
+
+// State of a cloud.
+typedef enum PointillistCloudState {
+  POINTILLIST_CLOUD_STATE_LOADING = 0,
+  POINTILLIST_CLOUD_STATE_UPLOADING = 1,
+  POINTILLIST_CLOUD_STATE_READY = 2,
+  POINTILLIST_CLOUD_STATE_FAILED = 3,
+} PointillistCloudState;
+
+// A camera of a preset, as matrices, with reversed depth.
+typedef enum PointillistPreset {
+  POINTILLIST_PRESET_TOP = 0,
+  POINTILLIST_PRESET_FRONT = 1,
+  POINTILLIST_PRESET_SIDE = 2,
+  POINTILLIST_PRESET_ISO = 3,
+  POINTILLIST_PRESET_FIT = 4,
+} PointillistPreset;
+
+// A renderer.
+typedef struct PointillistRenderer PointillistRenderer;
+
+// The host's Vulkan objects; handles are cast to integers.
+typedef struct PointillistHost {
+  size_t size;
+  // Address of vkGetInstanceProcAddr.
+  const void *get_instance_proc_addr;
+  uint64_t instance;
+  uint64_t physical_device;
+  uint64_t device;
+  // Family of the command buffers, with graphics and compute.
+  uint32_t queue_family;
+  // Whether shaderInt64 and shaderBufferInt64Atomics are enabled.
+  bool has_int64_atomics;
+  // Whether the instance has VK_EXT_debug_utils.
+  bool has_debug_utils;
+  // Device memory for the nodes of each index, in bytes; 0 is the default.
+  uint64_t memory_budget;
+  // Most points drawn of an index; 0 is automatic.
+  uint64_t point_budget;
+} PointillistHost;
+
+// How an image was used, or will be: Vulkan's numbers.
+typedef struct PointillistAccess {
+  // VkImageLayout.
+  int32_t layout;
+  // Queue family that owns the image; UINT32_MAX if it is the renderer's.
+  uint32_t family;
+  // VkPipelineStageFlags2.
+  uint64_t stages;
+  // VkAccessFlags2.
+  uint64_t access;
+} PointillistAccess;
+
+// An image of the host to draw into: one layer, one level, one sample.
+typedef struct PointillistTarget {
+  size_t size;
+  // VkImage.
+  uint64_t image;
+  // VkImageView.
+  uint64_t view;
+  // VkFormat.
+  int32_t format;
+  uint32_t width;
+  uint32_t height;
+  uint32_t samples;
+  // Last access before.
+  struct PointillistAccess before;
+  // First access afterwards.
+  struct PointillistAccess after;
+  // Whether the area is cleared first: colour to the background, depth to what is farthest.
+  bool clear;
+} PointillistTarget;
+
+// A view: matrices column by column, in Vulkan's clip space, and its area in the targets.
+typedef struct PointillistView {
+  size_t size;
+  // From the world to the view.
+  double view[16];
+  // From the view to clip space.
+  double projection[16];
+  int32_t x;
+  int32_t y;
+  uint32_t width;
+  uint32_t height;
+} PointillistView;
+
+// A frame.
+typedef struct PointillistFrame {
+  size_t size;
+  // Grows from frame to frame, from 1.
+  uint64_t number;
+  // Last frame that the device has completed; 0 if none.
+  uint64_t safe;
+  const struct PointillistTarget *color;
+  // Depth that points are hidden by; null if there is none.
+  const struct PointillistTarget *depth;
+  // Whether points' depth is written.
+  bool writes_depth;
+  // Whether colours are stored linear instead of encoded.
+  bool linear;
+  const struct PointillistView *views;
+  size_t view_count;
+} PointillistFrame;
+
+// What a frame shows.
+typedef struct PointillistReport {
+  size_t size;
+  // Points drawn in all views.
+  uint64_t points;
+  // Nodes that are missing, or coarser than the views call for.
+  uint64_t missing;
+  // Number of clouds or nodes that could not be drawn.
+  uint64_t errors;
+  // Whether everything that the views call for is drawn.
+  bool settled;
+} PointillistReport;
+
+// Points of the host's memory; arrays that are null are absent.
+typedef struct PointillistPoints {
+  size_t size;
+  size_t count;
+  // x, y, z of each point; give these, or those in f32.
+  const double *positions_f64;
+  const float *positions_f32;
+  // Red, green, blue of each point, sRGB.
+  const uint8_t *colors;
+  const float *intensities;
+  const uint8_t *classes;
+} PointillistPoints;
+
+// Answer to a pick.
+typedef struct PointillistPicked {
+  size_t size;
+  // Whether there is an answer; if not, ask again after another frame.
+  bool answered;
+  // Whether a point was met; the rest is undefined if not.
+  bool met;
+  // Whether the position is the file's own, to the last bit.
+  bool exact;
+  uint64_t cloud;
+  // In the host's world.
+  double world[3];
+  // In the cloud's own coordinates.
+  double position[3];
+} PointillistPicked;
+
+// Message of a failure: UTF-8, ends with 0.
+typedef struct PointillistError {
+  char message[1024];
+} PointillistError;
+
+#ifdef __cplusplus
+extern "C" {
+#endif // __cplusplus
+
+// Returns the version of the library's interface, to be compared with POINTILLIST_VERSION.
+uint32_t pointillist_version(void);
+
+// Returns a host without handles.
+struct PointillistHost pointillist_host_default(void);
+
+// Returns a target without an image, of one sample.
+struct PointillistTarget pointillist_target_default(void);
+
+// Returns a view with unit matrices and no area.
+struct PointillistView pointillist_view_default(void);
+
+// Returns a frame without targets and views, which writes depth.
+struct PointillistFrame pointillist_frame_default(void);
+
+// Returns an empty report.
+struct PointillistReport pointillist_report_default(void);
+
+// Returns no points.
+struct PointillistPoints pointillist_points_default(void);
+
+// Returns an answer that is not there yet.
+struct PointillistPicked pointillist_picked_default(void);
+
+// Checks a physical device, before the host creates its device.
+enum PointillistResult pointillist_check(const void *get_instance_proc_addr,
+                                         uint64_t instance,
+                                         uint64_t physical_device,
+                                         struct PointillistError *error);
+
+// Enables what is required in a chain of VkPhysicalDeviceFeatures2,
+// VkPhysicalDeviceVulkan12Features and VkPhysicalDeviceVulkan13Features; also what is optional, if
+// the device has it and `optional` is set.
+enum PointillistResult pointillist_enable_features(void *chain,
+                                                   bool optional,
+                                                   struct PointillistError *error);
+
+// Creates a renderer on the host's device, which must outlive it.
+enum PointillistResult pointillist_new(const struct PointillistHost *host,
+                                       struct PointillistRenderer **out,
+                                       struct PointillistError *error);
+
+// Frees a renderer, which may be null. The device must have completed all frames.
+void pointillist_free(struct PointillistRenderer *renderer);
+
+// Opens files, or one index, as a cloud. Returns at once; a thread reads them. `color` names the
+// attribute to show, or is null.
+enum PointillistResult pointillist_open(struct PointillistRenderer *renderer,
+                                        const char *const *files,
+                                        size_t file_count,
+                                        const char *color,
+                                        uint64_t *cloud,
+                                        struct PointillistError *error);
+
+// Adds points of the host's memory as a cloud; they are copied.
+enum PointillistResult pointillist_add_points(struct PointillistRenderer *renderer,
+                                              const struct PointillistPoints *points,
+                                              uint64_t *cloud,
+                                              struct PointillistError *error);
+
+// Removes a cloud.
+enum PointillistResult pointillist_remove(struct PointillistRenderer *renderer,
+                                          uint64_t cloud,
+                                          struct PointillistError *error);
+
+// Shows or hides a cloud.
+enum PointillistResult pointillist_set_visible(struct PointillistRenderer *renderer,
+                                               uint64_t cloud,
+                                               bool visible,
+                                               struct PointillistError *error);
+
+// Moves a cloud: a matrix, column by column, from its coordinates to the host's world.
+enum PointillistResult pointillist_set_transform(struct PointillistRenderer *renderer,
+                                                 uint64_t cloud,
+                                                 const double *columns,
+                                                 struct PointillistError *error);
+
+// Returns the state of a cloud; of a failed one, also the reason, as `error`'s message.
+enum PointillistResult pointillist_state(struct PointillistRenderer *renderer,
+                                         uint64_t cloud,
+                                         enum PointillistCloudState *state,
+                                         struct PointillistError *error);
+
+// Sets style, effect, light, background, layer, opacity or clip, as on the command line.
+enum PointillistResult pointillist_set(struct PointillistRenderer *renderer,
+                                       const char *name,
+                                       const char *value,
+                                       struct PointillistError *error);
+
+// Fills in the matrices of a view, whose width and height are set, so that it frames all clouds
+// that are ready. `near` and `far` are depths of 1 and 0.
+enum PointillistResult pointillist_frame_clouds(struct PointillistRenderer *renderer,
+                                                enum PointillistPreset preset,
+                                                double near,
+                                                double far,
+                                                struct PointillistView *view,
+                                                struct PointillistError *error);
+
+// Records a frame into a command buffer that is being recorded, outside of rendering. The host
+// submits it.
+enum PointillistResult pointillist_record(struct PointillistRenderer *renderer,
+                                          uint64_t command_buffer,
+                                          const struct PointillistFrame *frame,
+                                          struct PointillistReport *report,
+                                          struct PointillistError *error);
+
+// Requests the point in a pixel of the next frame.
+enum PointillistResult pointillist_pick(struct PointillistRenderer *renderer,
+                                        uint32_t x,
+                                        uint32_t y,
+                                        uint64_t *pick,
+                                        struct PointillistError *error);
+
+// Returns the answer to a pick, once; it comes with a frame after the one that was asked.
+enum PointillistResult pointillist_picked(struct PointillistRenderer *renderer,
+                                          uint64_t pick,
+                                          struct PointillistPicked *picked,
+                                          struct PointillistError *error);
+
+#ifdef __cplusplus
+}  // extern "C"
+#endif  // __cplusplus
+
+#endif  /* POINTILLIST_H */

@@ -1,0 +1,815 @@
+//! The interface for C, behind the feature `c`: `include/pointillist.h`.
+//!
+//! Structs begin with their size, which their `_default` function sets, so that they can grow.
+//! Every function returns a [`PointillistResult`]; on failure, outputs are as they were, and the
+//! last argument, which may be null, receives a message. Panics do not cross. A renderer is used by
+//! one thread at a time; different renderers are independent.
+
+#![allow(clippy::missing_safety_doc, reason = "the rules are those of the module and of Vulkan")]
+
+use crate::error::{Error, Result};
+use crate::renderer::{
+    Access, Area, CloudId, CloudState, Encoding, Frame, FrameView, Host, Matrices, OpenSettings,
+    PickId, Picked, Points, Positions, Preset, Renderer, RendererOptions, Target, Targets,
+    ViewCamera, check, enable_features,
+};
+use std::ffi::{CStr, c_char, c_void};
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::path::PathBuf;
+
+/// Outcome of a function.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum PointillistResult {
+    /// Success.
+    Ok = 0,
+    /// A request makes no sense: null, a wrong number, an unknown name.
+    Request = 1,
+    /// A file cannot be read, or does not follow its format.
+    File = 2,
+    /// The device lacks something, or its memory is exhausted.
+    Device = 3,
+    /// The device is lost; the renderer can only be freed.
+    DeviceLost = 4,
+    /// A fault of pointillist; the renderer can only be freed.
+    Panic = 5,
+}
+
+/// Message of a failure: UTF-8, ends with 0.
+#[repr(C)]
+pub struct PointillistError {
+    pub message: [c_char; 1024],
+}
+
+/// A renderer.
+pub struct PointillistRenderer {
+    renderer: Renderer,
+    picks: Vec<PickId>,
+}
+
+/// The host's Vulkan objects; handles are cast to integers.
+#[repr(C)]
+#[derive(Clone, Copy)]
+pub struct PointillistHost {
+    pub size: usize,
+    /// Address of vkGetInstanceProcAddr.
+    pub get_instance_proc_addr: *const c_void,
+    pub instance: u64,
+    pub physical_device: u64,
+    pub device: u64,
+    /// Family of the command buffers, with graphics and compute.
+    pub queue_family: u32,
+    /// Whether shaderInt64 and shaderBufferInt64Atomics are enabled.
+    pub has_int64_atomics: bool,
+    /// Whether the instance has VK_EXT_debug_utils.
+    pub has_debug_utils: bool,
+    /// Device memory for the nodes of each index, in bytes; 0 is the default.
+    pub memory_budget: u64,
+    /// Most points drawn of an index; 0 is automatic.
+    pub point_budget: u64,
+}
+
+/// How an image was used, or will be: Vulkan's numbers.
+#[repr(C)]
+#[derive(Clone, Copy)]
+pub struct PointillistAccess {
+    /// VkImageLayout.
+    pub layout: i32,
+    /// Queue family that owns the image; UINT32_MAX if it is the renderer's.
+    pub family: u32,
+    /// VkPipelineStageFlags2.
+    pub stages: u64,
+    /// VkAccessFlags2.
+    pub access: u64,
+}
+
+/// An image of the host to draw into: one layer, one level, one sample.
+#[repr(C)]
+#[derive(Clone, Copy)]
+pub struct PointillistTarget {
+    pub size: usize,
+    /// VkImage.
+    pub image: u64,
+    /// VkImageView.
+    pub view: u64,
+    /// VkFormat.
+    pub format: i32,
+    pub width: u32,
+    pub height: u32,
+    pub samples: u32,
+    /// Last access before.
+    pub before: PointillistAccess,
+    /// First access afterwards.
+    pub after: PointillistAccess,
+    /// Whether the area is cleared first: colour to the background, depth to what is farthest.
+    pub clear: bool,
+}
+
+/// A view: matrices column by column, in Vulkan's clip space, and its area in the targets.
+#[repr(C)]
+#[derive(Clone, Copy)]
+pub struct PointillistView {
+    pub size: usize,
+    /// From the world to the view.
+    pub view: [f64; 16],
+    /// From the view to clip space.
+    pub projection: [f64; 16],
+    pub x: i32,
+    pub y: i32,
+    pub width: u32,
+    pub height: u32,
+}
+
+/// A frame.
+#[repr(C)]
+#[derive(Clone, Copy)]
+pub struct PointillistFrame {
+    pub size: usize,
+    /// Grows from frame to frame, from 1.
+    pub number: u64,
+    /// Last frame that the device has completed; 0 if none.
+    pub safe: u64,
+    pub color: *const PointillistTarget,
+    /// Depth that points are hidden by; null if there is none.
+    pub depth: *const PointillistTarget,
+    /// Whether points' depth is written.
+    pub writes_depth: bool,
+    /// Whether colours are stored linear instead of encoded.
+    pub linear: bool,
+    pub views: *const PointillistView,
+    pub view_count: usize,
+}
+
+/// What a frame shows.
+#[repr(C)]
+#[derive(Clone, Copy)]
+pub struct PointillistReport {
+    pub size: usize,
+    /// Points drawn in all views.
+    pub points: u64,
+    /// Nodes that are missing, or coarser than the views call for.
+    pub missing: u64,
+    /// Number of clouds or nodes that could not be drawn.
+    pub errors: u64,
+    /// Whether everything that the views call for is drawn.
+    pub settled: bool,
+}
+
+/// Points of the host's memory; arrays that are null are absent.
+#[repr(C)]
+#[derive(Clone, Copy)]
+pub struct PointillistPoints {
+    pub size: usize,
+    pub count: usize,
+    /// x, y, z of each point; give these, or those in f32.
+    pub positions_f64: *const f64,
+    pub positions_f32: *const f32,
+    /// Red, green, blue of each point, sRGB.
+    pub colors: *const u8,
+    pub intensities: *const f32,
+    pub classes: *const u8,
+}
+
+/// State of a cloud.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum PointillistCloudState {
+    Loading = 0,
+    Uploading = 1,
+    Ready = 2,
+    Failed = 3,
+}
+
+/// A camera of a preset, as matrices, with reversed depth.
+#[repr(C)]
+#[derive(Clone, Copy)]
+pub enum PointillistPreset {
+    Top = 0,
+    Front = 1,
+    Side = 2,
+    Iso = 3,
+    Fit = 4,
+}
+
+/// Answer to a pick.
+#[repr(C)]
+#[derive(Clone, Copy)]
+pub struct PointillistPicked {
+    pub size: usize,
+    /// Whether there is an answer; if not, ask again after another frame.
+    pub answered: bool,
+    /// Whether a point was met; the rest is undefined if not.
+    pub met: bool,
+    /// Whether the position is the file's own, to the last bit.
+    pub exact: bool,
+    pub cloud: u64,
+    /// In the host's world.
+    pub world: [f64; 3],
+    /// In the cloud's own coordinates.
+    pub position: [f64; 3],
+}
+
+/// Runs a function of the interface: failures and panics become results with a message.
+fn guarded(error: *mut PointillistError, work: impl FnOnce() -> Result<()>) -> PointillistResult {
+    let (result, message) = match catch_unwind(AssertUnwindSafe(work)) {
+        Ok(Ok(())) => return PointillistResult::Ok,
+        Ok(Err(why)) => (code(&why), why.to_string()),
+        Err(_) => (PointillistResult::Panic, "a fault of pointillist".into()),
+    };
+    // SAFETY: null, or valid, as the caller ensures.
+    if let Some(error) = unsafe { error.as_mut() } {
+        let most = error.message.len() - 1;
+        let cut = (0..=message.len().min(most)).rev().find(|at| message.is_char_boundary(*at));
+        let bytes = &message.as_bytes()[..cut.unwrap_or(0)];
+        error.message.fill(0);
+        error.message.iter_mut().zip(bytes).for_each(|(to, from)| *to = *from as c_char);
+    }
+    result
+}
+
+fn code(error: &Error) -> PointillistResult {
+    match error {
+        _ if error.is_lost_device() => PointillistResult::DeviceLost,
+        Error::Request(_) | Error::Interrupted => PointillistResult::Request,
+        Error::Io { .. } | Error::Format { .. } => PointillistResult::File,
+        Error::Device(_) | Error::Vulkan { .. } | Error::Validation(_) => PointillistResult::Device,
+    }
+}
+
+fn null<T>(name: &str) -> Result<T> {
+    Err(Error::Request(format!("{name} is null")))
+}
+
+/// Reads a struct that begins with its size; members that the caller does not know are `default`.
+///
+/// # Safety
+/// `from` is null or has as many bytes as it says.
+unsafe fn sized<T: Copy>(from: *const T, default: T, name: &str) -> Result<T> {
+    if from.is_null() {
+        return null(name);
+    }
+    let mut value = default;
+    // SAFETY: every such struct begins with its size, and has that many bytes.
+    unsafe {
+        let size = *from.cast::<usize>();
+        if size < size_of::<usize>() || size > 1 << 16 {
+            let what = format!("{name} has the size {size}; make it with its _default function");
+            return Err(Error::Request(what));
+        }
+        let bytes = size.min(size_of::<T>());
+        std::ptr::copy_nonoverlapping(from.cast::<u8>(), (&raw mut value).cast::<u8>(), bytes);
+    }
+    Ok(value)
+}
+
+/// Writes a struct that begins with its size, as far as the caller knows it.
+///
+/// # Safety
+/// As for [`sized`].
+unsafe fn give<T: Copy>(value: T, to: *mut T, name: &str) -> Result<()> {
+    if to.is_null() {
+        return null(name);
+    }
+    // SAFETY: as the caller ensures.
+    unsafe {
+        let size = *to.cast::<usize>();
+        let bytes = size.min(size_of::<T>());
+        std::ptr::copy_nonoverlapping((&raw const value).cast::<u8>(), to.cast::<u8>(), bytes);
+        *to.cast::<usize>() = size;
+    }
+    Ok(())
+}
+
+/// # Safety
+/// `renderer` is null, or from [`pointillist_new`] and not freed.
+unsafe fn renderer<'r>(renderer: *mut PointillistRenderer) -> Result<&'r mut PointillistRenderer> {
+    // SAFETY: as the caller ensures.
+    unsafe { renderer.as_mut() }.map_or_else(|| null("renderer"), Ok)
+}
+
+/// # Safety
+/// `text` is null or ends with 0.
+unsafe fn words<'t>(text: *const c_char, name: &str) -> Result<&'t str> {
+    if text.is_null() {
+        return null(name);
+    }
+    // SAFETY: as the caller ensures.
+    let text = unsafe { CStr::from_ptr(text) };
+    text.to_str().map_err(|_| Error::Request(format!("{name} is not UTF-8")))
+}
+
+/// # Safety
+/// `first` is null or has `count` items.
+unsafe fn array<'a, T>(first: *const T, count: usize) -> Option<&'a [T]> {
+    // SAFETY: as the caller ensures.
+    (!first.is_null()).then(|| unsafe { std::slice::from_raw_parts(first, count) })
+}
+
+const ACCESS: PointillistAccess =
+    PointillistAccess { layout: 0, family: Access::SAME_FAMILY, stages: 0, access: 0 };
+
+const TARGET: PointillistTarget = PointillistTarget {
+    size: size_of::<PointillistTarget>(),
+    image: 0,
+    view: 0,
+    format: 0,
+    width: 0,
+    height: 0,
+    samples: 1,
+    before: ACCESS,
+    after: ACCESS,
+    clear: false,
+};
+
+/// Version of this interface: functions and members are only added while it is the same.
+pub const POINTILLIST_VERSION: u32 = 1;
+
+/// Returns the version of the library's interface, to be compared with POINTILLIST_VERSION.
+#[unsafe(no_mangle)]
+pub extern "C" fn pointillist_version() -> u32 {
+    POINTILLIST_VERSION
+}
+
+/// Returns a host without handles.
+#[unsafe(no_mangle)]
+pub extern "C" fn pointillist_host_default() -> PointillistHost {
+    PointillistHost {
+        size: size_of::<PointillistHost>(),
+        get_instance_proc_addr: std::ptr::null(),
+        instance: 0,
+        physical_device: 0,
+        device: 0,
+        queue_family: 0,
+        has_int64_atomics: false,
+        has_debug_utils: false,
+        memory_budget: 0,
+        point_budget: 0,
+    }
+}
+
+/// Returns a target without an image, of one sample.
+#[unsafe(no_mangle)]
+pub extern "C" fn pointillist_target_default() -> PointillistTarget {
+    TARGET
+}
+
+/// Returns a view with unit matrices and no area.
+#[unsafe(no_mangle)]
+pub extern "C" fn pointillist_view_default() -> PointillistView {
+    let unit = glam::DMat4::IDENTITY.to_cols_array();
+    PointillistView {
+        size: size_of::<PointillistView>(),
+        view: unit,
+        projection: unit,
+        x: 0,
+        y: 0,
+        width: 0,
+        height: 0,
+    }
+}
+
+/// Returns a frame without targets and views, which writes depth.
+#[unsafe(no_mangle)]
+pub extern "C" fn pointillist_frame_default() -> PointillistFrame {
+    PointillistFrame {
+        size: size_of::<PointillistFrame>(),
+        number: 0,
+        safe: 0,
+        color: std::ptr::null(),
+        depth: std::ptr::null(),
+        writes_depth: true,
+        linear: false,
+        views: std::ptr::null(),
+        view_count: 0,
+    }
+}
+
+/// Returns an empty report.
+#[unsafe(no_mangle)]
+pub extern "C" fn pointillist_report_default() -> PointillistReport {
+    let size = size_of::<PointillistReport>();
+    PointillistReport { size, points: 0, missing: 0, errors: 0, settled: false }
+}
+
+/// Returns no points.
+#[unsafe(no_mangle)]
+pub extern "C" fn pointillist_points_default() -> PointillistPoints {
+    PointillistPoints {
+        size: size_of::<PointillistPoints>(),
+        count: 0,
+        positions_f64: std::ptr::null(),
+        positions_f32: std::ptr::null(),
+        colors: std::ptr::null(),
+        intensities: std::ptr::null(),
+        classes: std::ptr::null(),
+    }
+}
+
+/// Returns an answer that is not there yet.
+#[unsafe(no_mangle)]
+pub extern "C" fn pointillist_picked_default() -> PointillistPicked {
+    PointillistPicked {
+        size: size_of::<PointillistPicked>(),
+        answered: false,
+        met: false,
+        exact: false,
+        cloud: 0,
+        world: [0.0; 3],
+        position: [0.0; 3],
+    }
+}
+
+/// Checks a physical device, before the host creates its device.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn pointillist_check(
+    get_instance_proc_addr: *const c_void,
+    instance: u64,
+    physical_device: u64,
+    error: *mut PointillistError,
+) -> PointillistResult {
+    // SAFETY: the handles are valid, as the caller ensures.
+    guarded(error, || unsafe { check(get_instance_proc_addr, instance, physical_device) })
+}
+
+/// Enables what is required in a chain of VkPhysicalDeviceFeatures2,
+/// VkPhysicalDeviceVulkan12Features and VkPhysicalDeviceVulkan13Features; also what is optional, if
+/// the device has it and `optional` is set.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn pointillist_enable_features(
+    chain: *mut c_void,
+    optional: bool,
+    error: *mut PointillistError,
+) -> PointillistResult {
+    // SAFETY: the chain is valid, as the caller ensures.
+    guarded(error, || unsafe { enable_features(chain, optional) })
+}
+
+/// Creates a renderer on the host's device, which must outlive it.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn pointillist_new(
+    host: *const PointillistHost,
+    out: *mut *mut PointillistRenderer,
+    error: *mut PointillistError,
+) -> PointillistResult {
+    guarded(error, || {
+        if out.is_null() {
+            return null("out");
+        }
+        // SAFETY: the pointers and handles are valid, as the caller ensures.
+        unsafe {
+            let host = sized(host, pointillist_host_default(), "host")?;
+            let usual = RendererOptions::default();
+            let options = RendererOptions {
+                memory_budget: match host.memory_budget {
+                    0 => usual.memory_budget,
+                    bytes => bytes,
+                },
+                point_budget: Some(host.point_budget).filter(|points| *points > 0),
+            };
+            let host = Host {
+                get_instance_proc_addr: host.get_instance_proc_addr,
+                instance: host.instance,
+                physical_device: host.physical_device,
+                device: host.device,
+                queue_family: host.queue_family,
+                has_int64_atomics: host.has_int64_atomics,
+                has_debug_utils: host.has_debug_utils,
+            };
+            let renderer = Renderer::new(&host, options)?;
+            *out = Box::into_raw(Box::new(PointillistRenderer { renderer, picks: Vec::new() }));
+        }
+        Ok(())
+    })
+}
+
+/// Frees a renderer, which may be null. The device must have completed all frames.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn pointillist_free(renderer: *mut PointillistRenderer) {
+    guarded(std::ptr::null_mut(), || {
+        if !renderer.is_null() {
+            // SAFETY: made by `pointillist_new`, as the caller ensures.
+            drop(unsafe { Box::from_raw(renderer) });
+        }
+        Ok(())
+    });
+}
+
+/// Opens files, or one index, as a cloud. Returns at once; a thread reads them. `color` names the
+/// attribute to show, or is null.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn pointillist_open(
+    renderer: *mut PointillistRenderer,
+    files: *const *const c_char,
+    file_count: usize,
+    color: *const c_char,
+    cloud: *mut u64,
+    error: *mut PointillistError,
+) -> PointillistResult {
+    guarded(error, || {
+        // SAFETY: the pointers are valid, as the caller ensures.
+        unsafe {
+            let own = self::renderer(renderer)?;
+            let names = array(files, file_count).map_or_else(|| null("files"), Ok)?;
+            let path = |&name: &*const c_char| words(name, "a file").map(PathBuf::from);
+            let paths = names.iter().map(path).collect::<Result<Vec<_>>>()?;
+            let color = match color.is_null() {
+                true => None,
+                false => Some(words(color, "color")?.to_string()),
+            };
+            if cloud.is_null() {
+                return null("cloud");
+            }
+            *cloud = own.renderer.open(&paths, &OpenSettings { color, strict: false })?.0;
+        }
+        Ok(())
+    })
+}
+
+/// Adds points of the host's memory as a cloud; they are copied.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn pointillist_add_points(
+    renderer: *mut PointillistRenderer,
+    points: *const PointillistPoints,
+    cloud: *mut u64,
+    error: *mut PointillistError,
+) -> PointillistResult {
+    guarded(error, || {
+        // SAFETY: the pointers are valid and have `count` points, as the caller ensures.
+        unsafe {
+            let own = self::renderer(renderer)?;
+            let points = sized(points, pointillist_points_default(), "points")?;
+            if cloud.is_null() {
+                return null("cloud");
+            }
+            let count = points.count;
+            let positions = match array(points.positions_f64.cast::<[f64; 3]>(), count) {
+                Some(places) => Positions::F64(places),
+                None => array(points.positions_f32.cast::<[f32; 3]>(), count)
+                    .map_or_else(|| null("positions"), |places| Ok(Positions::F32(places)))?,
+            };
+            let points = Points {
+                positions,
+                colors: array(points.colors.cast::<[u8; 3]>(), count),
+                intensities: array(points.intensities, count),
+                classes: array(points.classes, count),
+            };
+            *cloud = own.renderer.add_points(&points)?.0;
+        }
+        Ok(())
+    })
+}
+
+/// Removes a cloud.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn pointillist_remove(
+    renderer: *mut PointillistRenderer,
+    cloud: u64,
+    error: *mut PointillistError,
+) -> PointillistResult {
+    // SAFETY: as the caller ensures.
+    guarded(error, || unsafe { self::renderer(renderer)?.renderer.remove(CloudId(cloud)) })
+}
+
+/// Shows or hides a cloud.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn pointillist_set_visible(
+    renderer: *mut PointillistRenderer,
+    cloud: u64,
+    visible: bool,
+    error: *mut PointillistError,
+) -> PointillistResult {
+    guarded(error, || {
+        // SAFETY: as the caller ensures.
+        unsafe { self::renderer(renderer)? }.renderer.set_visible(CloudId(cloud), visible)
+    })
+}
+
+/// Moves a cloud: a matrix, column by column, from its coordinates to the host's world.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn pointillist_set_transform(
+    renderer: *mut PointillistRenderer,
+    cloud: u64,
+    columns: *const f64,
+    error: *mut PointillistError,
+) -> PointillistResult {
+    guarded(error, || {
+        // SAFETY: as the caller ensures.
+        unsafe {
+            let own = self::renderer(renderer)?;
+            let columns = columns.cast::<[f64; 16]>().as_ref();
+            let columns = columns.map_or_else(|| null("columns"), Ok)?;
+            own.renderer.set_transform(CloudId(cloud), columns)
+        }
+    })
+}
+
+/// Returns the state of a cloud; of a failed one, also the reason, as `error`'s message.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn pointillist_state(
+    renderer: *mut PointillistRenderer,
+    cloud: u64,
+    state: *mut PointillistCloudState,
+    error: *mut PointillistError,
+) -> PointillistResult {
+    let mut why = None;
+    let result = guarded(error, || {
+        // SAFETY: as the caller ensures.
+        let (own, state) = unsafe { (self::renderer(renderer)?, state.as_mut()) };
+        *state.map_or_else(|| null("state"), Ok)? = match own.renderer.state(CloudId(cloud))? {
+            CloudState::Loading { .. } => PointillistCloudState::Loading,
+            CloudState::Uploading => PointillistCloudState::Uploading,
+            CloudState::Ready => PointillistCloudState::Ready,
+            CloudState::Failed(reason) => {
+                why = Some(reason);
+                PointillistCloudState::Failed
+            }
+        };
+        Ok(())
+    });
+    if let Some(why) = why {
+        guarded(error, || Err(Error::Request(why)));
+    }
+    result
+}
+
+/// Sets style, effect, light, background, layer, opacity or clip, as on the command line.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn pointillist_set(
+    renderer: *mut PointillistRenderer,
+    name: *const c_char,
+    value: *const c_char,
+    error: *mut PointillistError,
+) -> PointillistResult {
+    guarded(error, || {
+        // SAFETY: as the caller ensures.
+        unsafe {
+            let own = self::renderer(renderer)?;
+            own.renderer.set(words(name, "name")?, words(value, "value")?)
+        }
+    })
+}
+
+/// Fills in the matrices of a view, whose width and height are set, so that it frames all clouds
+/// that are ready. `near` and `far` are depths of 1 and 0.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn pointillist_frame_clouds(
+    renderer: *mut PointillistRenderer,
+    preset: PointillistPreset,
+    near: f64,
+    far: f64,
+    view: *mut PointillistView,
+    error: *mut PointillistError,
+) -> PointillistResult {
+    guarded(error, || {
+        // SAFETY: as the caller ensures.
+        unsafe {
+            let own = self::renderer(renderer)?;
+            let mut found = sized(view, pointillist_view_default(), "view")?;
+            let preset = match preset {
+                PointillistPreset::Top => Preset::Top,
+                PointillistPreset::Front => Preset::Front,
+                PointillistPreset::Side => Preset::Side,
+                PointillistPreset::Iso => Preset::Iso,
+                PointillistPreset::Fit => Preset::Fit,
+            };
+            let size = [found.width, found.height];
+            if size.contains(&0) {
+                return Err(Error::Request("the view has no width or height".into()));
+            }
+            let camera = own.renderer.framing(preset, size);
+            let camera = camera.ok_or_else(|| Error::Request("no cloud is ready".into()))?;
+            let matrices = Matrices::of(&camera, size, near, far)?;
+            (found.view, found.projection) = (matrices.view, matrices.projection);
+            give(found, view, "view")
+        }
+    })
+}
+
+fn target(target: &PointillistTarget) -> Target {
+    let access = |access: PointillistAccess| Access {
+        layout: access.layout,
+        stages: access.stages,
+        access: access.access,
+        family: access.family,
+    };
+    Target {
+        image: target.image,
+        view: target.view,
+        format: target.format,
+        size: [target.width, target.height],
+        samples: target.samples,
+        before: access(target.before),
+        after: access(target.after),
+        clear: target.clear,
+    }
+}
+
+/// Records a frame into a command buffer that is being recorded, outside of rendering. The host
+/// submits it.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn pointillist_record(
+    renderer: *mut PointillistRenderer,
+    command_buffer: u64,
+    frame: *const PointillistFrame,
+    report: *mut PointillistReport,
+    error: *mut PointillistError,
+) -> PointillistResult {
+    guarded(error, || {
+        // SAFETY: the pointers and handles are valid, as the caller ensures.
+        unsafe {
+            let own = self::renderer(renderer)?;
+            let frame = sized(frame, pointillist_frame_default(), "frame")?;
+            if command_buffer == 0 {
+                return null("command_buffer");
+            }
+            let view = |number: usize| {
+                // The caller's views are as far apart as it knows them.
+                let first = frame.views.cast::<u8>();
+                let apart = *first.cast::<usize>();
+                let view = first.add(number * apart).cast::<PointillistView>();
+                let view = sized(view, pointillist_view_default(), "a view")?;
+                let matrices = Matrices { view: view.view, projection: view.projection };
+                Ok(FrameView {
+                    camera: ViewCamera::Matrices(matrices),
+                    area: Area { corner: [view.x, view.y], size: [view.width, view.height] },
+                })
+            };
+            if frame.views.is_null() && frame.view_count > 0 {
+                return null("views");
+            }
+            let views = (0..frame.view_count).map(view).collect::<Result<Vec<_>>>()?;
+            let targets = Targets {
+                color: target(&sized(frame.color, TARGET, "color")?),
+                encoding: if frame.linear { Encoding::Linear } else { Encoding::Srgb },
+                depth: match frame.depth.is_null() {
+                    true => None,
+                    false => Some(target(&sized(frame.depth, TARGET, "depth")?)),
+                },
+                writes_depth: frame.writes_depth,
+            };
+            let frame = Frame { number: frame.number, safe: frame.safe, targets, views: &views };
+            let found = own.renderer.record(command_buffer, &frame)?;
+            if !report.is_null() {
+                let found = PointillistReport {
+                    points: found.points,
+                    missing: found.missing as u64,
+                    errors: found.errors.len() as u64,
+                    settled: found.settled,
+                    ..pointillist_report_default()
+                };
+                give(found, report, "report")?;
+            }
+        }
+        Ok(())
+    })
+}
+
+/// Requests the point in a pixel of the next frame.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn pointillist_pick(
+    renderer: *mut PointillistRenderer,
+    x: u32,
+    y: u32,
+    pick: *mut u64,
+    error: *mut PointillistError,
+) -> PointillistResult {
+    guarded(error, || {
+        // SAFETY: as the caller ensures.
+        let (own, pick) = unsafe { (self::renderer(renderer)?, pick.as_mut()) };
+        let pick = pick.map_or_else(|| null("pick"), Ok)?;
+        own.picks.push(own.renderer.pick([x, y]));
+        *pick = own.picks.len() as u64;
+        Ok(())
+    })
+}
+
+/// Returns the answer to a pick, once; it comes with a frame after the one that was asked.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn pointillist_picked(
+    renderer: *mut PointillistRenderer,
+    pick: u64,
+    picked: *mut PointillistPicked,
+    error: *mut PointillistError,
+) -> PointillistResult {
+    guarded(error, || {
+        // SAFETY: as the caller ensures.
+        let own = unsafe { self::renderer(renderer)? };
+        let wanted = (pick as usize).checked_sub(1).and_then(|at| own.picks.get(at));
+        let wanted = *wanted.ok_or_else(|| Error::Request(format!("there is no pick {pick}")))?;
+        let found = match own.renderer.picked(wanted) {
+            Picked::Pending => pointillist_picked_default(),
+            Picked::Nothing => PointillistPicked { answered: true, ..pointillist_picked_default() },
+            Picked::Point(point) => PointillistPicked {
+                answered: true,
+                met: true,
+                exact: point.exact,
+                cloud: point.cloud.0,
+                world: point.world.to_array(),
+                position: point.position.to_array(),
+                ..pointillist_picked_default()
+            },
+        };
+        // SAFETY: as the caller ensures.
+        unsafe { give(found, picked, "picked") }
+    })
+}

@@ -1,0 +1,64 @@
+//! Settings as words: those of the command line and of scene files.
+
+use super::{Error, Renderer, Result};
+use crate::passes::Effects;
+use crate::render::settings::{Background, Style};
+use crate::select::clip::{Clip, Clips};
+use crate::select::opacity::{Opacities, Rule};
+use crate::view::light::Light;
+use clap::ValueEnum;
+
+impl Renderer {
+    /// Sets what a scene file or the command line has under `name`:
+    ///
+    /// - `style`: `surface`, `points` or `strokes`, which sets all effects
+    /// - `effect`: `NAME=off|on|auto[,key=value...]`
+    /// - `light`: such as `camera` or `direction:1,-2,-3`
+    /// - `background`: `RRGGBB` in hexadecimal digits
+    /// - `layer`: distance below which surfaces count as one `[m]`; 0 is automatic
+    /// - `opacity` and `clip`: rules and boxes, separated by `;`, which replace those before
+    ///
+    /// Errors name what is wrong, and leave everything as it was.
+    pub fn set(&mut self, name: &str, value: &str) -> Result<()> {
+        let refused = |why: String| Error::Request(format!("{name}={value}: {why}"));
+        let items = || value.split(';').map(str::trim).filter(|item| !item.is_empty());
+        match name {
+            "style" => {
+                let style = Style::from_str(value, false).map_err(refused)?;
+                self.settings.effects = Effects::of(style);
+            }
+            "effect" => {
+                let mut effects = self.settings.effects.clone();
+                effects.set(value).map_err(refused)?;
+                self.settings.effects = effects;
+            }
+            "light" => self.settings.light = value.parse::<Light>().map_err(refused)?,
+            "background" => {
+                self.settings.background = value.parse::<Background>().map_err(refused)?.0;
+            }
+            "layer" => {
+                let layer = value.parse().ok().filter(|layer: &f64| layer.is_finite());
+                let layer = layer.filter(|layer| *layer >= 0.0);
+                self.settings.layer_m =
+                    layer.ok_or_else(|| refused("not a distance of 0 m or more".into()))?;
+            }
+            "opacity" => {
+                let rules: std::result::Result<Vec<Rule>, String> =
+                    items().map(str::parse).collect();
+                self.opacities = Opacities(rules.map_err(refused)?);
+            }
+            "clip" => {
+                let boxes: std::result::Result<Vec<Clip>, String> =
+                    items().map(str::parse).collect();
+                self.clips = Clips(boxes.map_err(refused)?);
+            }
+            _ => {
+                return Err(refused(
+                    "there is no such setting; there are: style, effect, light, background, layer, opacity, clip".into(),
+                ));
+            }
+        }
+        self.revision += 1;
+        Ok(())
+    }
+}

@@ -1,0 +1,3 @@
+//! The shared library for C: all functions of `include/pointillist.h`.
+
+pub use pointillist::c::*;
