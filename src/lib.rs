@@ -18,6 +18,8 @@
 //! - [`loader`]: the thread that reads nodes of an index. [`resident`]: nodes in device memory.
 //! - [`passes`]: one file a pass, and the registry of effects.
 //! - [`render`]: files or an index as a source, settings, the scene file, and the whole frame.
+//! - [`renderer`]: clouds in the images of another Vulkan application, and [`c`], the same for C.
+//!   These two are the interface that stays; the other modules change with the program.
 //! - [`output`]: PNG and EXR files, and pictures larger than a device's images.
 //! - [`present`]: a window's swapchain. [`app`]: the window with its panel and navigation.
 //! - [`bench`](mod@bench): timings of passes. [`study`]: accuracy against time. [`cli`]: the

@@ -182,7 +182,7 @@ static void draw_rectangle(void) {
     VkClearAttachment drawn[2] = {
         {.aspectMask = VK_IMAGE_ASPECT_COLOR_BIT,
          .clearValue.color.float32 = {0.9f, 0.5f, 0.1f, 1}},
-        {.aspectMask = VK_IMAGE_ASPECT_DEPTH_BIT, .clearValue.depthStencil.depth = 0.01f / 3}};
+        {.aspectMask = VK_IMAGE_ASPECT_DEPTH_BIT, .clearValue.depthStencil.depth = 0.01f / 4.4f}};
     for (int side = 0; side < 2; ++side) {
         VkClearRect rect = {{{side * WIDTH / 2 + 150, 40}, {100, HEIGHT - 80}}, 0, 1};
         vkCmdClearAttachments(commands, 2, drawn, 1, &rect);

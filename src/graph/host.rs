@@ -6,6 +6,7 @@
 use super::record::{self, Recorded};
 use super::{CompletedSubmission, Gpu, Graph, ResourceId};
 use crate::error::Result;
+use crate::gpu::{Device, HostDevice};
 use ash::vk;
 
 /// The frame being recorded, and those that the device may still be drawing.
@@ -45,6 +46,17 @@ impl Graph<'_> {
 }
 
 impl Gpu {
+    /// Uses a host's device, and records into its command buffers.
+    ///
+    /// # Safety
+    /// As for [`Device::adopt`].
+    pub(crate) unsafe fn adopt(host: &HostDevice) -> Result<Gpu> {
+        // SAFETY: as the caller ensures.
+        let mut gpu = Gpu::on(unsafe { Device::adopt(host) }?)?;
+        gpu.host = Some(HostQueue::default());
+        Ok(gpu)
+    }
+
     /// Begins a frame of the host. `safe_frame` is the last one that the device has completed.
     pub(crate) fn begin_host_frame(
         &mut self,

@@ -217,17 +217,6 @@ impl Gpu {
         Ok(gpu)
     }
 
-    /// Records into a host's command buffers.
-    ///
-    /// # Safety
-    /// As for [`Device::adopt`].
-    pub unsafe fn adopt(host: &crate::gpu::HostDevice) -> Result<Gpu> {
-        // SAFETY: as the caller ensures.
-        let mut gpu = Gpu::on(unsafe { Device::adopt(host) }?)?;
-        gpu.host = Some(HostQueue::default());
-        Ok(gpu)
-    }
-
     fn on(device: Device) -> Result<Gpu> {
         let memory = Memory::new(&device)?;
         let completed = Timeline::new(&device, &memory.alive, "completed")?;

@@ -2,7 +2,6 @@
 //! host has drawn.
 
 use super::host::{Encoding, Target};
-use super::picture::RecordedPicture;
 use super::projection::Depth;
 use crate::error::{Error, Result};
 use crate::gpu::kernel::descriptor_type;
@@ -152,17 +151,19 @@ pub(super) fn clear(
     Ok(())
 }
 
-/// Records the draw. The targets are in their attachment layouts.
+/// Records the draw of a picture, over what is there unless it is opaque. The targets are in their
+/// attachment layouts.
 pub(super) fn record(
     gpu: &mut Gpu,
     commands: vk::CommandBuffer,
     place: &Placement,
-    picture: &RecordedPicture,
+    descriptors: &Descriptors,
+    form: Depth,
+    opaque: bool,
 ) -> Result<()> {
-    let (targets, form, area) = (place.targets, picture.form, place.area);
+    let (targets, area) = (place.targets, place.area);
     let code = encoding(&targets.color, targets.encoding)?;
     let depth = targets.depth.as_ref();
-    let opaque = picture.key.opaque;
     let constants = vec![
         (0, code),
         (1, depth.map_or(0, |_| if form.perspective { 1 } else { 2 })),
@@ -193,7 +194,7 @@ pub(super) fn record(
         blends: !opaque,
     };
     let pipeline = gpu.raster.get(&gpu.device, &draw, target)?;
-    let set = picture.descriptors.as_ref().expect("made with the picture").set;
+    let set = descriptors.set;
     let device = &gpu.device.raw;
     begin(&gpu.device, commands, place, code, form);
     let rect = area.rect();

@@ -468,7 +468,8 @@ impl Renderer {
                 }
                 Err(error) => return Err(error),
             };
-            compose::record(gpu, commands, &place, &picture)?;
+            let descriptors = picture.descriptors.as_ref().expect("made with the picture");
+            compose::record(gpu, commands, &place, descriptors, picture.form, picture.key.opaque)?;
             report.points += picture.points;
             if report.effects.is_empty() {
                 report.effects.clone_from(&picture.effects);

@@ -141,7 +141,8 @@ fn of_matrices(matrices: &Matrices, transform: DMat4, size: [u32; 2]) -> Result<
     }
     let [width, height] = size.map(f64::from);
     let [wide, high] = [at(0, 0).abs() * width / 2.0, at(1, 1).abs() * height / 2.0];
-    if !((wide / high - 1.0).abs() < TOLERANCE) {
+    let square = (wide / high - 1.0).abs() < TOLERANCE;
+    if !square {
         return refused(format!(
             "the projection has pixels that are not square: {wide} and {high} pixels per unit"
         ));

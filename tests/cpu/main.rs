@@ -24,6 +24,7 @@ mod tree;
 mod cloud;
 mod cut;
 mod damaged_las;
+mod header;
 mod imports;
 mod index;
 mod navigation;

@@ -348,7 +348,7 @@ fn scan(folder: &std::path::Path) -> (PathBuf, Camera) {
     let path = folder.join("torus.las");
     files::scan(&path, pointillist::synth::SceneKind::Torus, 100_000);
     let options = pointillist::cloud::ReadOptions::new(Default::default(), false);
-    let cloud = pointillist::cloud::read(&[path.clone()], &options, &Silent).unwrap();
+    let cloud = pointillist::cloud::read(std::slice::from_ref(&path), &options, &Silent).unwrap();
     let camera = Camera::framing(Preset::Fit, &cloud.core_points(), SIZE);
     (path, camera)
 }
@@ -361,7 +361,11 @@ fn view_of(camera: Camera) -> FrameView {
 }
 
 /// Draws as `render` does. Returns red, green and blue of each pixel, and planar depths.
-fn rendered(path: &PathBuf, camera: Camera, settings: &RenderSettings) -> (Vec<u8>, Vec<f32>) {
+fn rendered(
+    path: &std::path::Path,
+    camera: Camera,
+    settings: &RenderSettings,
+) -> (Vec<u8>, Vec<f32>) {
     let options = DeviceOptions { validate: true, ..DeviceOptions::default() };
     let mut gpu = pointillist::graph::Gpu::open(&options).unwrap();
     let opening = OpenOptions {
@@ -374,7 +378,7 @@ fn rendered(path: &PathBuf, camera: Camera, settings: &RenderSettings) -> (Vec<u
         shadows: None,
         fault: None,
     };
-    let Source::Files(cloud) = Source::open(&[path.clone()], &opening, &Silent).unwrap() else {
+    let Source::Files(cloud) = Source::open(&[path.into()], &opening, &Silent).unwrap() else {
         panic!("a small file")
     };
     let (shown, _) = pointillist::cloud::attribute::DisplayAttribute::automatic(&cloud);
@@ -408,7 +412,7 @@ fn an_embedded_frame_is_that_of_render_byte_for_byte() {
         let mut application = Application::new(COLOR);
         let mut renderer = application.renderer();
         renderer.set_settings(settings);
-        let cloud = renderer.open(&[path.clone()], &OpenSettings::default()).unwrap();
+        let cloud = renderer.open(std::slice::from_ref(&path), &OpenSettings::default()).unwrap();
         let targets = application.targets();
         let (report, color, depth) = application.settle(&mut renderer, targets, &[view_of(camera)]);
         assert_eq!(renderer.state(cloud).unwrap(), CloudState::Ready);
@@ -433,7 +437,7 @@ fn a_host_that_encodes_gets_the_same_codes() {
     for format in [COLOR, vk::Format::R8G8B8A8_SRGB] {
         let mut application = Application::new(format);
         let mut renderer = application.renderer();
-        renderer.open(&[path.clone()], &OpenSettings::default()).unwrap();
+        renderer.open(std::slice::from_ref(&path), &OpenSettings::default()).unwrap();
         let targets = application.targets();
         pictures.push(application.settle(&mut renderer, targets, &[view_of(camera)]).1);
     }
@@ -623,7 +627,7 @@ fn frames_of_random_calls_leave_the_picture_of_a_fresh_start() {
     let mut application = Application::new(COLOR);
     let targets = application.targets();
     let mut fresh = application.renderer();
-    fresh.open(&[index.clone()], &OpenSettings::default()).unwrap();
+    fresh.open(std::slice::from_ref(&index), &OpenSettings::default()).unwrap();
     let (_, expected, _) = application.settle(&mut fresh, targets, &[view_of(camera)]);
     drop(fresh);
     application.frame = 0;
@@ -640,7 +644,9 @@ fn frames_of_random_calls_leave_the_picture_of_a_fresh_start() {
     for frame in 0..200 {
         match next(8) {
             0 if clouds.len() < 4 => {
-                clouds.push(renderer.open(&[index.clone()], &OpenSettings::default()).unwrap());
+                clouds.push(
+                    renderer.open(std::slice::from_ref(&index), &OpenSettings::default()).unwrap(),
+                );
             }
             1 if clouds.len() < 4 => {
                 let points = Points::new(Positions::F32(&place));
@@ -655,9 +661,10 @@ fn frames_of_random_calls_leave_the_picture_of_a_fresh_start() {
                 renderer.set_visible(cloud, next(2) == 0).unwrap();
             }
             4 => drop(renderer.pick([next(320) as u32, next(240) as u32])),
-            5 => renderer
-                .set_effect(["edl=on", "edl=off", "fill=on", "ao=on"][next(4) as usize])
-                .unwrap(),
+            5 => {
+                let effect = ["edl=on", "edl=off", "fill=on", "ao=on"][next(4) as usize];
+                renderer.set("effect", effect).unwrap();
+            }
             _ => {}
         }
         let size = [64 + 16 * next(8) as u32, 48 + 16 * next(8) as u32];

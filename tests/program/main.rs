@@ -23,6 +23,7 @@ mod colors;
 mod drivers;
 mod faults;
 mod guide;
+mod hosts;
 mod indexed;
 mod saved_shadows;
 mod stations;

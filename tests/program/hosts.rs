@@ -1,0 +1,96 @@
+//! Hosts that draw clouds into their own pictures: `tools/embed.rs` and `tools/embed.c`.
+
+use crate::files::scan;
+use crate::program::{succeeded, text};
+use crate::shared::skip;
+use pointillist::synth::SceneKind;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+
+/// Returns a built example, which lies beside the program.
+fn example(name: &str) -> Option<PathBuf> {
+    let folder = Path::new(env!("CARGO_BIN_EXE_pointillist")).parent().unwrap().join("examples");
+    let path = folder.join(name);
+    if !path.exists() {
+        skip(&format!("{} is not built; `cargo build --release --examples` does", path.display()));
+        return None;
+    }
+    Some(path)
+}
+
+/// Runs a host on a scan. Returns its pixels, red, green and blue.
+fn pixels(host: &mut Command, picture: &Path) -> (Output, Vec<[u8; 3]>) {
+    let folder = picture.parent().unwrap();
+    let cloud = folder.join("torus.las");
+    scan(&cloud, SceneKind::Torus, 100_000);
+    let output = host.arg(&cloud).arg(picture).output().expect("start the host");
+    succeeded(&output);
+    let bytes = std::fs::read(picture).unwrap();
+    let found = if picture.extension().unwrap() == "png" {
+        let decoder = png::Decoder::new(std::io::Cursor::new(bytes));
+        let mut reader = decoder.read_info().unwrap();
+        let mut rgba = vec![0; reader.output_buffer_size().unwrap()];
+        reader.next_frame(&mut rgba).unwrap();
+        rgba.chunks(4).map(|pixel| [pixel[0], pixel[1], pixel[2]]).collect()
+    } else {
+        bytes[b"P6 800 400 255\n".len()..]
+            .chunks(3)
+            .map(|pixel| pixel.try_into().unwrap())
+            .collect()
+    };
+    (output, found)
+}
+
+/// Checks that the host's orange and the cloud hide each other in both halves, and that a point of
+/// the torus was picked.
+fn check((output, pixels): (Output, Vec<[u8; 3]>)) {
+    assert_eq!(pixels.len(), 800 * 400);
+    let orange = |pixel: &[u8; 3]| *pixel == [230, 128, 26] || *pixel == [229, 127, 25];
+    let grey = |pixel: &[u8; 3]| *pixel == [51, 51, 64];
+    for half in 0..2 {
+        let inside = |i: &usize| i % 800 / 400 == half;
+        let count = |is: &dyn Fn(&[u8; 3]) -> bool| {
+            (0..pixels.len()).filter(inside).filter(|&i| is(&pixels[i])).count()
+        };
+        assert!(count(&orange) > 5000, "{} orange pixels in half {half}", count(&orange));
+        let cloud = count(&|pixel| !orange(pixel) && !grey(pixel));
+        assert!(cloud > 20_000, "{cloud} pixels of the cloud in half {half}");
+    }
+    let said = text(&output.stdout);
+    let numbers: Vec<f64> = said
+        .split(|c: char| !(c.is_ascii_digit() || "+-.e".contains(c)))
+        .filter_map(|word| word.parse().ok())
+        .collect();
+    assert!(said.starts_with("picked") && numbers.len() >= 3, "{said}");
+    let [x, y, z] = [numbers[0], numbers[1], numbers[2]];
+    let off = ((x.hypot(y) - 1.0).hypot(z) - 0.4).abs();
+    assert!(off < 0.01, "a point {off} m off the torus: {said}");
+}
+
+#[test]
+fn a_host_in_rust_draws_a_triangle_through_a_cloud() {
+    let Some(host) = example("embed") else { return };
+    let folder = tempfile::tempdir().unwrap();
+    check(pixels(&mut Command::new(host), &folder.path().join("picture.png")));
+}
+
+#[test]
+fn a_host_in_c_draws_a_rectangle_through_a_cloud() {
+    let Some(library) = example("libpointillist_c.so") else { return };
+    let (root, folder) = (Path::new(env!("CARGO_MANIFEST_DIR")), tempfile::tempdir().unwrap());
+    let host = folder.path().join("embed");
+    let compiler = std::env::var("CC").unwrap_or("cc".into());
+    let built = Command::new(&compiler)
+        .args(["-std=c11", "-Wall", "-Wextra", "-Werror", "-I"])
+        .arg(root.join("include"))
+        .arg(root.join("tools/embed.c"))
+        .arg(&library)
+        .args(["-lvulkan", "-o"])
+        .arg(&host)
+        .output();
+    let Ok(built) = built else { return skip(&format!("{compiler} is missing")) };
+    succeeded(&built);
+    let mut host = Command::new(host);
+    host.env("LD_LIBRARY_PATH", library.parent().unwrap());
+    check(pixels(&mut host, &folder.path().join("picture.ppm")));
+}
