@@ -50,8 +50,6 @@
 //! let encoded = encode::download(&mut g, &outcome.picture)?;
 //! let frame = g.submit_and_wait(&[])?;
 //! image_io::write_png("out.png".as_ref(), view.size, &encoded.read(&frame))?;
-//! frame.recycle(&mut gpu);
-//! resident.free(&mut gpu);
 //! # Ok(())
 //! # }
 //! ```

@@ -187,11 +187,7 @@ impl Present {
             .then_some(ImageDesc { size: picture, format: self.format.format });
         if swapchain.small.as_ref().map(|(small, _)| small.desc) != desc {
             // Its next user starts after everything in flight.
-            swapchain
-                .small
-                .take()
-                .into_iter()
-                .for_each(|(_, block)| gpu.memory.recycle_block(block));
+            swapchain.small = None;
             swapchain.small = desc
                 .map(|desc| gpu.memory.image_alone(&gpu.device, desc, "small picture"))
                 .transpose()?;
@@ -330,22 +326,6 @@ impl Present {
         Ok(shown)
     }
 
-    /// Waits until nothing is in flight, and frees everything.
-    pub fn free(mut self, gpu: &mut Gpu) {
-        self.wait_idle();
-        self.overlay_renderer = None;
-        self.drop_swapchain(gpu);
-        // SAFETY: nothing is in flight, and this is called once.
-        unsafe {
-            for slot in &self.slots {
-                self.device.destroy_fence(slot.done, None);
-                self.device.destroy_semaphore(slot.acquired, None);
-                self.device.destroy_command_pool(slot.pool, None);
-            }
-            self.surfaces.destroy_surface(self.surface, None);
-        }
-    }
-
     fn wait_idle(&self) {
         // SAFETY: no other thread uses the device's queue. A lost device is idle.
         let _ = unsafe { self.device.device_wait_idle() };
@@ -388,7 +368,7 @@ impl Present {
     /// Replaces a lost surface.
     fn recreate_surface(&mut self, gpu: &mut Gpu) -> Result<()> {
         self.wait_idle();
-        self.drop_swapchain(gpu);
+        self.drop_swapchain();
         // SAFETY: its swapchain is gone.
         unsafe { self.surfaces.destroy_surface(self.surface, None) };
         self.surface = vk::SurfaceKHR::null();
@@ -408,7 +388,7 @@ impl Present {
         size: [u32; 2],
     ) -> Result<()> {
         self.wait_idle();
-        self.drop_swapchain(gpu);
+        self.drop_swapchain();
         let most = if can.max_image_count == 0 { u32::MAX } else { can.max_image_count };
         let alpha = match can.supported_composite_alpha.contains(vk::CompositeAlphaFlagsKHR::OPAQUE)
         {
@@ -435,7 +415,7 @@ impl Present {
         let raw = match unsafe { self.swapchains.create_swapchain(&info, None) } {
             Ok(raw) => raw,
             Err(code) => {
-                gpu.memory.destroy_buffer(screen);
+                screen.destroy();
                 return Err(failed("vkCreateSwapchainKHR")(code));
             }
         };
@@ -470,10 +450,8 @@ impl Present {
     }
 
     /// Destroys the swapchain; nothing may be in flight.
-    fn drop_swapchain(&mut self, gpu: &mut Gpu) {
+    fn drop_swapchain(&mut self) {
         let Some(swapchain) = self.swapchain.take() else { return };
-        gpu.memory.destroy_buffer(swapchain.screen);
-        swapchain.small.into_iter().for_each(|(_, block)| gpu.memory.recycle_block(block));
         // SAFETY: see above.
         unsafe {
             for target in &swapchain.targets {
@@ -481,6 +459,25 @@ impl Present {
                 self.device.destroy_semaphore(target.written, None);
             }
             self.swapchains.destroy_swapchain(swapchain.raw, None);
+        }
+        swapchain.screen.destroy();
+    }
+}
+
+impl Drop for Present {
+    /// Waits until nothing is in flight, and frees everything.
+    fn drop(&mut self) {
+        self.wait_idle();
+        self.overlay_renderer = None;
+        self.drop_swapchain();
+        // SAFETY: nothing is in flight.
+        unsafe {
+            for slot in &self.slots {
+                self.device.destroy_fence(slot.done, None);
+                self.device.destroy_semaphore(slot.acquired, None);
+                self.device.destroy_command_pool(slot.pool, None);
+            }
+            self.surfaces.destroy_surface(self.surface, None);
         }
     }
 }

@@ -200,11 +200,8 @@ impl RenderLoop {
         };
         self.cancel_saves();
         self.cancel_upload();
-        let present = self.present.take().expect("taken here only");
-        present.free(&mut self.gpu);
-        if let Some(cloud) = self.cloud.take() {
-            cloud.free(&mut self.gpu);
-        }
+        self.present = None;
+        self.cloud = None;
         if let Err(error) = ended.and_then(|()| self.gpu.device.take_validation_errors()) {
             (self.report)(RenderEvent::Ended(error));
         }
@@ -330,10 +327,7 @@ impl RenderLoop {
                 return Ok(());
             }
             Ok(false) => upload.prepared.finish(&mut self.gpu, upload.pool_bytes),
-            Err(error) => {
-                upload.prepared.free(&mut self.gpu);
-                Err(error)
-            }
+            Err(error) => Err(error),
         };
         match uploaded {
             Ok(cloud) => {
@@ -355,7 +349,7 @@ impl RenderLoop {
     }
 
     fn cancel_upload(&mut self) {
-        self.uploading.take().into_iter().for_each(|upload| upload.prepared.free(&mut self.gpu));
+        self.uploading = None;
     }
 
     /// Takes the next step that is due.
@@ -399,14 +393,12 @@ impl RenderLoop {
         let Ok(points) = project::draw(&mut g, &view, cloud.resident(), scene.settings.precision)
         else {
             // Drawing reports the same error.
-            g.discard();
             return Ok(());
         };
         let points = points.one_sided(one_sided);
         let counted = count_visible::record(&mut g, &view, &points);
         let frame = g.submit_and_wait(&[])?;
         (self.report)(RenderEvent::Counted(counted.points(&frame)));
-        frame.recycle(&mut self.gpu);
         Ok(())
     }
 }

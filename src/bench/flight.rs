@@ -118,9 +118,8 @@ fn fly(
         let mut g = Graph::new(gpu);
         let outcome = frame::record(&mut g, &view, resident, &config)?;
         let statistics = outcome.statistics;
-        let frame = g.submit_and_wait(&[outcome.picture.resource()])?;
+        g.submit_and_wait(&[outcome.picture.resource()])?;
         frames.push(milliseconds(began));
-        frame.recycle(gpu);
         points.push(statistics.points_drawn as f64);
         misses += update.missing as u64;
         complete_frames += update.is_complete() as usize;
@@ -157,7 +156,6 @@ fn fly(
         device: gpu.device.name.clone(),
         driver: gpu.device.driver.clone(),
     };
-    residency.free(gpu);
     Ok(flight)
 }
 

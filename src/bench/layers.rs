@@ -148,7 +148,6 @@ fn of(
         };
         rows.extend(WAYS.iter().zip(quartiles).map(row));
     }
-    resident.free(gpu);
     Ok(rows)
 }
 
@@ -180,7 +179,6 @@ fn draw(
     let outcome = frame::record(&mut g, view, resident, &config)?;
     let frame = g.submit_and_wait(&[outcome.picture.resource()])?;
     let ms = frame.passes.iter().map(|(_, ms)| ms).sum();
-    frame.recycle(gpu);
     Ok(ms)
 }
 

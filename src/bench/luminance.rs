@@ -102,7 +102,6 @@ pub fn run(options: &DeviceOptions, plan: &Plan, progress: &dyn Progress) -> Res
                     .for_each(|(times, ms)| times.push(ms));
             }
         }
-        resident.free(&mut gpu);
         let [without_ms, with_ms, luminance_ms, project_ms] =
             times.map(|mut times| quartiles(&mut times)[1]);
         let paper =
@@ -140,7 +139,6 @@ fn draw(
     let picture = frame::record(&mut g, view, resident, &config)?.picture;
     let frame = g.submit_and_wait(&[picture.resource()])?;
     let ms = [frame.ms(""), frame.ms("luminance") + frame.ms("clear sums"), frame.ms("project")];
-    frame.recycle(gpu);
     Ok(ms)
 }
 

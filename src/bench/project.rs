@@ -69,7 +69,6 @@ pub fn run(options: &DeviceOptions, plan: &Plan, progress: &dyn Progress) -> Res
                     progress,
                 )?);
             }
-            resident.free(&mut gpus.compute);
         }
     }
     Ok(rows)
@@ -206,7 +205,6 @@ fn draw_keys(gpu: &mut Gpu, resident: &Resident, view: &View, count: bool) -> Re
         .map(|keys| frame.read::<[u32; 2]>(keys).iter().filter(|key| key[0] != NO_POINT).count())
         .sum();
     let ms = frame.ms("project") + frame.ms("clear");
-    frame.recycle(gpu);
     Ok((ms, covered))
 }
 
@@ -236,7 +234,6 @@ fn draw_point_list(
         frame.read::<u32>(&index).iter().filter(|&&point| point != NO_POINT).count()
     });
     let ms = frame.ms("point_list");
-    frame.recycle(gpu);
     Ok((ms, covered))
 }
 

@@ -171,7 +171,6 @@ fn of(
                 .map(|((way, times), fragments)| row(way.0, &size, times, Some(plain), fragments)),
         );
     }
-    resident.free(gpu);
     Ok(rows)
 }
 
@@ -196,7 +195,6 @@ fn draw(
     assert!(!frame.read::<f32>(&picture).is_empty());
     let ms = start.elapsed().as_secs_f64() * 1e3;
     let facts = outcome.strokes.map(|painted| painted.facts).unwrap_or_default();
-    frame.recycle(gpu);
     Ok((ms, facts.fragments))
 }
 

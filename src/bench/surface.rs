@@ -155,7 +155,6 @@ pub fn run(options: &DeviceOptions, plan: &Plan, progress: &dyn Progress) -> Res
             }
         }
     }
-    residents.into_iter().for_each(|(_, resident)| resident.free(&mut gpu));
     let one = quartiles(&mut times[0].clone())[1];
     let row = |(((way, _, _, _, target), mut times), passes): (
         (Way, Vec<f64>),
@@ -214,7 +213,6 @@ fn draw(
     {
         *ms.entry(name.clone()).or_default() += time;
     }
-    frame.recycle(gpu);
     Ok(ms)
 }
 

@@ -93,10 +93,8 @@ pub fn run(arguments: &Arguments, path: &Path, progress: &dyn Progress) -> Resul
             })?;
         done.notes.into_iter().for_each(&mut say);
         done.asked.write(&done.frame, size, png(number).as_deref(), exr(number).as_deref())?;
-        done.frame.recycle(&mut gpu);
     }
     progress.tick("drawing frames", total, total)?;
-    cloud.free(&mut gpu);
     Ok(())
 }
 

@@ -184,8 +184,6 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
     if arguments.timings {
         stages.print(&frame);
     }
-    frame.recycle(&mut gpu);
-    cloud.free(&mut gpu);
     Ok(())
 }
 
@@ -216,7 +214,6 @@ fn in_pieces(
     for note in tiled::write(gpu, &mut cloud, wanted, output, progress)? {
         eprintln!("pointillist: note: {note}");
     }
-    cloud.free(gpu);
     Ok(())
 }
 

@@ -41,8 +41,4 @@ impl Breadcrumbs {
         };
         Error::Vulkan { during, code }
     }
-
-    pub fn recycle(self, memory: &mut Memory) {
-        memory.recycle_buffer(self.crumbs);
-    }
 }

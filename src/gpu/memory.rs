@@ -1,6 +1,7 @@
 //! Named buffers and images, and their memory.
 //!
-//! gpu-allocator provides the memory. What a frame has finished with is recycled: buffers for the
+//! gpu-allocator provides the memory. Buffers and blocks give themselves back when they are dropped.
+//! What a frame has finished with is recycled: buffers for the
 //! same description, memory blocks, in which a frame's images and buffers lie, for a frame of about
 //! the same size. Touching fresh pages costs seconds per GiB on a software device, and allocations
 //! are slow on every other.
@@ -14,6 +15,7 @@ use gpu_allocator::vulkan::{
 };
 use std::collections::HashMap;
 use std::mem::ManuallyDrop;
+use std::sync::mpsc::{Receiver, Sender, channel};
 use std::sync::{Arc, PoisonError, RwLock};
 
 /// Memory kind of a buffer.
@@ -89,8 +91,32 @@ pub struct Texels {
     pub fours: vk::BufferView,
 }
 
-/// A buffer with its memory; mapped unless device-only.
+/// A buffer with its memory; mapped unless device-only. When it is dropped, a later frame recycles
+/// it; the device must have completed what uses it, or complete it before later submissions.
 pub struct RawBuffer {
+    parts: Option<BufferParts>,
+    freed: Sender<Freed>,
+}
+
+impl std::ops::Deref for RawBuffer {
+    type Target = BufferParts;
+
+    fn deref(&self) -> &BufferParts {
+        self.parts.as_ref().expect("taken by the end only")
+    }
+}
+
+impl Drop for RawBuffer {
+    fn drop(&mut self) {
+        // Without a receiver the device is gone, too.
+        if let Some(parts) = self.parts.take() {
+            let _ = self.freed.send(Freed::Buffer(parts));
+        }
+    }
+}
+
+/// Parts of a buffer.
+pub struct BufferParts {
     pub raw: vk::Buffer,
     pub desc: BufferDesc,
     /// Device address, for shaders that read pages by pointer.
@@ -106,7 +132,15 @@ impl RawBuffer {
     }
 
     pub fn bytes_mut(&mut self) -> &mut [u8] {
-        self.allocation.mapped_slice_mut().expect("a mapped buffer")
+        let parts = self.parts.as_mut().expect("taken by the end only");
+        parts.allocation.mapped_slice_mut().expect("a mapped buffer")
+    }
+
+    /// Frees the memory when nothing is in flight, instead of keeping it for later frames.
+    pub fn destroy(mut self) {
+        if let Some(parts) = self.parts.take() {
+            let _ = self.freed.send(Freed::DestroyedBuffer(parts));
+        }
     }
 
     /// Returns a part of a mapped buffer for another thread, valid until `alive` is closed: before
@@ -210,8 +244,44 @@ pub struct MemoryRequirements {
     pub types: u32,
 }
 
-/// A device-memory block with the images and buffers placed in it, which may alias each other.
+/// A device-memory block with the images and buffers placed in it, which may alias each other. When
+/// it is dropped, a later frame recycles it.
 pub struct Block {
+    parts: Option<BlockParts>,
+    freed: Sender<Freed>,
+}
+
+impl std::ops::Deref for Block {
+    type Target = BlockParts;
+
+    fn deref(&self) -> &BlockParts {
+        self.parts.as_ref().expect("taken by the end only")
+    }
+}
+
+impl std::ops::DerefMut for Block {
+    fn deref_mut(&mut self) -> &mut BlockParts {
+        self.parts.as_mut().expect("taken by the end only")
+    }
+}
+
+impl Drop for Block {
+    fn drop(&mut self) {
+        if let Some(parts) = self.parts.take() {
+            let _ = self.freed.send(Freed::Block(parts));
+        }
+    }
+}
+
+/// What was dropped.
+enum Freed {
+    Buffer(BufferParts),
+    DestroyedBuffer(BufferParts),
+    Block(BlockParts),
+}
+
+/// Parts of a block.
+pub struct BlockParts {
     requirements: MemoryRequirements,
     allocation: Allocation,
     images: HashMap<(ImageDesc, u64), RawImage>,
@@ -239,8 +309,12 @@ struct PersistentBuffer {
 /// Creates, recycles and destroys buffers and images. Dropped before the device.
 pub struct Memory {
     allocator: ManuallyDrop<Allocator>,
-    buffers: HashMap<BufferDesc, Vec<RawBuffer>>,
-    blocks: Vec<Block>,
+    /// Dropped objects; they arrive from any thread.
+    freed: (Sender<Freed>, Receiver<Freed>),
+    buffers: HashMap<BufferDesc, Vec<BufferParts>>,
+    blocks: Vec<BlockParts>,
+    /// Buffers to destroy when nothing is in flight.
+    destroyed: Vec<BufferParts>,
     blocks_asked: u64,
     image_requirements: HashMap<ImageDesc, MemoryRequirements>,
     buffer_requirements: HashMap<u64, MemoryRequirements>,
@@ -266,8 +340,10 @@ impl Memory {
         .map_err(|error| Error::Device(format!("cannot set up device memory: {error}")))?;
         Ok(Memory {
             allocator: ManuallyDrop::new(allocator),
+            freed: channel(),
             buffers: HashMap::new(),
             blocks: Vec::new(),
+            destroyed: Vec::new(),
             blocks_asked: 0,
             image_requirements: HashMap::new(),
             buffer_requirements: HashMap::new(),
@@ -280,9 +356,10 @@ impl Memory {
     }
 
     pub fn buffer(&mut self, device: &Device, desc: BufferDesc, name: &str) -> Result<RawBuffer> {
-        if let Some(buffer) = self.buffers.get_mut(&desc).and_then(Vec::pop) {
-            device.name(buffer.raw, name);
-            return Ok(buffer);
+        self.collect();
+        if let Some(parts) = self.buffers.get_mut(&desc).and_then(Vec::pop) {
+            device.name(parts.raw, name);
+            return Ok(self.owned_buffer(parts));
         }
         // SAFETY: a plain creation on a live device; memory is bound before the buffer is returned.
         let (raw, requirements) = unsafe {
@@ -315,7 +392,47 @@ impl Memory {
         } else {
             self.texels(device, raw, desc.bytes)?
         };
-        Ok(RawBuffer { raw, desc, address, texels, allocation })
+        Ok(self.owned_buffer(BufferParts { raw, desc, address, texels, allocation }))
+    }
+
+    fn owned_buffer(&self, parts: BufferParts) -> RawBuffer {
+        RawBuffer { parts: Some(parts), freed: self.freed.0.clone() }
+    }
+
+    fn owned_block(&self, parts: BlockParts) -> Block {
+        Block { parts: Some(parts), freed: self.freed.0.clone() }
+    }
+
+    /// Takes in what was dropped.
+    fn collect(&mut self) {
+        while let Ok(freed) = self.freed.1.try_recv() {
+            match freed {
+                Freed::Buffer(parts) => self.buffers.entry(parts.desc).or_default().push(parts),
+                Freed::DestroyedBuffer(parts) => self.destroyed.push(parts),
+                Freed::Block(mut block) => {
+                    if block.images.len() + block.buffers.len() > MAX_PLACED {
+                        self.wait_for_presentation();
+                        self.empty(&mut block);
+                    }
+                    let recycled_at = self.blocks_asked;
+                    self.blocks.push(BlockParts { recycled_at, ..block });
+                }
+            }
+        }
+    }
+
+    /// Returns whether buffers wait to be destroyed.
+    pub fn has_destroyed(&mut self) -> bool {
+        self.collect();
+        !self.destroyed.is_empty()
+    }
+
+    /// Destroys what waits for that; nothing that uses it may be in flight.
+    pub fn destroy_now(&mut self) {
+        self.collect();
+        std::mem::take(&mut self.destroyed)
+            .into_iter()
+            .for_each(|parts| self.destroy_buffer(parts));
     }
 
     /// Creates the texel views. They end early on devices with small texel buffers, which read
@@ -382,16 +499,17 @@ impl Memory {
 
     /// Returns a block that satisfies the requirements. A block that is too small is freed.
     pub fn block(&mut self, wanted: MemoryRequirements) -> Result<Block> {
+        self.collect();
         self.blocks_asked += 1;
         let asked = self.blocks_asked;
         let (old, kept) = std::mem::take(&mut self.blocks)
             .into_iter()
-            .partition(|block: &Block| block.recycled_at + MAX_BLOCK_AGE < asked);
+            .partition(|block: &BlockParts| block.recycled_at + MAX_BLOCK_AGE < asked);
         self.blocks = kept;
-        let old: Vec<Block> = old;
+        let old: Vec<BlockParts> = old;
         old.into_iter().for_each(|block| self.destroy_block(block));
 
-        let alike = |block: &Block| {
+        let alike = |block: &BlockParts| {
             block.requirements.types == wanted.types && block.requirements.align >= wanted.align
         };
         let sizes = || {
@@ -405,7 +523,8 @@ impl Memory {
             .filter(|(bytes, _)| (wanted.bytes..=MAX_OVERSIZE * wanted.bytes).contains(bytes))
             .min()
         {
-            return Ok(self.blocks.swap_remove(place));
+            let parts = self.blocks.swap_remove(place);
+            return Ok(self.owned_block(parts));
         }
         if let Some((_, place)) = sizes().filter(|(bytes, _)| *bytes < wanted.bytes).max() {
             let small = self.blocks.swap_remove(place);
@@ -417,13 +536,13 @@ impl Memory {
             memory_type_bits: wanted.types,
         };
         let allocation = self.allocate("a frame", requirements, MemoryLocation::GpuOnly, false)?;
-        Ok(Block {
+        Ok(self.owned_block(BlockParts {
             requirements: wanted,
             allocation,
             images: HashMap::new(),
             buffers: HashMap::new(),
             recycled_at: 0,
-        })
+        }))
     }
 
     /// Returns an image placed at byte `at` of a block.
@@ -475,13 +594,8 @@ impl Memory {
     ) -> Result<(RawImage, Block)> {
         let requirements = self.image_requirements(device, desc);
         let mut block = self.block(requirements)?;
-        match self.image(device, &mut block, 0, desc, name) {
-            Ok(image) => Ok((image, block)),
-            Err(error) => {
-                self.recycle_block(block);
-                Err(error)
-            }
-        }
+        let image = self.image(device, &mut block, 0, desc, name)?;
+        Ok((image, block))
     }
 
     /// Returns a buffer placed at byte `at` of a block.
@@ -517,15 +631,6 @@ impl Memory {
         Ok((raw, texels))
     }
 
-    /// Recycles a block; its next user must wait for submissions in flight.
-    pub fn recycle_block(&mut self, mut block: Block) {
-        if block.images.len() + block.buffers.len() > MAX_PLACED {
-            self.wait_for_presentation();
-            self.empty(&mut block);
-        }
-        self.blocks.push(Block { recycled_at: self.blocks_asked, ..block });
-    }
-
     /// Waits for presentations, which may still use a block that has been recycled. This is rare.
     fn wait_for_presentation(&self) {
         if self.presents {
@@ -534,7 +639,7 @@ impl Memory {
         }
     }
 
-    fn empty(&self, block: &mut Block) {
+    fn empty(&self, block: &mut BlockParts) {
         // SAFETY: only the caller has the block, and it is done with it.
         unsafe {
             for (_, image) in block.images.drain() {
@@ -548,7 +653,7 @@ impl Memory {
         }
     }
 
-    fn destroy_block(&mut self, mut block: Block) {
+    fn destroy_block(&mut self, mut block: BlockParts) {
         self.wait_for_presentation();
         self.empty(&mut block);
         self.free(block.allocation);
@@ -564,8 +669,7 @@ impl Memory {
         cache_key: &[u64],
     ) -> Result<(&RawBuffer, u32)> {
         if self.persistent.get(name).is_some_and(|kept| kept.buffer.desc.bytes < bytes) {
-            let old = self.persistent.remove(name).expect("found");
-            self.recycle_buffer(old.buffer);
+            self.persistent.remove(name);
         }
         if !self.persistent.contains_key(name) {
             // Rounded up, so that a buffer that grows frame by frame does not leave one of every
@@ -607,12 +711,7 @@ impl Memory {
             state;
     }
 
-    /// Recycles a buffer; the GPU must be done with it.
-    pub fn recycle_buffer(&mut self, buffer: RawBuffer) {
-        self.buffers.entry(buffer.desc).or_default().push(buffer);
-    }
-
-    pub fn destroy_buffer(&mut self, buffer: RawBuffer) {
+    fn destroy_buffer(&mut self, buffer: BufferParts) {
         // SAFETY: the caller owned the buffer and the GPU is done with it.
         unsafe { self.destroy_with_views(buffer.raw, buffer.texels) };
         self.free(buffer.allocation);
@@ -663,9 +762,9 @@ impl Memory {
 impl Drop for Memory {
     fn drop(&mut self) {
         self.alive.close(|| ());
-        let kept: Vec<_> =
-            std::mem::take(&mut self.persistent).into_values().map(|kept| kept.buffer).collect();
-        for buffer in std::mem::take(&mut self.buffers).into_values().flatten().chain(kept) {
+        self.persistent.clear();
+        self.destroy_now();
+        for buffer in std::mem::take(&mut self.buffers).into_values().flatten() {
             self.destroy_buffer(buffer);
         }
         for block in std::mem::take(&mut self.blocks) {

@@ -4,7 +4,7 @@
 //! completed it.
 
 use super::record::{self, Recorded};
-use super::{CompletedSubmission, Gpu, Graph, ResourceId};
+use super::{Gpu, Graph, ResourceId};
 use crate::error::Result;
 use crate::gpu::{Device, HostDevice};
 use ash::vk;
@@ -63,31 +63,19 @@ impl Gpu {
         commands: vk::CommandBuffer,
         frame: u64,
         safe_frame: u64,
-    ) -> Result<()> {
+    ) {
         let host = self.host.as_mut().expect("a device of a host");
         (host.commands, host.frame) = (commands, frame);
         host.safe_frame = host.safe_frame.max(safe_frame);
         let safe_frame = host.safe_frame;
-        let (done, left) = std::mem::take(&mut host.copies)
-            .into_iter()
-            .partition(|(number, _)| *number <= safe_frame);
-        host.copies = left;
-        let done: Vec<(u64, Recorded)> = done;
-        done.into_iter()
-            .try_for_each(|(_, copies)| copies.finish(self).map(|done| done.recycle(self)))
+        host.copies.retain(|(number, _)| *number > safe_frame);
+        // Clouds are dropped when no frame uses them any more.
+        self.memory.destroy_now();
     }
 
     /// Ends a frame of the host, whose number is that of the last submission from now on.
     pub(crate) fn end_host_frame(&mut self) {
         let host = self.host.as_mut().expect("a device of a host");
         (host.commands, self.submitted) = (vk::CommandBuffer::null(), host.frame);
-    }
-
-    /// Frees what frames hold; the device has completed all of them.
-    pub(crate) fn finish_host_frames(&mut self) {
-        let copies = self.host.as_mut().map_or(Vec::new(), |host| std::mem::take(&mut host.copies));
-        for (_, copies) in copies {
-            let _ = copies.finish(self).map(|done: CompletedSubmission| done.recycle(self));
-        }
     }
 }

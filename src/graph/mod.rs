@@ -241,11 +241,20 @@ impl Gpu {
         self.host.as_ref().map_or_else(|| self.completed.value(), |host| Ok(host.safe_frame))
     }
 
+    /// Destroys buffers that were dropped, after the submissions that may use them.
+    pub fn destroy_dropped(&mut self) {
+        if self.host.is_none() && self.memory.has_destroyed() {
+            // A lost device has nothing in flight.
+            let _ = self.wait_detached();
+            self.memory.destroy_now();
+        }
+    }
+
     /// Waits for detached submissions. A host's are not waited for.
     pub fn wait_detached(&mut self) -> Result<()> {
         std::mem::take(&mut self.detached)
             .into_iter()
-            .try_for_each(|pending| pending.finish(self).map(|frame| frame.recycle(self)))
+            .try_for_each(|pending| pending.finish(self).map(drop))
     }
 }
 
@@ -293,6 +302,7 @@ pub struct Graph<'g> {
 
 impl<'g> Graph<'g> {
     pub fn new(gpu: &'g mut Gpu) -> Graph<'g> {
+        gpu.destroy_dropped();
         Graph {
             gpu,
             passes: Vec::new(),
@@ -718,8 +728,7 @@ impl<'g> Graph<'g> {
             std::mem::take(&mut gpu.detached).into_iter().partition(PendingSubmission::is_done);
         gpu.detached = left;
         let done: Vec<PendingSubmission> = done;
-        done.into_iter()
-            .try_for_each(|pending| pending.finish(gpu).map(|frame| frame.recycle(gpu)))?;
+        done.into_iter().try_for_each(|pending| pending.finish(gpu).map(drop))?;
         Ok(gpu.submitted)
     }
 
@@ -731,7 +740,6 @@ impl<'g> Graph<'g> {
 
     fn begin(mut self, wanted: &[ResourceId]) -> Result<(PendingSubmission, &'g mut Gpu)> {
         if self.gpu.host.is_some() {
-            self.discard();
             return Err(Error::Request(
                 "this needs results of the device while a frame is recorded, which a host's queue does not allow".into(),
             ));
@@ -779,13 +787,6 @@ impl CompletedSubmission {
             .find(|(id, _)| *id == download.id)
             .expect("a buffer from Graph::download of this frame");
         bytemuck::cast_slice(&raw.bytes()[..download.desc.bytes as usize])
-    }
-
-    /// Recycles the download buffers.
-    pub fn recycle(self, gpu: &mut Gpu) {
-        for (_, raw) in self.downloads {
-            gpu.memory.recycle_buffer(raw);
-        }
     }
 
     /// Returns the GPU time of all passes whose name starts with `prefix` `[ms]`.

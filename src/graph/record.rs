@@ -15,6 +15,7 @@ use crate::gpu::memory::{Block, RawBuffer, RawImage, Texels};
 use crate::gpu::timing::Timing;
 use crate::gpu::{failed, raster};
 use ash::vk;
+use std::cell::Cell;
 use std::collections::HashMap;
 
 enum PhysicalResource {
@@ -55,8 +56,8 @@ impl PhysicalResource {
 /// A submission in flight, with all that it uses.
 #[must_use = "what it uses is free again only when it is finished"]
 pub struct PendingSubmission {
-    recorded: Recorded,
     submission: Submission,
+    recorded: Recorded,
 }
 
 /// Recorded commands, with all that they use until the device has completed them.
@@ -85,13 +86,8 @@ pub(super) fn launch<'g>(graph: Graph<'g>, plan: Plan) -> Result<(PendingSubmiss
             submission.flush(gpu, breadcrumbs)?;
             progress.tick("drawing", order as u64, steps as u64)
         })?;
-        match submission.submit_rest(gpu, &recorded.1) {
-            Ok(()) => Ok((recorded, submission)),
-            Err(error) => {
-                recorded.1.recycle(&mut gpu.memory);
-                Err(error)
-            }
-        }
+        submission.submit_rest(gpu, &recorded.1)?;
+        Ok((recorded, submission))
     })?;
     Ok((PendingSubmission { recorded, submission }, gpu))
 }
@@ -147,13 +143,7 @@ fn record<'g, T>(
         let (plan, names, work, physical) = (&plan, &names[..], &work[..], &held.physical);
         steps(gpu, Recording { plan, names, work, physical, barriers: !without_barriers })
     });
-    let ((timing, breadcrumbs, recorder), made) = match begun {
-        Ok(begun) => begun,
-        Err(error) => {
-            drop(recycle(gpu, &plan, held, false));
-            return Err(error);
-        }
-    };
+    let ((timing, breadcrumbs, recorder), made) = begun?;
     // Buffers that no pass of the plan uses have not been filled. Later submissions start when this
     // one is done.
     let filled = persistent.into_iter().filter(|(id, ..)| plan.memory[id.0].is_some());
@@ -201,18 +191,13 @@ impl Recorded {
         bytemuck::cast_slice(&raw.bytes()[..download.desc.bytes as usize])
     }
 
-    /// Returns the results; the device must have completed the commands.
-    pub fn finish(self, gpu: &mut Gpu) -> Result<CompletedSubmission> {
-        self.complete(gpu, Ok(()))
-    }
-
-    fn complete(self, gpu: &mut Gpu, waited: Result<()>) -> Result<CompletedSubmission> {
-        let Recorded { plan, names, held, timing, breadcrumbs, _recorder } = self;
+    /// Returns the results after the device has completed the commands, or failed to.
+    fn complete(self, gpu: &Gpu, waited: Result<()>) -> Result<CompletedSubmission> {
+        let Recorded { plan, names, held, timing, .. } = self;
         let done = waited
             .and_then(|()| timing.read())
             .and_then(|times| gpu.device.take_validation_errors().map(|()| times));
-        breadcrumbs.recycle(&mut gpu.memory);
-        let downloads = recycle(gpu, &plan, held, done.is_ok());
+        let downloads = downloads(&plan, held);
         Ok(CompletedSubmission { passes: names.into_iter().zip(done?).collect(), plan, downloads })
     }
 }
@@ -229,35 +214,18 @@ impl Gpu {
     }
 }
 
-impl Graph<'_> {
-    /// Recycles the resources of a frame that will not be submitted.
-    pub fn discard(self) {
-        let Graph { gpu, uploads, .. } = self;
-        uploads.into_iter().for_each(|(_, raw)| gpu.memory.recycle_buffer(raw));
-    }
-}
-
-/// Recycles memory, and returns the downloads of a successful frame.
-fn recycle(
-    gpu: &mut Gpu,
-    plan: &Plan,
-    held: Resources,
-    bring: bool,
-) -> Vec<(ResourceId, RawBuffer)> {
-    let mut downloads = Vec::new();
-    held.blocks.into_iter().for_each(|block| gpu.memory.recycle_block(block));
-    for (memory, item) in held.physical {
-        let owner =
-            plan.memory.iter().position(|&m| m == Some(memory)).expect("every memory has an owner");
-        match item {
-            PhysicalResource::Buffer(buffer) if buffer.desc.place == Place::Download && bring => {
-                downloads.push((ResourceId(owner), buffer))
-            }
-            PhysicalResource::Buffer(buffer) => gpu.memory.recycle_buffer(buffer),
-            PhysicalResource::Image(_) | PhysicalResource::Borrowed(_) => {}
+/// Returns the downloads of a completed frame; the rest is dropped.
+fn downloads(plan: &Plan, held: Resources) -> Vec<(ResourceId, RawBuffer)> {
+    let owner = |memory| {
+        plan.memory.iter().position(|&m| m == Some(memory)).expect("every memory has an owner")
+    };
+    let download = |(memory, item)| match item {
+        PhysicalResource::Buffer(buffer) if buffer.desc.place == Place::Download => {
+            Some((ResourceId(owner(memory)), buffer))
         }
-    }
-    downloads
+        _ => None,
+    };
+    held.physical.into_iter().filter_map(download).collect()
 }
 
 /// Steps of a software device between checks for cancellation: each may compile for a second, and a
@@ -321,13 +289,7 @@ impl Recording<'_> {
             };
             Ok(())
         })();
-        match recorded {
-            Ok(()) => Ok((timing, breadcrumbs, recorder)),
-            Err(error) => {
-                breadcrumbs.recycle(&mut gpu.memory);
-                Err(error)
-            }
-        }
+        recorded.map(|()| (timing, breadcrumbs, recorder))
     }
 }
 
@@ -346,9 +308,8 @@ fn allocate(
             .map(|memory| physical.insert(memory, PhysicalResource::Borrowed(*import)));
     }
     for (id, raw) in uploads {
-        match plan.memory[id.0] {
-            Some(memory) => drop(physical.insert(memory, PhysicalResource::Buffer(raw))),
-            None => gpu.memory.recycle_buffer(raw),
+        if let Some(memory) = plan.memory[id.0] {
+            physical.insert(memory, PhysicalResource::Buffer(raw));
         }
     }
     let name = |memory| {
@@ -771,6 +732,7 @@ struct Submission {
     command_pool: vk::CommandPool,
     commands: vk::CommandBuffer,
     fence: vk::Fence,
+    in_flight: Cell<bool>,
 }
 
 impl Submission {
@@ -794,7 +756,7 @@ impl Submission {
             let fence = device
                 .create_fence(&vk::FenceCreateInfo::default(), None)
                 .map_err(failed("vkCreateFence"))?;
-            Ok(Submission { device, command_pool, commands, fence })
+            Ok(Submission { device, command_pool, commands, fence, in_flight: Cell::new(false) })
         }
     }
 
@@ -840,8 +802,9 @@ impl Submission {
     /// Waits for the fence; the error of a lost device names the pass that was running.
     fn wait(&self, breadcrumbs: &Breadcrumbs) -> Result<()> {
         // SAFETY: the fence is alive and was submitted.
-        unsafe { self.device.wait_for_fences(&[self.fence], true, u64::MAX) }
-            .map_err(|code| breadcrumbs.blame(code))
+        let waited = unsafe { self.device.wait_for_fences(&[self.fence], true, u64::MAX) };
+        self.in_flight.set(false);
+        waited.map_err(|code| breadcrumbs.blame(code))
     }
 
     fn submit(
@@ -860,15 +823,20 @@ impl Submission {
             self.device.end_command_buffer(self.commands).map_err(failed("vkEndCommandBuffer"))?;
             self.device
                 .queue_submit2(gpu.device.own_queue(), &[submission], self.fence)
-                .map_err(|code| breadcrumbs.blame(code))
+                .map_err(|code| breadcrumbs.blame(code))?;
         }
+        self.in_flight.set(true);
+        Ok(())
     }
 }
 
 impl Drop for Submission {
     fn drop(&mut self) {
-        // SAFETY: the submission was waited for, or never made.
+        // SAFETY: nothing is in flight after the wait. A lost device has nothing in flight.
         unsafe {
+            if self.in_flight.get() {
+                let _ = self.device.wait_for_fences(&[self.fence], true, u64::MAX);
+            }
             self.device.destroy_fence(self.fence, None);
             self.device.destroy_command_pool(self.command_pool, None);
         }

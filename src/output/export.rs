@@ -84,7 +84,6 @@ pub fn write(
         Downloads::ask(g, outcome, false, true)
     })?;
     done.asked.write(&done.frame, view.size, None, Some(path))?;
-    done.frame.recycle(gpu);
     Ok(taken
         .into_iter()
         .flat_map(|taken| taken.notes)

@@ -252,7 +252,6 @@ impl TiledPicture {
                 encode::download(g, &outcome.picture)
             })?;
         cut_out(&done.asked.read(&done.frame), &part, top, width, &mut self.pixels);
-        done.frame.recycle(gpu);
         self.note(notes_of(taken));
         self.note(done.notes);
         if is_last {

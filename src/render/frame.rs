@@ -47,15 +47,8 @@ pub fn draw<T>(
     ask: impl FnOnce(&mut Graph, &Outcome) -> Result<T>,
 ) -> Result<Done<T>> {
     let mut g = Graph::new(gpu).with_progress(progress);
-    let recorded = record(&mut g, view, resident, config)
-        .and_then(|outcome| Ok((ask(&mut g, &outcome)?, outcome)));
-    let (asked, outcome) = match recorded {
-        Ok(recorded) => recorded,
-        Err(error) => {
-            g.discard();
-            return Err(error);
-        }
-    };
+    let outcome = record(&mut g, view, resident, config)?;
+    let asked = ask(&mut g, &outcome)?;
     let warned = tile_stats::Warned::ask(&mut g, &config.effects, &outcome.gbuffer);
     let frame = g.submit_and_wait(&[])?;
     let notes = warned

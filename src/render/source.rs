@@ -439,12 +439,6 @@ impl PreparedCloud {
             }
         })
     }
-
-    pub fn free(self, gpu: &mut Gpu) {
-        if let PreparedCloud::Files(upload) = self {
-            upload.free(gpu);
-        }
-    }
 }
 
 fn indexed_files(index: &Index) -> Vec<&PathBuf> {
@@ -601,13 +595,6 @@ impl GpuCloud {
             }
         };
         (resident.opacities, resident.clips) = (opacities, clips);
-    }
-
-    pub fn free(self, gpu: &mut Gpu) {
-        match self {
-            GpuCloud::Whole(resident) => resident.free(gpu),
-            GpuCloud::Parts(residency) => residency.free(gpu),
-        }
     }
 }
 

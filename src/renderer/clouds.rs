@@ -221,10 +221,7 @@ impl Entry {
                     Ok(cloud) => Stage::Ready(cloud),
                     Err(error) => Stage::Failed(error.to_string()),
                 },
-                Err(error) => {
-                    prepared.free(gpu);
-                    Stage::Failed(error.to_string())
-                }
+                Err(error) => Stage::Failed(error.to_string()),
             },
             stage => stage,
         };
@@ -266,14 +263,5 @@ impl Entry {
     pub fn set_transform(&mut self, columns: &[f64; 16]) -> Result<()> {
         self.transform = transform_of(columns)?;
         Ok(())
-    }
-
-    /// Frees the memory; the device has completed all frames that drew it.
-    pub fn free(self, gpu: &mut Gpu) {
-        match self.stage {
-            Stage::Ready(cloud) => cloud.free(gpu),
-            Stage::Uploading(prepared) => prepared.free(gpu),
-            Stage::Loading(_) | Stage::Failed(_) => {}
-        }
     }
 }

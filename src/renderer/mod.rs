@@ -150,7 +150,7 @@ impl Default for RendererOptions {
 struct HeldFrame {
     number: u64,
     pictures: Vec<Arc<RecordedPicture>>,
-    removed: Vec<Entry>,
+    _removed: Vec<Entry>,
     blocks: Vec<Block>,
 }
 
@@ -163,7 +163,8 @@ pub struct PassTime {
     pub milliseconds: f64,
 }
 
-/// Draws clouds into a host's images; see the module.
+/// Draws clouds into a host's images; see the module. It is dropped after the device has completed
+/// all frames.
 pub struct Renderer {
     settings: RenderSettings,
     opacities: Opacities,
@@ -183,8 +184,8 @@ pub struct Renderer {
     answers: Vec<(PickId, Option<PickedPoint>)>,
     times: Vec<PassTime>,
     last_frame: u64,
-    buckets: Option<RawBuffer>,
-    // Dropped last.
+    buckets: RawBuffer,
+    // Dropped last: everything else gives its memory back.
     gpu: Gpu,
 }
 
@@ -215,7 +216,7 @@ impl Renderer {
             answers: Vec::new(),
             times: Vec::new(),
             last_frame: 0,
-            buckets: Some(buckets),
+            buckets,
             gpu,
         })
     }
@@ -348,7 +349,7 @@ impl Renderer {
         frame.targets.depth.iter().try_for_each(|depth| depth.check("depth", true))?;
         let commands = vk::CommandBuffer::from_raw(commands);
         self.retire(frame.safe)?;
-        self.gpu.begin_host_frame(commands, frame.number, frame.safe)?;
+        self.gpu.begin_host_frame(commands, frame.number, frame.safe);
         self.last_frame = frame.number;
         let (opacities, clips) = (&self.opacities, &self.clips);
         for cloud in &mut self.clouds {
@@ -358,7 +359,7 @@ impl Renderer {
         let mut held = HeldFrame {
             number: frame.number,
             pictures: Vec::new(),
-            removed: std::mem::take(&mut self.removed),
+            _removed: std::mem::take(&mut self.removed),
             blocks: Vec::new(),
         };
         let targets = self.with_depth(&frame.targets, &mut held)?;
@@ -378,9 +379,8 @@ impl Renderer {
         // A pick outside of all views and clouds meets nothing.
         let unmet = picks.into_iter().map(|(pick, _)| pick).filter(|pick| !met(*pick));
         self.answers.extend(unmet.map(|pick| (pick, None)));
-        let before = std::mem::replace(&mut self.latest, held.pictures.clone());
+        self.latest.clone_from(&held.pictures);
         self.held.push_back(held);
-        before.into_iter().try_for_each(|picture| self.release(picture))?;
         let waits = |cloud: &Entry| {
             matches!(cloud.state(), CloudState::Loading { .. } | CloudState::Uploading)
         };
@@ -427,7 +427,6 @@ impl Renderer {
         report: &mut FrameReport,
     ) -> Result<()> {
         let Renderer { gpu, clouds, settings, options, buckets, latest, revision, .. } = self;
-        let buckets = buckets.as_ref().expect("freed at the end");
         let clears = frame.targets.color.clear;
         let mut place = Placement {
             area: view.area,
@@ -516,17 +515,7 @@ impl Renderer {
                 }
             }
             self.answers.extend(nearest.into_iter().map(|(pick, _, found)| (pick, found)));
-            held.pictures.into_iter().try_for_each(|picture| self.release(picture))?;
-            held.removed.into_iter().for_each(|cloud| cloud.free(&mut self.gpu));
-            held.blocks.into_iter().for_each(|block| self.gpu.memory.recycle_block(block));
         }
-        Ok(())
-    }
-
-    /// Recycles what a picture uses, unless a frame that is not completed shows it, or the last one.
-    fn release(&mut self, picture: Arc<RecordedPicture>) -> Result<()> {
-        let Some(picture) = Arc::into_inner(picture) else { return Ok(()) };
-        picture.recorded.finish(&mut self.gpu)?.recycle(&mut self.gpu);
         Ok(())
     }
 
@@ -574,25 +563,4 @@ fn within(picks: &[(PickId, [u32; 2])], area: Area) -> Vec<(PickId, [u32; 2])> {
         (inside(0) && inside(1)).then(|| (pick, at.map(|at| at as u32)))
     };
     picks.iter().filter_map(place).collect()
-}
-
-impl Drop for Renderer {
-    /// Frees everything. The device must have completed all frames.
-    fn drop(&mut self) {
-        // A lost device has completed everything.
-        let _ = self.retire(u64::MAX);
-        for picture in std::mem::take(&mut self.latest) {
-            let _ = self.release(picture);
-        }
-        self.gpu.finish_host_frames();
-        if let Some((_, block)) = self.own_depth.take() {
-            self.gpu.memory.recycle_block(block);
-        }
-        for cloud in self.clouds.drain(..).chain(self.removed.drain(..)) {
-            cloud.free(&mut self.gpu);
-        }
-        if let Some(buckets) = self.buckets.take() {
-            self.gpu.memory.destroy_buffer(buckets);
-        }
-    }
 }

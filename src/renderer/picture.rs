@@ -107,13 +107,7 @@ impl Drawing<'_> {
             config.background = [0.0; 3];
         }
         let mut g = Graph::new(gpu);
-        let outcome = match frame::record(&mut g, &view, resident, &config) {
-            Ok(outcome) => outcome,
-            Err(error) => {
-                g.discard();
-                return Err(error);
-            }
-        };
+        let outcome = frame::record(&mut g, &view, resident, &config)?;
         let picks = (!self.picks.is_empty()).then(|| RecordedPicks {
             pixels: self.picks,
             depth: g.download(&outcome.gbuffer.depth),

@@ -219,10 +219,6 @@ impl CloudUpload {
         self.resident(gpu);
         self.resident.expect("made above")
     }
-
-    pub fn free(self, gpu: &mut Gpu) {
-        self.resident.into_iter().for_each(|resident| resident.free(gpu));
-    }
 }
 
 impl Ready {

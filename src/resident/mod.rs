@@ -187,19 +187,10 @@ impl Resident {
         progress: &dyn Progress,
     ) -> Result<Resident> {
         let mut upload = CloudUpload::new(cloud, shown, None);
-        let mut fill = || {
-            while upload.build_nodes(partitioner, progress)? {
-                upload.upload_nodes(gpu, usize::MAX, progress)?;
-            }
-            Ok(())
-        };
-        match fill() {
-            Ok(()) => Ok(upload.finish(gpu)),
-            Err(error) => {
-                upload.free(gpu);
-                Err(error)
-            }
+        while upload.build_nodes(partitioner, progress)? {
+            upload.upload_nodes(gpu, usize::MAX, progress)?;
         }
+        Ok(upload.finish(gpu))
     }
 
     /// Returns what rules about points may refer to.
@@ -362,10 +353,5 @@ impl Resident {
     /// Bytes of the pages in use.
     pub fn bytes(&self) -> u64 {
         PAGE_BYTES * self.pool.pages.used as u64
-    }
-
-    /// Gives the pool's memory back.
-    pub fn free(self, gpu: &mut Gpu) {
-        self.pool.free(gpu);
     }
 }

@@ -43,6 +43,7 @@ impl Pool {
     pub fn take(&mut self, gpu: &mut Gpu, count: u32) -> Result<Option<u32>> {
         let Some(first) = self.pages.take(count) else { return Ok(None) };
         while self.blocks.len() <= (first / PAGES_PER_BLOCK) as usize {
+            gpu.destroy_dropped();
             let number = self.blocks.len() as u32;
             let pages = PAGES_PER_BLOCK.min(self.pages.budget - number * PAGES_PER_BLOCK);
             let place = if self.ring.is_some() { Place::Device } else { Place::Upload };
@@ -185,7 +186,6 @@ impl Pool {
             Cow::Owned(own.to_vec())
         };
         let read = runs.iter().map(|&(_, count)| next(count)).collect();
-        frame.recycle(gpu);
         Ok(read)
     }
 
@@ -200,14 +200,14 @@ impl Pool {
     pub fn import(&self, g: &mut Graph) -> Vec<Buffer> {
         self.blocks.iter().map(|block| g.import("pages", block)).collect()
     }
+}
 
-    /// Frees the memory.
-    pub fn free(self, gpu: &mut Gpu) {
+impl Drop for Pool {
+    /// Keeps other threads from writing, and frees the memory.
+    fn drop(&mut self) {
         self.alive.close(|| ());
-        // A lost device has nothing in flight.
-        let _ = gpu.wait_detached();
-        let ring = self.ring.into_iter().flat_map(StagingRing::into_memory);
-        self.blocks.into_iter().chain(ring).for_each(|block| gpu.memory.destroy_buffer(block));
+        let ring = self.ring.take().into_iter().flat_map(StagingRing::into_memory);
+        self.blocks.drain(..).chain(ring).for_each(RawBuffer::destroy);
     }
 }
 

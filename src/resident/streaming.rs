@@ -110,9 +110,10 @@ impl Update {
 
 /// The nodes of an index on the device, and their loader.
 pub struct Residency {
+    // Dropped in this order: the loader writes to the memory.
+    loader: Loader,
     resident: Resident,
     index: Arc<Index>,
-    loader: Loader,
     /// Answers published, and number of those taken.
     published: Arc<Published>,
     received: u64,
@@ -158,6 +159,13 @@ struct Mapped(MappedRange);
 impl Destination for Mapped {
     fn put(&mut self, page: u32, words: &[u32]) {
         self.0.write((PAGE_BYTES * page as u64) as usize, bytemuck::cast_slice(words));
+    }
+}
+
+impl Drop for Residency {
+    /// Ends the timeline, to which a hanging thread may hold on.
+    fn drop(&mut self) {
+        self.published.timeline.end();
     }
 }
 
@@ -315,14 +323,6 @@ impl Residency {
             }
             self.evict_all(gpu)?;
         }
-    }
-
-    /// Ends the loader and frees the memory.
-    pub fn free(self, gpu: &mut Gpu) {
-        drop(self.loader);
-        // A hanging thread holds its own reference.
-        self.published.timeline.end();
-        self.resident.free(gpu);
     }
 
     fn step(

@@ -232,7 +232,6 @@ fn measured<E: Experiment>(
         time(gpu, &case.view, &resident, settings, E::AFTER)
     })?;
     sums.iter_mut().zip(times).for_each(|(sum, times)| sum.times = times);
-    resident.free(gpu);
     Ok(sums)
 }
 
@@ -261,7 +260,6 @@ fn draw(
         shading: words(&frame, shading),
         counts: asked.counts(&frame, view.size, &config.effects),
     };
-    frame.recycle(gpu);
     Ok(drawing)
 }
 
@@ -288,7 +286,6 @@ fn time(
         .rposition(|(name, _)| after.iter().any(|after| name.starts_with(after)))
         .map_or(0, |last| last + 1);
     let ms = frame.passes[last..].iter().map(|(_, ms)| ms).sum();
-    frame.recycle(gpu);
     Ok(ms)
 }
 

@@ -129,10 +129,8 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
         )?;
         let frame = g.submit_and_wait(&[outcome.picture.resource()])?;
         let ms = frame.ms("");
-        frame.recycle(gpu);
         Ok(ms)
     })?;
-    resident.free(gpu);
     let mut rows = Vec::new();
     let mut table = Table {
         title: "All configurations".into(),
@@ -221,6 +219,5 @@ fn errors(
         miscounted += (layers != over.layers as f32) as u32 as f64;
         pixels += 1.0;
     }
-    frame.recycle(gpu);
     Ok([(squares / pixels.max(1.0)).sqrt(), miscounted / pixels.max(1.0)])
 }

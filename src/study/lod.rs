@@ -124,7 +124,6 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
                 residency.wait_until_resident(gpu, &view, detail, progress)?;
                 project_ms(gpu, &view, residency.resident())
             })?;
-            residency.free(gpu);
             for ((value, detail), times) in settings.iter().zip(&times) {
                 let (taken, drawing) = cold(gpu, &scan, &view, detail, progress)?;
                 let errors = reference.errors(&drawing, plan.size);
@@ -169,7 +168,6 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
                 DOLLY_FRAMES,
                 progress,
             )?;
-            residency.free(gpu);
             let (ms, n) = (metrics::quartiles(&seen.ms), seen.ms.len());
             let metrics = POPPING.iter().map(|metric| metric.0).zip([seen.max, seen.median]);
             rows.extend(
@@ -310,7 +308,6 @@ fn cold(
     let mut residency = open(gpu, scan)?;
     let update = residency.wait_until_resident(gpu, view, detail, progress)?;
     let drawing = draw(gpu, view, residency.resident())?;
-    residency.free(gpu);
     Ok((
         Taken {
             nodes: update.cut.nodes.len(),
@@ -347,7 +344,6 @@ pub fn draw(gpu: &mut Gpu, view: &View, resident: &Resident) -> Result<Drawing> 
         index: frame.read(&index).to_vec(),
         ms: frame.ms("project") + frame.ms("clear"),
     };
-    frame.recycle(gpu);
     Ok(drawing)
 }
 
@@ -361,7 +357,6 @@ fn project_ms(gpu: &mut Gpu, view: &View, resident: &Resident) -> Result<f64> {
     }
     let frame = g.submit_and_wait(&wanted)?;
     let ms = frame.ms("project") + frame.ms("clear");
-    frame.recycle(gpu);
     Ok(ms)
 }
 

@@ -204,7 +204,6 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
             );
         }
     }
-    [truth, stations, uneven, reference].into_iter().for_each(|resident| resident.free(gpu));
     mark_fronts(&mut rows);
     let label = |row: &Row| {
         if row.auto {
@@ -278,7 +277,6 @@ fn draw(
         depth: frame.read(&depth).to_vec(),
         ms: frame.ms("luminance"),
     };
-    frame.recycle(gpu);
     Ok(drawn)
 }
 

@@ -112,7 +112,6 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
                 progress.note(&line.join("  "));
                 table.rows.push(line);
             }
-            resident.free(gpu);
         }
     }
     mark_fronts(&mut all);

@@ -134,7 +134,6 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
                 counters.rows.push(counted(name, view_name, value, &drawings[i].statistics, ms));
             }
         }
-        resident.free(gpu);
     }
     mark_fronts(&mut rows);
     let label = |row: &Row| {
@@ -225,7 +224,6 @@ fn draw(gpu: &mut Gpu, view: &View, resident: &Resident, precision: Precision) -
         statistics: outcome.statistics,
         ms: frame.ms("project"),
     };
-    frame.recycle(gpu);
     Ok(drawing)
 }
 

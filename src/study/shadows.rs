@@ -95,10 +95,8 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
         let visibility = cast(&mut g, &view, &resident, configuration)?;
         let frame = g.submit_and_wait(&[visibility.counts.resource()])?;
         let ms = frame.ms("");
-        frame.recycle(gpu);
         Ok(ms)
     })?;
-    resident.free(gpu);
     let mut rows = Vec::new();
     let mut table = Table {
         title: "All configurations".into(),
@@ -214,7 +212,6 @@ fn error(
         off += (error > 1.0 / 16.0) as u32 as f64;
         all += 1.0;
     }
-    frame.recycle(gpu);
     Ok(([(squares / half_shadows.max(1.0)).sqrt(), off / all.max(1.0)], facts))
 }
 

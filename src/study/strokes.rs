@@ -112,7 +112,6 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
             progress.tick(&format!("study strokes: {name}"), 0, 0)?;
             Ok(draw(gpu, &view, &resident, configuration)?.ms)
         })?;
-        resident.free(gpu);
         for ((Configuration { parameter, value, .. }, drawing), times) in
             configurations.iter().zip(&drawings).zip(&times)
         {
@@ -197,7 +196,6 @@ fn draw(
         fragments: facts.fragments,
         deepest: facts.deepest,
     };
-    frame.recycle(gpu);
     Ok(drawing)
 }
 

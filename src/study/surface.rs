@@ -138,7 +138,6 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
             );
             table.rows.push(counted(case, style, &errors, ms));
         }
-        resident.free(gpu);
         mark_fronts(&mut own);
         own.iter().for_each(|row| mark(&mut marks, case, row));
         rows.extend(own);
@@ -206,7 +205,6 @@ pub(super) fn draw(
         index: frame.read(&index).to_vec(),
         ms: frame.ms(""),
     };
-    frame.recycle(gpu);
     Ok(drawing)
 }
 

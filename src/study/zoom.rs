@@ -71,7 +71,6 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
         progress,
     )?;
     let pilot_px = crate::resident::PointDensity::of(&apart, &view).spacing_px();
-    apart.free(gpu);
     let count = (5000.0 * (pilot_px / APART_PX).powi(2)).max(1.0) as u64;
     let cloud = synth::collect(
         "torus",
@@ -120,7 +119,6 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
         table.rows.push(line);
         all.extend(rows(["torus", "zoom"], ["surface", style], METRICS, &[max, median], &times));
     }
-    resident.free(gpu);
     mark_fronts(&mut all);
     let method = format!(
         "A torus whose points lie {APART_PX} px apart at first, and {} px at last; {STEP_PX} px a frame. <em>fixed</em> is one level and one filling, whatever the distance.",
@@ -151,6 +149,5 @@ fn draw(
     let seen = Seen::new(frame.read(&picture), view.size, PIXELS_PER_DEGREE);
     let covered = covered(frame.read(&depth));
     let ms = frame.ms("");
-    frame.recycle(gpu);
     Ok(((seen, covered), ms))
 }

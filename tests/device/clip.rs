@@ -79,9 +79,8 @@ fn drawn(
     let outcome = frame::record(&mut g, view, resident, &look).unwrap();
     let (index, picture) = (g.download(&outcome.gbuffer.index), g.download(&outcome.picture));
     let frame = g.submit_and_wait(&[]).unwrap();
-    let drawn = (frame.read(&index).to_vec(), frame.read(&picture).to_vec(), outcome.statistics);
-    frame.recycle(gpu);
-    drawn
+
+    (frame.read(&index).to_vec(), frame.read(&picture).to_vec(), outcome.statistics)
 }
 
 #[test]
@@ -124,13 +123,11 @@ fn the_points_drawn_are_those_that_an_f64_comparison_keeps() {
                 let counted = count_visible::record(&mut g, &view, &points);
                 let frame = g.submit_and_wait(&[]).unwrap();
                 assert_eq!(counted.points(&frame), kept.len() as u64, "{way:?} {words:?}");
-                frame.recycle(gpu);
                 sides.insert((
                     statistics.nodes_clipped > 0,
                     statistics.points_compared > 0,
                     kept.is_empty(),
                 ));
-                resident.free(gpu);
             });
         }
     }
@@ -187,7 +184,6 @@ fn what_is_clipped_shows_nowhere_casts_no_shadow_and_has_no_part_in_luminance_an
             let whole = drawn(gpu, &resident, &view, &settings);
             assert!(clipped.0 == classed.0 && clipped.1 == classed.1, "{effects:?}");
             assert!(whole.0 != clipped.0 && clipped.2.points_compared > 0, "{effects:?}");
-            resident.free(gpu);
         });
     }
 }

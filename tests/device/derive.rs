@@ -295,8 +295,6 @@ fn painted(index: Index, view: &View, budget: u64) -> (Vec<f32>, u64) {
         let picture = g.download(&outcome.picture);
         let frame = g.submit_and_wait(&[]).expect("drawn, and no validation message");
         let covered = frame.read::<[f32; 4]>(&picture).iter().map(|pixel| pixel[3]).collect();
-        frame.recycle(gpu);
-        residency.free(gpu);
         (covered, update.cut.points)
     })
 }

@@ -392,8 +392,6 @@ fn rendered(
     let (encoded, depth) = &done.asked;
     let picture = encoded.read(&done.frame).concat();
     let depth = done.frame.read::<f32>(depth).to_vec();
-    done.frame.recycle(&mut gpu);
-    resident.free(&mut gpu);
     (picture, depth)
 }
 

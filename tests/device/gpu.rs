@@ -120,16 +120,14 @@ pub fn draw(way: Way, cloud: &Cloud, view: &View, settings: &RenderSettings) -> 
         ];
         let [depth, index, color, picture] = images.map(|image| g.download(image));
         let frame = g.submit_and_wait(&[]).expect("drawn, and no validation message");
-        let layers = Layers {
+
+        Layers {
             depth: frame.read(&depth).to_vec(),
             index: frame.read(&index).to_vec(),
             color: frame.read(&color).to_vec(),
             picture: frame.read(&picture).to_vec(),
             nodes: resident.nodes.clone(),
-        };
-        frame.recycle(gpu);
-        resident.free(gpu);
-        layers
+        }
     })
 }
 
@@ -155,10 +153,7 @@ pub fn canvas<T>(work: impl FnOnce(&mut Canvas) -> T) -> T {
         let shown = DisplayAttribute::new(Attribute::Rgb, &cloud);
         let resident = Resident::fill(gpu, cloud, shown, &Silent).expect("resident");
         let mut canvas = Canvas { gpu, resident, reached: false };
-        let result = work(&mut canvas);
-        let Canvas { gpu, resident, .. } = canvas;
-        resident.free(gpu);
-        result
+        work(&mut canvas)
     })
 }
 
@@ -257,7 +252,8 @@ impl Canvas<'_> {
         let picture = g.download(&picture);
         let frame = g.submit_and_wait(&[]).expect("drawn, and no validation message");
         let stage = |kept: Option<Kept>| kept.map_or(Stage::default(), |kept| read(&frame, &kept));
-        let surface = Surface {
+
+        Surface {
             raw: stage(Some(raw)),
             seen: stage(seen),
             filled: stage(filled),
@@ -267,9 +263,7 @@ impl Canvas<'_> {
             lit: lit.map_or(Vec::new(), |lit| frame.read(&lit).to_vec()),
             left: left.map_or(Vec::new(), |left| frame.read(&left).to_vec()),
             picture: frame.read(&picture).to_vec(),
-        };
-        frame.recycle(self.gpu);
-        surface
+        }
     }
 }
 

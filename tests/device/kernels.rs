@@ -133,16 +133,14 @@ fn resolved(
         let picture = composite::record(&mut g, view, BACKGROUND, &gbuffer);
         let picture = g.download(&picture);
         let frame = g.submit_and_wait(&[]).unwrap();
-        let resolved = Resolved {
+
+        Resolved {
             depth: frame.read(&depth).to_vec(),
             index: frame.read(&index).to_vec(),
             color: frame.read(&color).to_vec(),
             lit: frame.read(&lit).to_vec(),
             picture: frame.read(&picture).to_vec(),
-        };
-        frame.recycle(gpu);
-        resident.free(gpu);
-        resolved
+        }
     })
 }
 
@@ -324,7 +322,6 @@ fn a_frame_without_barriers_is_reported_by_synchronization_validation() {
                 panic!("{way:?}: hazards went unnoticed")
             };
             assert!(said.contains("SYNC-HAZARD"), "{way:?}: {said}");
-            resident.free(gpu);
         });
     }
     // The device reports nothing afterwards, either.

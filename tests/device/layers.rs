@@ -61,15 +61,13 @@ fn draw(cloud: &Cloud, view: &View, way: Way, opacities: &[&str], effects: &[&st
         let (front, peeled) = (g.download(&layers.color), g.download(&layers.peeled));
         let left_over = g.download_buffer(&layers.left);
         let frame = g.submit_and_wait(&[]).unwrap();
-        let drawn = Drawn {
+
+        Drawn {
             front: frame.read(&front).to_vec(),
             peeled: frame.read(&peeled).to_vec(),
             left_over: frame.read::<u32>(&left_over)[0] > 0,
             layer_m,
-        };
-        frame.recycle(gpu);
-        resident.free(gpu);
-        drawn
+        }
     })
 }
 

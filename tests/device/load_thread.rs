@@ -192,11 +192,11 @@ fn uploads_report_progress_once() {
     let (in_turns, in_halves) = (Heard::default(), Heard::default());
     let (source, shown) = self::source(folder.path(), POINTS, None, further);
     let Source::Files(cloud) = source else { panic!("files") };
-    Resident::fill(&mut gpu, cloud, shown, &in_turns).unwrap().free(&mut gpu);
+    Resident::fill(&mut gpu, cloud, shown, &in_turns).unwrap();
     let (source, shown) = self::source(folder.path(), POINTS, None, further);
     let mut prepared = source.prepare(shown, &Arc::default(), &in_halves).unwrap();
     while prepared.step(&mut gpu, &in_halves).unwrap() {}
-    prepared.finish(&mut gpu, 0).unwrap().free(&mut gpu);
+    prepared.finish(&mut gpu, 0).unwrap();
     // Nodes that threads work on at a time may be reported in another order.
     let slack = rayon::current_num_threads() as u64 * POINTS_PER_PAGE as u64;
     for heard in [in_turns.of("organising"), in_halves.of("organising")] {

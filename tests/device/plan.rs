@@ -34,9 +34,8 @@ fn on_a_plane<T>(
     let mut settings = RenderSettings::default();
     effects.iter().for_each(|effect| settings.effects.set_any(effect).unwrap());
     let resident = Resident::fill(&mut gpu, cloud, shown, &Silent).unwrap();
-    let drawn = draw(&mut gpu, &view, &resident, &FrameConfig::new(&settings, &view, &resident));
-    resident.free(&mut gpu);
-    drawn
+
+    draw(&mut gpu, &view, &resident, &FrameConfig::new(&settings, &view, &resident))
 }
 
 fn plan_with(effects: &[&str]) -> String {
@@ -126,7 +125,6 @@ fn a_frame_that_was_stopped_is_drawn_whole_the_next_time() {
             let picture = g.download(&outcome.picture);
             let frame = g.submit_and_wait(&[])?;
             let pixels = frame.read::<u8>(&picture).to_vec();
-            frame.recycle(gpu);
             Ok::<_, Error>(pixels)
         };
         let whole = picture(gpu, None).unwrap();

@@ -99,10 +99,8 @@ fn draw(gpu: &mut Gpu, view: &View, resident: &Resident) -> Picture {
         [&outcome.gbuffer.depth, &outcome.gbuffer.index, &outcome.picture]
             .map(|image| g.download(image));
     let frame = g.submit_and_wait(&[]).expect("drawn, and no validation message");
-    let drawn =
-        (frame.read(&depth).to_vec(), frame.read(&index).to_vec(), frame.read(&picture).to_vec());
-    frame.recycle(gpu);
-    drawn
+
+    (frame.read(&depth).to_vec(), frame.read(&index).to_vec(), frame.read(&picture).to_vec())
 }
 
 fn settled(
@@ -139,8 +137,6 @@ fn an_index_refined_to_its_leaves_draws_what_the_cloud_itself_draws() {
             let covered = expected.1.iter().filter(|&&id| id != u32::MAX).count();
             assert!(differ <= 4 + covered / 500, "{differ} of {covered} pixels differ");
         }
-        residency.free(gpu);
-        whole.free(gpu);
     });
 }
 
@@ -155,9 +151,8 @@ fn a_settled_picture_depends_neither_on_the_pool_nor_on_what_was_drawn_before() 
             huge.wait_until_resident(gpu, &view(seed), &detail, &Silent).unwrap();
             let mut fresh = planted.open(gpu, HUGE);
             fresh.wait_until_resident(gpu, &view(seed), &detail, &Silent).unwrap();
-            let used = fresh.pool_bytes()[1];
-            fresh.free(gpu);
-            used
+
+            fresh.pool_bytes()[1]
         });
         let most = most.max().unwrap();
         let mut tiny = planted.open(gpu, most);
@@ -179,8 +174,6 @@ fn a_settled_picture_depends_neither_on_the_pool_nor_on_what_was_drawn_before() 
             assert!(tiny.pool_bytes()[1] <= most);
         }
         assert!(tiny.evictions > 0 && huge.evictions == 0, "{} {}", tiny.evictions, huge.evictions);
-        tiny.free(gpu);
-        huge.free(gpu);
     });
 }
 
@@ -197,13 +190,11 @@ fn a_cut_that_does_not_fit_the_pool_is_coarser_and_complete() {
                 && update.cut.largest_error_px > 0.0,
             "{update:?}"
         );
-        residency.free(gpu);
         // A pool too small for the root is reported.
         let mut residency = planted.open(gpu, PAGE_BYTES);
         let error =
             residency.wait_until_resident(gpu, &view(1), &all(), &Silent).unwrap_err().to_string();
         assert!(error.contains("roots"), "{error}");
-        residency.free(gpu);
     });
 }
 
@@ -258,7 +249,6 @@ proptest! {
                 }
                 std::thread::sleep(Duration::from_micros(random.bits() % 1500));
             }
-            residency.free(gpu);
         });
     }
 }
@@ -285,7 +275,6 @@ fn a_picture_that_moves_asks_for_little_at_a_time_and_is_whole_at_last() {
             before > 2 * UPLOAD_BYTES_SHARED && updates > 2,
             "too little to tell: {before} bytes"
         );
-        residency.free(gpu);
     });
 }
 
@@ -315,7 +304,6 @@ fn a_damaged_leaf_is_said_once_and_its_parent_is_drawn() {
             assert_eq!(update.cut, expected);
             let again = residency.wait_until_resident(gpu, &view, &all(), &Silent).unwrap();
             assert!(again.errors.is_empty() && again.bytes_read == 0, "tried again: {again:?}");
-            residency.free(gpu);
         });
     }
 }
@@ -335,7 +323,6 @@ fn a_damaged_root_is_drawn_by_its_children() {
             "{update:?}"
         );
         assert!(picture.1.iter().any(|&id| id != u32::MAX));
-        residency.free(gpu);
     });
 }
 
@@ -356,7 +343,6 @@ fn a_file_that_shrinks_is_an_error_and_the_picture_goes_on() {
         let (update, after) = settled(gpu, &mut residency, &view, &all());
         assert!(!update.errors.is_empty(), "nothing was said");
         assert!(before == after, "what is resident is still drawn");
-        residency.free(gpu);
     });
 }
 
@@ -387,7 +373,6 @@ fn a_device_whose_memory_is_not_mapped_draws_the_same_and_tells_the_same() {
                 Resident::fill(gpu, cloud.clone(), DisplayAttribute::automatic(&cloud).0, &Silent)
                     .unwrap();
             config(gpu, &whole, &view(0));
-            whole.free(gpu);
             // A pool with streaming nodes, walked through without waiting.
             let mut residency = planted.open(gpu, 60 * PAGE_BYTES);
             for seed in 0..12 {
@@ -400,7 +385,6 @@ fn a_device_whose_memory_is_not_mapped_draws_the_same_and_tells_the_same() {
                 config(gpu, residency.resident(), &view);
             }
             assert!(residency.evictions > 0);
-            residency.free(gpu);
             found
         })
     });
@@ -563,7 +547,6 @@ fn a_loader_that_hangs_is_said_within_a_second_and_what_is_there_stays() {
         );
         // Nothing waits for it at the end; it has nothing left to write to.
         let closing = Instant::now();
-        residency.free(gpu);
         assert!(closing.elapsed() < Duration::from_secs(5), "{:?}", closing.elapsed());
     });
 }
@@ -575,7 +558,6 @@ fn a_loader_that_ends_is_said_and_another_one_goes_on() {
         let (view, detail) = (view(3), all());
         let mut whole = planted.open(gpu, HUGE);
         let (_, expected) = settled(gpu, &mut whole, &view, &detail);
-        whole.free(gpu);
         let mut residency =
             Residency::open(gpu, planted.failing("end:20"), planted.shown(), HUGE).unwrap();
         let (update, picture) = settled(gpu, &mut residency, &view, &detail);
@@ -587,7 +569,6 @@ fn a_loader_that_ends_is_said_and_another_one_goes_on() {
         );
         assert!(update.is_complete() && picture == expected);
         assert!(residency.pool_bytes()[1] <= HUGE);
-        residency.free(gpu);
     });
 }
 

@@ -84,8 +84,6 @@ fn marked(cloud: &Cloud, light: Light, settings: Settings) -> (Vec<(DVec3, u8)>,
             .zip(ids)
             .map(|(p, id)| (p, counts[id]))
             .collect();
-        frame.recycle(gpu);
-        resident.free(gpu);
         (points, marks.facts)
     })
 }
@@ -575,11 +573,9 @@ fn samples_add_up_frame_by_frame_to_the_same_marks() {
                             let frame = g.submit_and_wait(&[]).unwrap();
                             let (counts, passes) =
                                 (frame.read::<u8>(&counts)[..60_000].to_vec(), frame.passes.len());
-                            frame.recycle(gpu);
                             (marks.facts.cast, counts, passes)
                         })
                         .collect();
-                    resident.free(gpu);
                     frames
                 })
             };
@@ -653,7 +649,6 @@ fn marks_of_nodes_that_come_and_go_are_those_of_casting_all_anew() {
                     .zip(pages)
                     .map(|(node, page)| page[..node.count as usize].to_vec())
                     .collect();
-                frame.recycle(gpu);
                 (marks.facts, of_nodes)
             };
             let (mut partly, mut dark) = (0, false);
@@ -691,7 +686,6 @@ fn marks_of_nodes_that_come_and_go_are_those_of_casting_all_anew() {
                 dark |= found.iter().flatten().any(|&count| count == 0);
             }
             assert!(partly >= 2 && dark, "{light}: {partly} steps kept marks");
-            residency.free(gpu);
         });
     }
 }
@@ -721,9 +715,8 @@ fn reached(gpu: &mut Gpu, view: &View, keys: &[[u32; 2]], layer: &Layer) -> Vec<
     let read = |download: &Option<Buffer>| {
         download.as_ref().map_or(raw.clone(), |buffer| frame.read(buffer).to_vec())
     };
-    let pictures = downloads.iter().map(|buffers| buffers.each_ref().map(read)).collect();
-    frame.recycle(gpu);
-    pictures
+
+    downloads.iter().map(|buffers| buffers.each_ref().map(read)).collect()
 }
 
 /// Tests whether a point lies within `fill` texels of a texel, in rows of `width`.
@@ -923,8 +916,6 @@ fn marks_agree_with_f64() {
             }
             println!("{:?}: {agreeing} agree, {in_band} in the band, {lit} lit", camera.projection);
             assert!(in_band < 200 && lit > 10_000, "{in_band} in the band, {lit} lit");
-            frame.recycle(gpu);
-            resident.free(gpu);
         });
     }
 }
@@ -953,7 +944,6 @@ fn marks_are_kept_while_light_and_nodes_stay() {
                 let frame = g.submit_and_wait(&[]).unwrap();
                 let cast = frame.passes.iter().any(|(name, _)| name == "shadow_test");
                 let picture: Vec<[u32; 4]> = frame.read(&picture).to_vec();
-                frame.recycle(gpu);
                 (cast, picture)
             };
         let (cast, first) = draw(gpu, &resident, Preset::Fit, &settings);
@@ -994,13 +984,11 @@ fn marks_are_kept_while_light_and_nodes_stay() {
         );
         resident.nodes[0].count -= 1;
         assert!(draw(gpu, &resident, Preset::Fit, &settings).0, "another node");
-        resident.free(gpu);
         let resident = Resident::fill(gpu, cloud.clone(), shown, &Silent).unwrap();
         assert_eq!(
             draw(gpu, &resident, Preset::Fit, &settings),
             (true, first),
             "another cloud, if with the same points"
         );
-        resident.free(gpu);
     });
 }

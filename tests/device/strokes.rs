@@ -247,14 +247,12 @@ mod painted {
             let [picture, depth] =
                 [&outcome.picture, &outcome.gbuffer.depth].map(|image| g.download(image));
             let frame = g.submit_and_wait(&[]).expect("drawn, and no validation message");
-            let painted = Painted {
+
+            Painted {
                 picture: frame.read(&picture).to_vec(),
                 depth: frame.read(&depth).to_vec(),
                 facts: outcome.strokes.unwrap().facts,
-            };
-            frame.recycle(gpu);
-            resident.free(gpu);
-            painted
+            }
         })
     }
 
@@ -328,16 +326,15 @@ mod painted {
         let outcome = frame::record(&mut g, view, resident, &config).unwrap();
         let (picture, strokes) = (g.download(&outcome.picture), outcome.strokes.unwrap());
         let frame = g.submit_and_wait(&[]).expect("drawn, and no validation message");
-        let drawn = Frame {
+
+        Frame {
             picture: frame.read(&picture).to_vec(),
             painted: frame.passes.iter().any(|(name, _)| name == "stroke_fragments"),
             settled: strokes
                 .unordered
                 .is_none_or(|unordered| frame.read::<u32>(&unordered)[0] == 0),
             facts: strokes.facts,
-        };
-        frame.recycle(gpu);
-        drawn
+        }
     }
 
     /// Draws frames as a window does, until one is settled.
@@ -413,7 +410,6 @@ mod painted {
                     assert!(draw(gpu, &view, &resident, "strokes=on,noise=7", Some(1)).painted);
                 }
             }
-            resident.free(gpu);
         });
     }
 
@@ -469,7 +465,6 @@ mod painted {
                 bits(&parts.picture)
                     == bits(&draw(gpu, &view, &resident, "strokes=on,size=6", None).picture)
             );
-            resident.free(gpu);
         });
     }
 

@@ -81,7 +81,6 @@ fn draw(
     assert!(present.show(gpu).unwrap() && present.show(gpu).unwrap());
     let frame = running.finish(gpu).expect("drawn, and no validation message");
     let words = frame.read(&words).to_vec();
-    frame.recycle(gpu);
     (words, at_work)
 }
 
@@ -127,7 +126,5 @@ fn pages_of_frames_in_flight_are_not_reused() {
         assert!(disturbed == alone, "picture {seed} shows pages of other nodes");
     }
     assert!(overlaps > 0, "no page was given away while a picture was under way");
-    residency.free(&mut gpu);
-    present.free(&mut gpu);
     gpu.device.take_validation_errors().unwrap();
 }

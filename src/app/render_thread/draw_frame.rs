@@ -59,7 +59,6 @@ fn refine_shadows(
         ) {
             Ok(visibility) => visibility,
             Err(error) => {
-                g.discard();
                 // Drawing reports the same error.
                 return if let Error::Request(_) = error { Ok(()) } else { Err(error) };
             }
@@ -67,7 +66,7 @@ fn refine_shadows(
         let Some(shadows::LightVisibility { counts, saved: None, facts, .. }) = visibility else {
             return Ok(());
         };
-        g.submit_and_wait(&[counts.resource()])?.recycle(gpu);
+        g.submit_and_wait(&[counts.resource()])?;
         if facts.cast == facts.samples
             || began.elapsed() >= REFINE_BUDGET
             || newer.tick("", 0, 0).is_err()
@@ -182,7 +181,6 @@ impl RenderLoop {
         let outcome = match frame::record(&mut g, &view, resident, &drawn) {
             Ok(outcome) => outcome,
             Err(error) => {
-                g.discard();
                 return match error {
                     // A newer message has come; it is handled next.
                     Error::Interrupted => Ok(true),
@@ -233,7 +231,6 @@ impl RenderLoop {
                 .into_iter()
                 .chain(outcome.strokes.as_ref().and_then(|painted| painted.facts.note())),
         );
-        frame.recycle(&mut self.gpu);
         self.scale = self.scale.after(divisor, took);
         self.last_drawn = identity;
         let lit = outcome
@@ -296,7 +293,7 @@ impl RenderLoop {
         let mut g = Graph::new(&mut self.gpu);
         let mut screen = g.import("screen", present.screen());
         g.fill(&mut screen, word | 255 << 24);
-        g.submit_and_wait(&[screen.resource()])?.recycle(&mut self.gpu);
+        g.submit_and_wait(&[screen.resource()])?;
         present.set_picture_size(&mut self.gpu, present.size())?;
         self.schedule.show_due = false;
         if !present.show(&self.gpu)? {

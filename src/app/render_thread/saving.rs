@@ -172,11 +172,7 @@ impl RenderLoop {
         if let Some(retired) = self.saves.retired.front_mut() {
             retired.pictures -= 1;
             if retired.pictures == 0 {
-                self.saves
-                    .retired
-                    .pop_front()
-                    .into_iter()
-                    .for_each(|retired| retired.cloud.free(&mut self.gpu));
+                self.saves.retired.pop_front();
             }
         }
         Ok(())
@@ -187,9 +183,8 @@ impl RenderLoop {
         // Pictures are saved in order, so those of earlier clouds come first.
         let pictures = self.saves.queue.len()
             - self.saves.retired.iter().map(|retired| retired.pictures).sum::<usize>();
-        match pictures {
-            0 => cloud.free(&mut self.gpu),
-            _ => self.saves.retired.push_back(RetiredCloud { cloud, pictures }),
+        if pictures > 0 {
+            self.saves.retired.push_back(RetiredCloud { cloud, pictures });
         }
     }
 
@@ -227,6 +222,6 @@ impl RenderLoop {
                 saving.path().display()
             ));
         }
-        self.saves.retired.drain(..).for_each(|retired| retired.cloud.free(&mut self.gpu));
+        self.saves.retired.clear();
     }
 }

@@ -121,10 +121,9 @@ pub fn cast(
                 writer.put(node, &sums)
             })
         });
-        pictures.into_iter().for_each(|picture| gpu.memory.recycle_buffer(picture.keys));
+        drop(pictures);
         counted?;
     }
-    room.free(gpu);
     writer.merge_inner_nodes(progress)?;
     let facts_json =
         serde_json::to_value(facts).map_err(|error| Error::Request(error.to_string()))?;
@@ -214,7 +213,7 @@ impl Work<'_> {
                 project::add(&mut g, view, &drawn, Strip { top: 0, size: view.size }, &mut keys);
                 seen.push(keys.resource());
             }
-            g.submit_and_wait(&seen)?.recycle(gpu);
+            g.submit_and_wait(&seen)?;
         }
         Ok(())
     }
@@ -248,7 +247,6 @@ impl Work<'_> {
             for (page, (&node, held)) in pages.zip(batch.iter().zip(&room.nodes)) {
                 put(node, &page[..held.count as usize])?;
             }
-            frame.recycle(gpu);
         }
         Ok(())
     }

@@ -55,7 +55,6 @@ impl Painting<'_> {
         let frame = counting.submit_and_wait(&[])?;
         self.facts.counting_ms += frame.ms("");
         let counts = frame.read::<u32>(&tallies).to_vec();
-        frame.recycle(g.gpu);
         Ok(counts)
     }
 

@@ -59,7 +59,6 @@ impl Painting<'_> {
         self.facts.counting_ms += frame.ms("");
         let [counts, hiders] =
             read.map(|words| frame.read::<u32>(&words)[..tiles.len() * TILE_PIXELS].to_vec());
-        frame.recycle(g.gpu);
         Ok((counts, hiders))
     }
 

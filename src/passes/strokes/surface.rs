@@ -49,7 +49,6 @@ impl Painting<'_> {
         let frame = before.submit_and_wait(&[])?;
         self.facts.counting_ms += frame.ms("");
         let surface = frame.read::<u32>(&found).to_vec();
-        frame.recycle(g.gpu);
         Ok(surface)
     }
 }

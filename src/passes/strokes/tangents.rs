@@ -29,6 +29,5 @@ pub fn on_device(
     let frame = g.submit_and_wait(&[])?;
     let found =
         (frame.read::<[f32; 3]>(&found)[..count as usize].to_vec(), frame.ms("stroke_tangents"));
-    frame.recycle(gpu);
     Ok(found)
 }

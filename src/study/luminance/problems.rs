@@ -72,7 +72,6 @@ pub fn table(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Tabl
         let shown = DisplayAttribute::new(Attribute::Rgb, &cloud);
         let resident = Resident::fill(gpu, cloud, shown, progress)?;
         let drawn = draw(gpu, &view, &resident, &render_settings(luminance)?)?;
-        resident.free(gpu);
         Ok((values(&drawn.color), drawn.depth))
     };
     let (truth, depth) = picture(gpu, truth, "off")?;

@@ -173,9 +173,8 @@ fn no_more_at_borders(
             count(index, residency.drawn(), &view, &covered)
         };
         // Nearer views see fewer nodes, and not always a border.
-        let all = (0..8 * VIEWS).map(one).filter(|view| view.pixels >= 100.0).take(VIEWS).collect();
-        residency.free(gpu);
-        all
+
+        (0..8 * VIEWS).map(one).filter(|view| view.pixels >= 100.0).take(VIEWS).collect()
     });
     let n = VIEWS as f64;
     let mean = all.iter().map(Holes::excess).sum::<f64>() / n;
@@ -260,9 +259,8 @@ fn hard_31_popping() {
         let camera = perspective(centre + DVec3::new(10.0, -17.0, 14.0), centre, 40.0);
         let size = [256, 192];
         let detail = Detail { budget: u64::MAX, ..Detail::of(size) };
-        let seen = popping::watch(gpu, &mut residency, camera, size, &detail, 80, &Silent).unwrap();
-        residency.free(gpu);
-        seen
+
+        popping::watch(gpu, &mut residency, camera, size, &detail, 80, &Silent).unwrap()
     });
     let (max, median, moved) = (seen.max, seen.median, seen.moved);
     println!(

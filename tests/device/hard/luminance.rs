@@ -114,13 +114,11 @@ fn drawn_and_counted(
         let sums = g.find_buffer("sums").unwrap();
         let sums = g.download_buffer(&sums);
         let frame = g.submit_and_wait(&[]).unwrap();
-        let read = (
+
+        (
             frame.read(&color).to_vec(),
             frame.read::<u64>(&sums).iter().map(|sum| sum >> 36).collect(),
-        );
-        frame.recycle(gpu);
-        resident.free(gpu);
-        read
+        )
     })
 }
 

@@ -29,13 +29,8 @@ fn a_screen_holds_the_bytes_of_a_file() {
                 let (picture, words) =
                     (g.download(&outcome.picture), g.download_buffer(&screen.words));
                 let frame = g.submit_and_wait(&[]).expect("encoded, and no validation message");
-                let read = (
-                    frame.read::<[f32; 4]>(&picture).to_vec(),
-                    frame.read::<[u8; 4]>(&words).to_vec(),
-                );
-                frame.recycle(gpu);
-                resident.free(gpu);
-                read
+
+                (frame.read::<[f32; 4]>(&picture).to_vec(), frame.read::<[u8; 4]>(&words).to_vec())
             });
             let order = if blue_first { [2, 1, 0] } else { [0, 1, 2] };
             for (pixel, got) in picture.iter().zip(&words) {

@@ -129,9 +129,8 @@ fn colors(gpu: &mut Gpu, resident: &Resident, config: &FrameConfig, part: &View)
     let outcome = frame::record(&mut g, part, resident, config).unwrap();
     let color = g.download(&outcome.gbuffer.color);
     let frame = g.submit_and_wait(&[]).unwrap();
-    let colors = frame.read(&color).to_vec();
-    frame.recycle(gpu);
-    colors
+
+    frame.read(&color).to_vec()
 }
 
 /// Four stations lie side by side, and the second and the third meet. Pixels there are means,
@@ -208,7 +207,6 @@ fn what_one_station_alone_has_seen_keeps_its_colours() {
                 resident.overlap(&view).count
             };
             assert_eq!([without("2"), without("1")], [0, overlap.count]);
-            resident.free(gpu);
         });
     }
 }

@@ -197,10 +197,8 @@ fn phong_lights_by_the_normals_of_points_as_f64_does() {
                     doubtful += (twin.len() > 1) as usize;
                     around += (depth[i].is_finite() && facing[i][3] == 0.0) as usize;
                 }
-                frame.recycle(gpu);
             }
         }
-        resident.free(gpu);
     });
     println!("{own} pixels of points with normals, {around} of others, {doubtful} doubtful");
     assert!(own > 10_000 && around > 1000 && doubtful < own / 20);
@@ -252,10 +250,8 @@ fn back_faces_are_left_out_where_that_is_asked_for() {
                     let outcome = frame::record(&mut g, &view, &resident, &config).unwrap();
                     let depth = g.download(&outcome.gbuffer.depth);
                     let frame = g.submit_and_wait(&[]).expect("drawn, and no validation message");
-                    let depth = frame.read::<f32>(&depth).to_vec();
-                    frame.recycle(gpu);
-                    resident.free(gpu);
-                    depth
+
+                    frame.read::<f32>(&depth).to_vec()
                 })
             };
             let (all, fronts) = (depth(&of(&|_| true), "phong=on"), depth(&of(&faces), "phong=on"));
