@@ -111,7 +111,7 @@ impl Present {
             surfaces,
             surface,
             lost: false,
-            lost_after: gpu.surface_lost_after,
+            lost_after: gpu.overrides.surface_lost_after,
             swapchain: None,
             slots: Vec::new(),
             next: 0,

@@ -72,8 +72,8 @@ impl App {
         // Nothing is on the screen, like at the start.
         (self.load.displayed, self.pick_buffer, self.ui.shown, self.ui.loading) =
             (None, None, None, None);
-        (self.options.device_options.lost_after, self.options.device_options.surface_lost_after) =
-            (None, None);
+        let overrides = &mut self.options.device_options.overrides;
+        (overrides.lost_after, overrides.surface_lost_after) = (None, None);
         self.draw_in(window)?;
         self.report_error(&Error::Device(format!(
             "{error}; the device was opened again, and files are loaded again"

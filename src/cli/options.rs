@@ -358,7 +358,7 @@ impl DeviceOptions {
         gpu::DeviceOptions {
             device: self.device.clone(),
             validate: self.validate,
-            unmapped: self.unmapped,
+            overrides: gpu::TestOverrides { unmapped: self.unmapped, ..Default::default() },
             ..gpu::DeviceOptions::default()
         }
     }

@@ -4,7 +4,6 @@ use super::options::{DeviceOptions, PictureOptions};
 use super::units::Size;
 use crate::app::{self, Options, keys, navigation::NavigationStyle, panel::SaveSize};
 use crate::error::Result;
-use crate::gpu;
 use crate::index::fault_injection::Fault;
 use crate::progress::Progress;
 use crate::render::scene::Scene;
@@ -109,10 +108,11 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
         size: picture.size.0,
         style: arguments.navigation,
         save_size: arguments.save_size,
-        device_options: gpu::DeviceOptions {
-            lost_after: arguments.lose_device,
-            surface_lost_after: arguments.lose_surface,
-            ..arguments.device.to_options()
+        device_options: {
+            let mut options = arguments.device.to_options();
+            options.overrides.lost_after = arguments.lose_device;
+            options.overrides.surface_lost_after = arguments.lose_surface;
+            options
         },
         pool_bytes: picture.detail.pool_bytes(),
         path: arguments.path.as_deref().map(CameraPath::read).transpose()?.unwrap_or_default(),

@@ -11,7 +11,7 @@ use ash::{ext, khr, vk};
 use std::ffi::{CStr, c_char, c_void};
 use std::sync::Mutex;
 
-/// Options of `--device` and `--validate`, and switches for tests.
+/// Options of `--device` and `--validate`.
 #[derive(Clone, Debug, Default)]
 pub struct DeviceOptions {
     /// Part of the device's name (case-insensitive), or its index in the loader's order.
@@ -19,17 +19,22 @@ pub struct DeviceOptions {
     pub validate: bool,
     /// Enables window surfaces and swapchains.
     pub window: bool,
-    /// For tests: pretend that there are no 64-bit atomics, to force the two-pass path.
+    pub overrides: TestOverrides,
+}
+
+/// What tests pretend about a device.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct TestOverrides {
+    /// There are no 64-bit atomics: forces the two-pass path.
     pub no_int64_atomics: bool,
-    /// For tests: pretend that texel buffers are small, to force word loads.
+    /// Texel buffers are small: forces word loads.
     pub no_texels: bool,
-    /// For tests: pretend that the device is lost after this many submissions.
-    pub lost_after: Option<u64>,
-    /// For tests: pretend that the window surface is lost after this many presentations, until it
-    /// is recreated.
-    pub surface_lost_after: Option<u64>,
-    /// For tests: pretend that the CPU cannot map most device memory, to force the staging ring.
+    /// The CPU cannot map most device memory: forces the staging ring.
     pub unmapped: bool,
+    /// The device is lost after this many submissions.
+    pub lost_after: Option<u64>,
+    /// The window surface is lost after this many presentations, until it is recreated.
+    pub surface_lost_after: Option<u64>,
 }
 
 /// A device with one queue for compute and graphics, or a host's device without a queue.
@@ -118,7 +123,7 @@ impl Device {
                 return Err(error);
             }
         };
-        let int64_atomics = !missing_int64 && !options.no_int64_atomics;
+        let int64_atomics = !missing_int64 && !options.overrides.no_int64_atomics;
         let family = queue_family(&instance, physical).ok_or_else(|| {
             Error::Device("the device has no queue for compute and graphics".to_string())
         })?;
@@ -129,8 +134,8 @@ impl Device {
         let mut device = Device::around(entry, instance, physical, raw, family);
         device.queue = Some(queue);
         device.int64_atomics = int64_atomics;
-        device.has_host_visible_vram &= !options.unmapped;
-        device.has_large_texel_buffers &= !options.no_texels;
+        device.has_host_visible_vram &= !options.overrides.unmapped;
+        device.has_large_texel_buffers &= !options.overrides.no_texels;
         (device.labels, device.messenger, device.messages) =
             (labels, debug.zip(messenger), messages);
         Ok(device)

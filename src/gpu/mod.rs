@@ -14,7 +14,7 @@ pub mod requirements;
 pub mod timeline;
 pub mod timing;
 
-pub use device::{Device, DeviceOptions, HostDevice};
+pub use device::{Device, DeviceOptions, HostDevice, TestOverrides};
 pub use kernel::{Access, Binding, Code, Kind};
 pub use memory::{BufferDesc, ImageDesc, Memory, MemoryRequirements, Place};
 

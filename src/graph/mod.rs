@@ -17,7 +17,7 @@ use crate::error::{Error, Result};
 use crate::gpu::kernel::Kernels;
 use crate::gpu::memory::{Memory, RawBuffer, Texels};
 use crate::gpu::timeline::Timeline;
-use crate::gpu::{Device, raster};
+use crate::gpu::{Device, TestOverrides, raster};
 use crate::progress::Progress;
 use ash::vk;
 use host::HostQueue;
@@ -195,11 +195,7 @@ pub struct Gpu {
     /// Timeline that each submission raises to its number when it completes.
     pub completed: Timeline,
     pub submitted: u64,
-    /// See [`crate::gpu::DeviceOptions::lost_after`].
-    pub(crate) lost_after: Option<u64>,
-    /// See [`crate::gpu::DeviceOptions::surface_lost_after`].
-    #[cfg_attr(not(feature = "app"), expect(dead_code))]
-    pub(crate) surface_lost_after: Option<u64>,
+    pub overrides: TestOverrides,
     /// Number of clouds made resident so far.
     pub residents: u64,
     /// Submissions that run detached.
@@ -213,7 +209,7 @@ pub struct Gpu {
 impl Gpu {
     pub fn open(options: &crate::gpu::DeviceOptions) -> Result<Gpu> {
         let mut gpu = Gpu::on(Device::open(options)?)?;
-        (gpu.lost_after, gpu.surface_lost_after) = (options.lost_after, options.surface_lost_after);
+        gpu.overrides = options.overrides;
         Ok(gpu)
     }
 
@@ -226,8 +222,7 @@ impl Gpu {
             raster,
             completed,
             submitted: 0,
-            lost_after: None,
-            surface_lost_after: None,
+            overrides: TestOverrides::default(),
             residents: 0,
             detached: Vec::new(),
             host: None,

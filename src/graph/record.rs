@@ -205,7 +205,7 @@ impl Recorded {
 impl Gpu {
     /// Fails if tests pretend that the device is lost.
     fn check_simulated_loss(&self, breadcrumbs: &Breadcrumbs) -> Result<()> {
-        match self.lost_after {
+        match self.overrides.lost_after {
             Some(submissions) if self.submitted >= submissions => {
                 Err(breadcrumbs.blame(vk::Result::ERROR_DEVICE_LOST))
             }

@@ -48,7 +48,7 @@ use clouds::Entry;
 use compose::Placement;
 use glam::{DMat4, DVec3};
 use picture::{Drawing, Key, RecordedPicks, RecordedPicture};
-use projection::{in_world, view_of};
+use projection::{Depth, in_world, view_of};
 use std::collections::VecDeque;
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -477,7 +477,9 @@ impl Renderer {
             place.first = false;
         }
         if place.first {
-            let (_, form) = view_of(&view.camera, DMat4::IDENTITY, view.area.size)?;
+            // Without a cloud, matrices may not be known yet.
+            let form = view_of(&view.camera, DMat4::IDENTITY, view.area.size)
+                .map_or(Depth::REVERSED, |(_, form)| form);
             compose::clear(gpu, commands, &place, form)?;
         }
         Ok(())

@@ -68,6 +68,9 @@ pub(super) struct Depth {
 }
 
 impl Depth {
+    /// Reversed depth of an infinite perspective.
+    pub const REVERSED: Depth = Depth { a: 0.0, b: 1.0, perspective: true, reversed: true };
+
     fn of(projection: Projection, near: f64, far: f64) -> Depth {
         let (perspective, reversed) = (projection == Projection::Perspective, true);
         let (a, b) = match projection {

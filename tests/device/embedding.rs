@@ -36,6 +36,8 @@ struct Application {
     staging_memory: vk::DeviceMemory,
     mapped: *mut u8,
     frame: u64,
+    /// Messages of the validation layers about the last frame.
+    said: pointillist::error::Result<()>,
     /// Time that recording the last frame took.
     recorded: std::time::Duration,
 }
@@ -89,6 +91,7 @@ impl Application {
                 staging_memory,
                 mapped,
                 frame: 0,
+                said: Ok(()),
                 recorded: Default::default(),
                 device,
             }
@@ -138,9 +141,22 @@ impl Application {
         }
     }
 
+    /// Draws a frame, about which the validation layers say nothing.
+    fn draw(
+        &mut self,
+        renderer: &mut Renderer,
+        targets: Targets,
+        views: &[FrameView],
+        before: Option<(&[[u8; 4]], &[f32])>,
+    ) -> (FrameReport, Vec<u8>, Vec<f32>) {
+        let drawn = self.submit(renderer, targets, views, before);
+        std::mem::replace(&mut self.said, Ok(())).unwrap();
+        drawn
+    }
+
     /// Records and submits a frame, waits, and reads colour and depth back. `before` fills the
     /// images first.
-    fn draw(
+    fn submit(
         &mut self,
         renderer: &mut Renderer,
         targets: Targets,
@@ -208,7 +224,7 @@ impl Application {
             raw.queue_submit(self.device.own_queue(), &[submit], self.fence).unwrap();
             raw.wait_for_fences(&[self.fence], true, u64::MAX).unwrap();
             raw.reset_fences(&[self.fence]).unwrap();
-            self.device.take_validation_errors().unwrap();
+            self.said = self.device.take_validation_errors();
             let color = std::slice::from_raw_parts(self.mapped, texel * PIXELS).to_vec();
             let depth = self.mapped.add(depth_at).cast::<f32>();
             (report, color, std::slice::from_raw_parts(depth, PIXELS).to_vec())
@@ -735,4 +751,19 @@ fn what_cannot_be_recorded_is_an_error_and_nothing_else() {
     }
     let CloudState::Failed(why) = renderer.state(missing).unwrap() else { panic!() };
     assert!(why.contains("/no/such.las"), "{why}");
+}
+
+/// What the host says about its images is what is recorded: a lie is found.
+#[test]
+fn a_host_that_lies_about_a_layout_is_caught() {
+    let mut application = Application::new(COLOR);
+    let mut renderer = application.renderer();
+    let honest = application.targets();
+    application.draw(&mut renderer, honest, &[], None);
+    let mut lying = honest;
+    lying.color.before = Access::any(vk::ImageLayout::SHADER_READ_ONLY_OPTIMAL.as_raw());
+    lying.color.clear = false;
+    application.submit(&mut renderer, lying, &[], None);
+    let said = std::mem::replace(&mut application.said, Ok(())).unwrap_err().to_string();
+    assert!(said.contains("SHADER_READ_ONLY_OPTIMAL"), "{said}");
 }

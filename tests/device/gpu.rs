@@ -6,7 +6,7 @@ use glam::DVec3;
 use pointillist::cloud::attribute::{Attribute, DisplayAttribute};
 use pointillist::cloud::{Cloud, Columns, Header, Lattice, Part};
 use pointillist::config::NO_POINT;
-use pointillist::gpu::DeviceOptions;
+use pointillist::gpu::{DeviceOptions, TestOverrides};
 use pointillist::graph::{Buffer, CompletedSubmission, Gpu, Graph};
 use pointillist::passes;
 use pointillist::passes::project::{Keys, Strip};
@@ -41,9 +41,12 @@ pub fn with<T>(way: Way, work: impl FnOnce(&mut Gpu) -> T) -> T {
     static DEVICES: [OnceLock<Mutex<Gpu>>; 4] = [const { OnceLock::new() }; 4];
     let options = DeviceOptions {
         validate: true,
-        no_int64_atomics: way == Way::Compute32,
-        unmapped: way == Way::Unmapped,
-        no_texels: way == Way::Words,
+        overrides: TestOverrides {
+            no_int64_atomics: way == Way::Compute32,
+            unmapped: way == Way::Unmapped,
+            no_texels: way == Way::Words,
+            ..TestOverrides::default()
+        },
         ..DeviceOptions::default()
     };
     let device = DEVICES[way as usize].get_or_init(|| {

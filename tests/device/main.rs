@@ -16,6 +16,8 @@ mod points;
 mod program;
 #[path = "../support/shared.rs"]
 mod shared;
+#[path = "../support/skip.rs"]
+mod skip;
 #[path = "../support/tree.rs"]
 mod tree;
 

@@ -3,7 +3,7 @@
 //! An intended change is accepted with `POINTILLIST_UPDATE=1 cargo nextest run --release plan::`.
 //! Read the difference before committing it.
 
-use crate::shared::skip;
+use crate::skip::skip;
 use pointillist::cloud::attribute::{Attribute, DisplayAttribute};
 use pointillist::error::{Error, Result};
 use pointillist::gpu::DeviceOptions;

@@ -3,7 +3,7 @@
 //! SwiftShader, in Debian's chromium package, has neither 64-bit atomics nor large texel buffers,
 //! so it takes the other variant of every core kernel.
 
-use crate::shared::skip;
+use crate::skip::skip;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 

@@ -8,7 +8,7 @@
 
 use crate::files::{names, scan};
 use crate::program::{failed, pointillist, succeeded, text};
-use crate::shared::skip;
+use crate::skip::skip;
 use pointillist::index::format::{Index, PLANES};
 use pointillist::synth::SceneKind;
 use std::fs;

@@ -2,7 +2,7 @@
 
 use crate::files::scan;
 use crate::program::{succeeded, text};
-use crate::shared::skip;
+use crate::skip::skip;
 use pointillist::synth::SceneKind;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};

@@ -16,6 +16,8 @@ mod png_file;
 mod program;
 #[path = "../support/shared.rs"]
 mod shared;
+#[path = "../support/skip.rs"]
+mod skip;
 
 mod bad;
 mod cli;

@@ -10,10 +10,13 @@ mod png_file;
 mod points;
 #[path = "../support/program.rs"]
 mod program;
+#[path = "../support/skip.rs"]
+mod skip;
 #[path = "../support/tree.rs"]
 mod tree;
 
 mod display;
+mod hosts;
 mod presentation;
 mod window;
 mod window_lifecycle;
