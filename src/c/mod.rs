@@ -465,6 +465,7 @@ pub unsafe extern "C" fn pointillist_new(
                     bytes => bytes,
                 },
                 point_budget: Some(host.point_budget).filter(|points| *points > 0),
+                ..usual
             };
             let host = Host {
                 get_instance_proc_addr: host.get_instance_proc_addr,

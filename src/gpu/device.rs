@@ -80,6 +80,7 @@ pub struct HostDevice {
     pub queue_family: u32,
     pub has_int64_atomics: bool,
     pub has_debug_utils: bool,
+    pub overrides: TestOverrides,
 }
 
 /// Texels of 32 bits in the largest storage buffer that Vulkan devices commonly bind (128 MiB).
@@ -161,6 +162,7 @@ impl Device {
             return Err(Error::Device(format!("the device lacks {}", missing.join(", "))));
         }
         let mut device = Device::around(entry, instance, physical, raw, host.queue_family);
+        device.has_host_visible_vram &= !host.overrides.unmapped;
         device.int64_atomics = host.has_int64_atomics;
         device.labels = host
             .has_debug_utils

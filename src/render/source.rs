@@ -421,9 +421,11 @@ impl PreparedCloud {
     /// Uploads some of it. Returns whether more remains.
     pub fn step(&mut self, gpu: &mut Gpu, progress: &dyn Progress) -> Result<bool> {
         let PreparedCloud::Files(upload) = self else { return Ok(false) };
-        let began = Instant::now();
+        let (began, mut before) = (Instant::now(), upload.uploaded());
         while upload.upload_nodes(gpu, rayon::current_num_threads(), progress)? {
-            if began.elapsed() >= STEP {
+            // Without progress, room comes with a later frame.
+            let is_stuck = std::mem::replace(&mut before, upload.uploaded()) == upload.uploaded();
+            if is_stuck || began.elapsed() >= STEP {
                 return Ok(true);
             }
         }

@@ -127,7 +127,7 @@ unsafe fn entry_point(address: *const c_void) -> Result<vk::PFN_vkGetInstancePro
 impl Host {
     /// # Safety
     /// The address is null or that of `vkGetInstanceProcAddr`.
-    pub(super) unsafe fn device(&self) -> Result<gpu::HostDevice> {
+    pub(super) unsafe fn device(&self, overrides: gpu::TestOverrides) -> Result<gpu::HostDevice> {
         if self.instance == 0 || self.physical_device == 0 || self.device == 0 {
             return Err(Error::Request("a handle of the host is null".into()));
         }
@@ -140,6 +140,7 @@ impl Host {
             queue_family: self.queue_family,
             has_int64_atomics: self.has_int64_atomics,
             has_debug_utils: self.has_debug_utils,
+            overrides,
         })
     }
 }

@@ -40,8 +40,8 @@ pub use crate::select::opacity::Opacities;
 pub use crate::view::{Camera, Preset, Projection};
 
 use crate::config::NO_POINT;
-use crate::gpu::ImageDesc;
 use crate::gpu::memory::{Block, RawBuffer, RawImage};
+use crate::gpu::{ImageDesc, TestOverrides};
 use crate::graph::Gpu;
 use ash::vk::{self, Handle as _};
 use clouds::Entry;
@@ -138,11 +138,18 @@ pub struct RendererOptions {
     pub memory_budget: u64,
     /// Most points drawn of an index; by the size of the view if `None`.
     pub point_budget: Option<u64>,
+    /// What tests pretend.
+    #[doc(hidden)]
+    pub overrides: TestOverrides,
 }
 
 impl Default for RendererOptions {
     fn default() -> RendererOptions {
-        RendererOptions { memory_budget: crate::config::POOL_BYTES, point_budget: None }
+        RendererOptions {
+            memory_budget: crate::config::POOL_BYTES,
+            point_budget: None,
+            overrides: TestOverrides::default(),
+        }
     }
 }
 
@@ -197,7 +204,7 @@ impl Renderer {
     /// lists as required is enabled.
     pub unsafe fn new(host: &Host, options: RendererOptions) -> Result<Renderer> {
         // SAFETY: as the caller ensures.
-        let mut gpu = unsafe { Gpu::adopt(&host.device()?) }?;
+        let mut gpu = unsafe { Gpu::adopt(&host.device(options.overrides)?) }?;
         let buckets = compose::buckets(&mut gpu)?;
         Ok(Renderer {
             settings: RenderSettings::default(),

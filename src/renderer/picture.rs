@@ -9,6 +9,7 @@ use crate::error::Result;
 use crate::gpu::memory::RawImage;
 use crate::graph::record::Recorded;
 use crate::graph::{Buffer, Gpu, Graph, Handle};
+use crate::passes::Switch;
 use crate::render::frame;
 use crate::render::settings::{FrameConfig, RenderSettings};
 use crate::render::source::GpuCloud;
@@ -61,6 +62,9 @@ pub(super) struct RecordedPicture {
     pub settled: bool,
 }
 
+/// Strokes are counted on the CPU while a frame is recorded, for which nothing may wait here.
+const NO_STROKES: &str = "strokes are not drawn in a host's frames; points are drawn without them";
+
 /// A picture to be drawn.
 pub(super) struct Drawing<'d> {
     pub key: Key,
@@ -101,7 +105,11 @@ impl Drawing<'_> {
         if !settled && before.is_some_and(|before| before.identity == identity) {
             return Ok(None);
         }
-        let mut config = FrameConfig::new(self.settings, &view, resident);
+        let mut settings = self.settings.clone();
+        if std::mem::replace(&mut settings.effects.strokes.switch, Switch::Off) == Switch::On {
+            report.errors.push(NO_STROKES.into());
+        }
+        let mut config = FrameConfig::new(&settings, &view, resident);
         if !self.key.opaque {
             // Blended over what is there.
             config.background = [0.0; 3];

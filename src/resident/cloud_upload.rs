@@ -184,10 +184,18 @@ impl CloudUpload {
         written.map(|()| !self.ready.is_empty())
     }
 
+    /// Returns the number of points that are uploaded.
+    pub fn uploaded(&self) -> u64 {
+        self.resident.as_ref().map_or(0, |resident| resident.points)
+    }
+
     /// Reports progress over both halves: every point is partitioned once and written once.
     fn half<'p>(&self, progress: &'p dyn Progress) -> progress::Part<'p> {
-        let written = self.resident.as_ref().map_or(0, |resident| resident.points);
-        progress::Part { progress, done: self.built_points + written, total: 2 * self.points }
+        progress::Part {
+            progress,
+            done: self.built_points + self.uploaded(),
+            total: 2 * self.points,
+        }
     }
 
     fn resident(&mut self, gpu: &mut Gpu) -> &mut Resident {
@@ -252,6 +260,7 @@ impl Ready {
                 station,
             });
         }
+        let start = *written;
         *written = nodes.end;
 
         let runs = resident.nodes[first..]
@@ -262,7 +271,7 @@ impl Ready {
             })
             .collect();
         let done = AtomicU64::new(resident.points);
-        resident.pool.write(gpu, runs, |(node, range), mut pages| {
+        let count = resident.pool.write(gpu, runs, |(node, range), mut pages| {
             let order = &partition.order[range.points.clone()];
             let words = |i| {
                 let mut words = shown.words_of(part, stations, *first_station, i);
@@ -284,6 +293,11 @@ impl Ready {
             progress.tick("organising", done, 0)
         })?;
         resident.points = done.into_inner();
+        // The others are written when there is room.
+        for node in resident.nodes.drain(first + count..) {
+            resident.pool.pages.give(node.first_page, node.planes + shown.words());
+        }
+        *written = start + count;
         Ok(())
     }
 }

@@ -111,7 +111,8 @@ impl Resident {
             .zip(nodes)
             .map(|(held, &node)| (held.first_page, held.planes, (held, node)))
             .collect();
-        self.pool.write(gpu, runs, |(held, node), pages| {
+        let all = nodes.len();
+        let written = self.pool.write(gpu, runs, |(held, node), pages| {
             let record = &index.nodes()[node];
             // Checked in main memory, then copied to device memory that may be slow to read.
             let mut words = vec![0u32; (record.count as usize).min(POINTS_PER_PAGE as usize)];
@@ -123,6 +124,8 @@ impl Resident {
                 page[..words.len()].copy_from_slice(&words);
             }
             Ok(())
-        })
+        })?;
+        assert_eq!(written, all, "leaves are baked on a device of our own");
+        Ok(())
     }
 }

@@ -102,13 +102,15 @@ impl Pool {
     }
 
     /// Writes taken runs in parallel, with one job each: all at once if pages are mapped, else as
-    /// many at a time as the ring holds. A job gets the words of each page.
+    /// many at a time as the ring holds. A job gets the words of each page. Returns how many runs
+    /// are written: all, unless a host's frames have to be completed first.
     pub fn write<J: Send>(
         &mut self,
         gpu: &mut Gpu,
         runs: Vec<(u32, u32, J)>,
         write: impl Fn(J, Vec<&mut [u32]>) -> Result<()> + Sync,
-    ) -> Result<()> {
+    ) -> Result<usize> {
+        let mut count = 0;
         let mut runs = runs.into_iter().peekable();
         while runs.peek().is_some() {
             let mut opened = Vec::new();
@@ -137,14 +139,18 @@ impl Pool {
             let written = jobs.into_par_iter().try_for_each(|(job, run)| {
                 write(job, run.chunks_exact_mut(POINTS_PER_PAGE as usize).collect())
             });
-            firsts.into_iter().for_each(|first| self.close(first, written.is_ok()));
+            firsts.iter().for_each(|&first| self.close(first, written.is_ok()));
             written?;
+            count += firsts.len();
             self.submit_copies(gpu)?;
             if self.has_pending_copies() {
+                if gpu.host.is_some() {
+                    break;
+                }
                 gpu.wait_detached()?;
             }
         }
-        Ok(())
+        Ok(count)
     }
 
     /// Returns the words of a run of pages; `None` if pages are not mapped.

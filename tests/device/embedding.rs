@@ -4,7 +4,7 @@ use crate::files;
 use crate::index_file::indexed;
 use ash::vk::{self, Handle};
 use glam::DVec3;
-use pointillist::gpu::{Device, DeviceOptions};
+use pointillist::gpu::{Device, DeviceOptions, TestOverrides};
 use pointillist::passes::encode;
 use pointillist::progress::Silent;
 use pointillist::render::frame;
@@ -554,8 +554,12 @@ fn points_of_memory_are_picked_where_they_are() {
     let (_, after, _) = application.settle(&mut renderer, targets, &[moved]);
     let differing = before.iter().zip(&after).filter(|(a, b)| a != b).count();
     assert!(differing < before.len() / 200, "{differing} bytes");
-    let hidden = renderer.set_visible(cloud, false);
-    hidden.unwrap();
+    renderer.set("style", "strokes").unwrap();
+    let (report, ..) = application.draw(&mut renderer, targets, &[unmoved], None);
+    assert!(report.errors[0].starts_with("strokes are not drawn") && report.points > 0);
+    let refused = renderer.set("effect", "edl=perhaps").unwrap_err().to_string();
+    assert!(refused.contains("perhaps"), "{refused}");
+    renderer.set_visible(cloud, false).unwrap();
     let (_, empty, _) = application.draw(&mut renderer, targets, &[unmoved], None);
     let background = RenderSettings::default().background;
     assert!(empty.chunks(4).all(|pixel| pixel[..3] == background));
@@ -751,6 +755,30 @@ fn what_cannot_be_recorded_is_an_error_and_nothing_else() {
     }
     let CloudState::Failed(why) = renderer.state(missing).unwrap() else { panic!() };
     assert!(why.contains("/no/such.las"), "{why}");
+}
+
+/// Pages go through a ring of mapped memory, whose copies are recorded with the host's frames. The
+/// file has more points than the ring holds.
+#[test]
+fn a_device_whose_memory_is_not_mapped_draws_the_same() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("torus.las");
+    crate::files::scan(&path, pointillist::synth::SceneKind::Torus, 7_000_000);
+    let index = crate::index_file::indexed(&[&path], "");
+    let (_, camera) = scan(folder.path());
+    for file in [path, index] {
+        let pictures = [false, true].map(|unmapped| {
+            let mut application = Application::new(COLOR);
+            let overrides = TestOverrides { unmapped, ..TestOverrides::default() };
+            let options = RendererOptions { overrides, ..RendererOptions::default() };
+            // SAFETY: the renderer is dropped before the application.
+            let mut renderer = unsafe { Renderer::new(&application.host(), options) }.unwrap();
+            renderer.open(std::slice::from_ref(&file), &OpenSettings::default()).unwrap();
+            let targets = application.targets();
+            application.settle(&mut renderer, targets, &[view_of(camera)]).1
+        });
+        assert!(pictures[0] == pictures[1], "{}", file.display());
+    }
 }
 
 /// What the host says about its images is what is recorded: a lie is found.
