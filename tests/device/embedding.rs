@@ -555,7 +555,7 @@ fn points_of_memory_are_picked_where_they_are() {
     let differing = before.iter().zip(&after).filter(|(a, b)| a != b).count();
     assert!(differing < before.len() / 200, "{differing} bytes");
     renderer.set("style", "strokes").unwrap();
-    let (report, ..) = application.draw(&mut renderer, targets, &[unmoved], None);
+    let (report, ..) = application.draw(&mut renderer, targets, &[moved], None);
     assert!(report.errors[0].starts_with("strokes are not drawn") && report.points > 0);
     let refused = renderer.set("effect", "edl=perhaps").unwrap_err().to_string();
     assert!(refused.contains("perhaps"), "{refused}");
