@@ -30,6 +30,7 @@ mod header;
 mod imports;
 mod index;
 mod navigation;
+mod public_api;
 mod registry;
 mod stream;
 mod synth;
