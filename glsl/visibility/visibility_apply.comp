@@ -16,7 +16,7 @@ layout(r32f) uniform image2D depth;
 layout(r32ui) uniform uimage2D index;
 layout(rgba32f) uniform image2D color;
 
-// Whether to remove index and colour, too.
+// Whether to remove index and colour, too, and to mark holes.
 layout(constant_id = 0) const bool ALL = true;
 
 layout(push_constant, scalar) uniform Push {
@@ -30,9 +30,11 @@ void work(uint n) {
     [[dont_unroll]] for (int row = 0;; ++row) {
         if ((bits >> row & 1u) == 1u) {
             ivec2 at = pixel + ivec2(0, row);
-            imageStore(depth, at, vec4(uintBitsToFloat(UNKNOWN_BITS)));
-            if (ALL) imageStore(index, at, uvec4(NO_POINT));
-            if (ALL) imageStore(color, at, vec4(0.0));
+            // Background has neither index nor colour.
+            bool point = floatBitsToUint(imageLoad(depth, at).r) != BACKGROUND_BITS;
+            if (ALL || point) imageStore(depth, at, vec4(uintBitsToFloat(UNKNOWN_BITS)));
+            if (ALL && point) imageStore(index, at, uvec4(NO_POINT));
+            if (ALL && point) imageStore(color, at, vec4(0.0));
         }
         if (row == TILE_PX - 1) break;
     }
