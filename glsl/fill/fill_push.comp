@@ -3,10 +3,15 @@
 //
 //   cell with a value:  the value, carried from its place to the cell's middle by the coarser slope
 //   cell without:       belongs to the surface whose known place is nearest: among the eight cells
-//                       around, else the four coarser cells around, else its coarser cell. It takes
-//                       the mean of those coarser cells that are of it, weighted bilinearly; without
-//                       any, the value of that place. Where there is no surface it keeps the colour
-//                       of that place.
+//                       around, else among the places that the four coarser cells around have
+//                       found. It takes the mean of those coarser cells that are of it, weighted
+//                       bilinearly; without any, the value of that place. Where there is no surface
+//                       it keeps the colour of that place.
+//   lone point          behind all four coarser cells around: counts as hidden. It would show as a
+//                       patch of a surface behind, as wide as points are apart.
+//
+// Every cell passes on the nearest place it has found. So borders between surfaces, and between
+// colours of leaves, lie halfway between points, not along coarser cells.
 //
 // Pixels of the picture keep their values. Background is filled in notches of contours. With
 // perspective, means are of inverse depths, as ratios to one of them.
@@ -27,10 +32,12 @@ layout(rgba32f) readonly uniform image2D coarse_places;
 layout(r32f) readonly uniform image2D depth;
 layout(rgba32f) readonly uniform image2D places;
 layout(rgba32f) readonly uniform image2D color;
-// 1 for each tile of the picture without a surface.
-layout(scalar) readonly buffer Rough { uint tile[]; } rough;
+// From 1 on for a tile of the picture without a surface, less for others (fill_scattered.comp).
+layout(scalar) readonly buffer Rough { float tile[]; } rough;
 layout(r32f) writeonly uniform image2D filled_depth;
 layout(rgba32f) writeonly uniform image2D filled_color;
+// Where the nearest known place of each cell is, its own or another's, as in `places`.
+layout(rgba32f) writeonly uniform image2D filled_places;
 
 layout(constant_id = 0) const bool PERSPECTIVE = true;
 // Whether there is no coarser level.
@@ -58,14 +65,26 @@ layout(push_constant, scalar) uniform Push {
 const float FAR = 1e9;
 
 // Returns a cell of this level before filling: depth, and place from the cell's middle [cells].
-vec3 known(ivec2 cell) {
-    return PICTURE ? vec3(imageLoad(depth, clamp(cell, ivec2(0), ivec2(push.size) - 1)).r, 0.0, 0.0) : imageLoad(places, clamp(cell, ivec2(0), ivec2(push.size) - 1)).xyz;
+vec4 known(ivec2 cell) {
+    return PICTURE ? vec4(imageLoad(depth, clamp(cell, ivec2(0), ivec2(push.size) - 1)).r, 0.0, 0.0, 1.0) : imageLoad(places, clamp(cell, ivec2(0), ivec2(push.size) - 1));
 }
 
+float rough_at(ivec2 tile) {
+    ivec2 across = ivec2(push.tiles_across, uint(rough.tile.length()) / push.tiles_across);
+    ivec2 at = clamp(tile, ivec2(0), across - 1);
+    return rough.tile[at.y * across.x + at.x];
+}
+
+// Returns whether a cell is of no surface, from what is known at the middles of tiles around, so
+// that tiles do not show.
 bool is_rough(ivec2 cell) {
     if (!ROUGH) return false;
-    uvec2 tile = ((uvec2(cell) << push.level) + (1u << push.level >> 1)) / uint(TILE_PX);
-    return rough.tile[min(tile.y * push.tiles_across + tile.x, rough.tile.length() - 1)] == 1u;
+    vec2 at = (vec2(cell) + 0.5) * float(1 << push.level) / float(TILE_PX) - 0.5;
+    ivec2 tile = ivec2(floor(at));
+    vec2 part = at - vec2(tile);
+    float above = mix(rough_at(tile), rough_at(tile + ivec2(1, 0)), part.x);
+    float below = mix(rough_at(tile + ivec2(0, 1)), rough_at(tile + ivec2(1, 1)), part.x);
+    return mix(above, below, part.y) >= 1.0;
 }
 
 // Returns none outside.
@@ -92,7 +111,7 @@ float slope(float z, float before, float after) {
 }
 
 // Returns a value carried to the middle of its cell.
-float in_middle(vec3 place, ivec2 parent) {
+float in_middle(vec4 place, ivec2 parent) {
     float z = coarse_at(parent);
     vec2 slopes = vec2(slope(z, coarse_at(parent - ivec2(1, 0)), coarse_at(parent + ivec2(1, 0))), slope(z, coarse_at(parent - ivec2(0, 1)), coarse_at(parent + ivec2(0, 1))));
     float away = 0.5 * (slopes.x * place.y + slopes.y * place.z);
@@ -106,19 +125,20 @@ void main() {
     ivec2 cell = ivec2(gl_GlobalInvocationID.xy);
     if (any(greaterThanEqual(cell, ivec2(push.size)))) return;
     vec4 own_color = imageLoad(color, cell);
-    vec3 place = known(cell);
+    vec4 place = known(cell);
     uint own = floatBitsToUint(place.x);
     ivec2 parent = cell / 2;
     bool has_own = has_depth(own) && place.x > 0.0;
     if (COARSEST) {
         imageStore(filled_depth, cell, vec4(place.x));
         imageStore(filled_color, cell, own_color);
+        imageStore(filled_places, cell, place);
         return;
     }
     float z = has_own && !PICTURE ? in_middle(place, parent) : place.x;
     // The nearest of the cells around that have a value, and how many have one or will have.
-    float like = NONE;
-    float nearest = FAR;
+    float like = has_own ? place.x : NONE;
+    float nearest = has_own ? 0.0 : FAR;
     ivec2 nearest_at = cell;
     uint solid = 0u;
     if (!has_own) {
@@ -127,7 +147,7 @@ void main() {
             ivec2 offset = ivec2(k % 3, k / 3) - 1;
             ivec2 at = cell + offset;
             bool inside = all(greaterThanEqual(at, ivec2(0))) && all(lessThan(at, ivec2(push.size)));
-            vec3 found = known(at);
+            vec4 found = known(at);
             vec2 to = vec2(offset) + found.yz;
             float square = to.x * to.x + to.y * to.y;
             bool has = inside && found.x > 0.0 && has_depth(floatBitsToUint(found.x));
@@ -135,36 +155,42 @@ void main() {
             solid += uint(has || (inside && floatBitsToUint(found.x) == UNKNOWN_BITS));
             nearest = nearer ? square : nearest;
             like = nearer ? found.x : like;
+            place = nearer ? vec4(found.x, to, found.w) : place;
             nearest_at = nearer ? at : nearest_at;
         }
     }
     bool filling = !has_own && (!PICTURE || own == UNKNOWN_BITS || push.flood == 1u || solid >= push.surrounded);
-    if (filling) {
+    if (filling || !PICTURE) {
         ivec2 toward = 2 * (cell % 2) - 1;
         float from[4];
         vec4 c[4];
+        // The nearest place that coarser cells know, and their farthest surface.
+        float coarse_nearest = FAR;
+        int nearest_of = 0;
+        vec4 nearest_place = vec4(NONE, vec3(0.0));
+        float farthest = -1.0;
         [[unroll]] for (int k = 0; k < 4; ++k) {
             ivec2 at = parent + toward * ivec2(k % 2, k / 2);
             from[k] = coarse_at(at);
             c[k] = imageLoad(coarse_color, clamp(at, ivec2(0), ivec2(push.coarse_size) - 1));
+            vec3 found = imageLoad(coarse_places, clamp(at, ivec2(0), ivec2(push.coarse_size) - 1)).xyz;
+            vec2 to = 2.0 * (vec2(at) + 0.5 + found.yz) - (vec2(cell) + 0.5);
+            float square = to.x * to.x + to.y * to.y;
+            bool has = has_depth(floatBitsToUint(from[k]));
+            bool nearer = has && square < coarse_nearest;
+            coarse_nearest = nearer ? square : coarse_nearest;
+            nearest_place = nearer ? vec4(from[k], to, 0.0) : nearest_place;
+            nearest_of = nearer ? k : nearest_of;
+            farthest = has ? max(farthest, from[k]) : farthest;
         }
-        vec4 like_color = vec4(0.0);
-        if (nearest < FAR) like_color = imageLoad(color, nearest_at);
-        if (nearest == FAR) {
-            like = from[0];
-            like_color = c[0];
-            [[unroll]] for (int k = 0; k < 4; ++k) {
-                ivec2 at = parent + toward * ivec2(k % 2, k / 2);
-                vec3 found = imageLoad(coarse_places, clamp(at, ivec2(0), ivec2(push.coarse_size) - 1)).xyz;
-                vec2 to = 2.0 * (vec2(at) + 0.5 + found.yz) - (vec2(cell) + 0.5);
-                float square = to.x * to.x + to.y * to.y;
-                bool has = has_depth(floatBitsToUint(from[k]));
-                bool nearer = has && found.x > 0.0 && has_depth(floatBitsToUint(found.x)) && square < nearest;
-                bool first = has && nearest == FAR && !has_depth(floatBitsToUint(like));
-                nearest = nearer ? square : nearest;
-                like = nearer || first ? from[k] : like;
-                like_color = nearer || first ? c[k] : like_color;
-            }
+        // A lone point behind all around it counts as hidden.
+        bool hidden = place.w == 1.0 && farthest > 0.0 && like - tolerance_at(like) > farthest;
+        filling = filling || hidden;
+        vec4 like_color = nearest < FAR ? imageLoad(color, nearest_at) : vec4(0.0);
+        if (nearest == FAR || hidden) {
+            like = nearest_place.x;
+            place = nearest_place;
+            like_color = nearest_of == 0 ? c[0] : nearest_of == 1 ? c[1] : nearest_of == 2 ? c[2] : c[3];
         }
         bool reached = has_depth(floatBitsToUint(like));
         float weights = 0.0;
@@ -182,9 +208,11 @@ void main() {
         float many = valued ? weights : 1.0;
         float mean = PERSPECTIVE ? like / (valued ? sum / many : 1.0) : like + sum / many;
         // Leaves have colours of their own.
-        z = reached ? (valued ? mean : like) : NONE;
-        own_color = LABELS || !valued || is_rough(cell) ? like_color : colors / many;
+        vec4 filled = LABELS || !valued || is_rough(cell) ? like_color : colors / many;
+        z = !filling ? z : !reached ? NONE : valued ? mean : like;
+        own_color = filling ? filled : own_color;
     }
     imageStore(filled_depth, cell, vec4(z));
     imageStore(filled_color, cell, own_color);
+    if (!PICTURE) imageStore(filled_places, cell, place);
 }

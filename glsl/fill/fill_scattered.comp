@@ -1,4 +1,5 @@
-// Points scattered in depth -> tiles whose surroundings are no surface: branches, leaves, strays.
+// Points scattered in depth -> how little the surroundings of each tile are a surface: branches,
+// leaves, strays.
 // There points have others in front on all sides, and yet no level can call them hidden
 // (visibility_levels.comp). On surfaces that happens only at some contours.
 #version 460
@@ -14,8 +15,8 @@ layout(scalar) readonly buffer Tiles { Tile tile[]; } tiles;
 // Two words per tile, one bit per pixel.
 layout(scalar) readonly buffer Invisible { uint word[]; } invisible;
 layout(scalar) readonly buffer Scattered { uint word[]; } scattered;
-// 1 for a tile whose surroundings are no surface.
-layout(scalar) writeonly buffer Rough { uint tile[]; } rough;
+// From 1 on the surroundings of a tile are no surface.
+layout(scalar) writeonly buffer Rough { float tile[]; } rough;
 
 layout(push_constant, scalar) uniform Push {
     uvec2 tiles;
@@ -41,5 +42,5 @@ void main() {
             scattered_points += bitCount(odd.x) + bitCount(odd.y);
         }
     }
-    rough.tile[number] = uint(scattered_points > 0 && scattered_points * int(push.part) >= points);
+    rough.tile[number] = float(scattered_points * int(push.part)) / float(max(points, 1));
 }

@@ -3,9 +3,9 @@
 //!
 //! ```text
 //!     pull    level k -> k + 1    mean and place of the values in 2 x 2 of the nearest surface
-//!     push    level k + 1 -> k    pixels without a value belong to the nearest surface known there
-//!                                 and take the bilinear mean of the coarser level; values are
-//!                                 carried to the middle of their cell
+//!     push    level k + 1 -> k    pixels without a value belong to the surface of the nearest
+//!                                 known place and take the bilinear mean of the coarser level;
+//!                                 values are carried to the middle of their cell
 //!     relax   level k             pixels without a value take the mean of their neighbours, so that
 //!                                 coarse cells leave no corners
 //! ```
@@ -64,7 +64,7 @@ pub fn record(
 /// Share of scattered points, one in eight, from which a neighbourhood is no surface.
 const SCATTERED_PART: u32 = 8;
 
-/// Returns a word for each tile: 1 if its surroundings are no surface.
+/// Returns for each tile how little its surroundings are a surface: from 1 on they are none.
 fn rough(
     g: &mut Graph,
     view: &View,
@@ -89,7 +89,7 @@ struct Pyramid<'s> {
     perspective: bool,
     /// Whether colours are labels, which are never mixed.
     labels: bool,
-    /// A word for every tile of the picture: 1 if there is no surface.
+    /// How little there is a surface, for every tile of the picture: from 1 on there is none.
     rough: &'s Buffer,
     is_rough_known: bool,
 }
@@ -100,9 +100,10 @@ struct Level {
     color: Image,
 }
 
-/// A filled level: depth and colour, and its places before.
+/// A filled level: depths, colours, and the nearest known place of every cell.
 struct Filled {
-    filled: (Image, Image),
+    depth: Image,
+    color: Image,
     places: Image,
 }
 
@@ -122,9 +123,10 @@ impl Pyramid<'_> {
         while let Some(Level { places, color }) = levels.pop() {
             let number = levels.len() as u32 + 1;
             let filled = self.push(g, coarser.as_ref(), depth, Some(&places), &color, number);
-            coarser = Some(Filled { filled, places });
+            coarser = Some(filled);
         }
-        self.push(g, coarser.as_ref(), depth, None, color, 0)
+        let Filled { depth, color, .. } = self.push(g, coarser.as_ref(), depth, None, color, 0);
+        (depth, color)
     }
 
     /// Computes the next coarser level.
@@ -166,17 +168,19 @@ impl Pyramid<'_> {
         places: Option<&Image>,
         color: &Image,
         number: u32,
-    ) -> (Image, Image) {
+    ) -> Filled {
         let size = color.desc.size;
         let picture = places.is_none();
         // Unread bindings need an image, too.
         let places = places.unwrap_or(color);
         let (coarse_depth, coarse_color) =
-            coarser.map_or((depth, color), |Filled { filled: (depth, color), .. }| (depth, color));
+            coarser.map_or((depth, color), |Filled { depth, color, .. }| (depth, color));
         let coarse_places = coarser.map_or(color, |coarser| &coarser.places);
         let mut filled =
             [g.image("filled depth", size, Kind::R32f), g.image("relaxed depth", size, Kind::R32f)];
         let mut filled_color = g.image("filled color", size, Kind::Rgba32f);
+        let places_size = if picture { [1, 1] } else { size };
+        let mut filled_places = g.image("filled places", places_size, Kind::Rgba32f);
         let (coarse_tolerance, relative) = tolerance(self.view, self.settings, number + 1);
         let tiles_across = passes::tiles(self.view.size)[0];
         let (coarse_size, flood, surrounded) =
@@ -210,6 +214,7 @@ impl Pyramid<'_> {
                 rough: self.rough,
                 filled_depth,
                 filled_color: &mut filled_color,
+                filled_places: &mut filled_places,
                 push,
                 spec,
             },
@@ -226,7 +231,7 @@ impl Pyramid<'_> {
             );
             filled.swap(0, 1);
         }
-        let [filled_depth, _] = filled;
-        (filled_depth, filled_color)
+        let [depth, _] = filled;
+        Filled { depth, color: filled_color, places: filled_places }
     }
 }
