@@ -44,7 +44,6 @@ pub struct PointillistError {
 /// A renderer.
 pub struct PointillistRenderer {
     renderer: Renderer,
-    picks: Vec<PickId>,
 }
 
 /// The host's Vulkan objects; handles are cast to integers.
@@ -477,7 +476,7 @@ pub unsafe extern "C" fn pointillist_new(
                 has_debug_utils: host.has_debug_utils,
             };
             let renderer = Renderer::new(&host, options)?;
-            *out = Box::into_raw(Box::new(PointillistRenderer { renderer, picks: Vec::new() }));
+            *out = Box::into_raw(Box::new(PointillistRenderer { renderer }));
         }
         Ok(())
     })
@@ -778,8 +777,7 @@ pub unsafe extern "C" fn pointillist_pick(
         // SAFETY: as the caller ensures.
         let (own, pick) = unsafe { (self::renderer(renderer)?, pick.as_mut()) };
         let pick = pick.map_or_else(|| null("pick"), Ok)?;
-        own.picks.push(own.renderer.pick([x, y]));
-        *pick = own.picks.len() as u64;
+        *pick = own.renderer.pick([x, y]).0;
         Ok(())
     })
 }
@@ -795,9 +793,7 @@ pub unsafe extern "C" fn pointillist_picked(
     guarded(error, || {
         // SAFETY: as the caller ensures.
         let own = unsafe { self::renderer(renderer)? };
-        let wanted = (pick as usize).checked_sub(1).and_then(|at| own.picks.get(at));
-        let wanted = *wanted.ok_or_else(|| Error::Request(format!("there is no pick {pick}")))?;
-        let found = match own.renderer.picked(wanted) {
+        let found = match own.renderer.picked(PickId(pick)) {
             Picked::Pending => pointillist_picked_default(),
             Picked::Nothing => PointillistPicked { answered: true, ..pointillist_picked_default() },
             Picked::Point(point) => PointillistPicked {

@@ -236,6 +236,12 @@ impl Gpu {
         self.host.as_ref().map_or_else(|| self.completed.value(), |host| Ok(host.safe_frame))
     }
 
+    /// Returns the number of the last submission that may read resident pages: for a host, the frame
+    /// being recorded, since its earlier views have commands already.
+    pub fn last_reader(&self) -> u64 {
+        self.host.as_ref().map_or(self.submitted, |host| host.frame)
+    }
+
     /// Destroys buffers that were dropped, after the submissions that may use them.
     pub fn destroy_dropped(&mut self) {
         if self.host.is_none() && self.memory.has_destroyed() {

@@ -23,6 +23,23 @@ pub struct Area {
 }
 
 impl Area {
+    /// Errors if nothing can be drawn there.
+    pub(super) fn check(&self, targets: &Targets) -> Result<()> {
+        let Area { corner: [x, y], size: [width, height] } = *self;
+        let fits = |target: &Target| {
+            let within = |at: i32, length: u32, whole: u32| {
+                at >= 0 && length > 0 && at as u64 + length as u64 <= whole as u64
+            };
+            within(x, width, target.size[0]) && within(y, height, target.size[1])
+        };
+        if fits(&targets.color) && targets.depth.as_ref().is_none_or(fits) {
+            return Ok(());
+        }
+        Err(Error::Request(format!(
+            "an area of {width} x {height} pixels at {x}, {y} is not within the targets"
+        )))
+    }
+
     fn rect(&self) -> vk::Rect2D {
         let [x, y] = self.corner;
         let [width, height] = self.size;

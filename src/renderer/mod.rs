@@ -118,7 +118,7 @@ pub struct PickedPoint {
 
 /// A requested pick.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct PickId(u64);
+pub struct PickId(pub u64);
 
 /// State of a pick.
 #[derive(Clone, Debug, PartialEq)]
@@ -158,7 +158,7 @@ struct HeldFrame {
     number: u64,
     pictures: Vec<Arc<RecordedPicture>>,
     _removed: Vec<Entry>,
-    blocks: Vec<Block>,
+    _block: Option<Block>,
 }
 
 /// Time of a pass of a completed frame.
@@ -354,6 +354,7 @@ impl Renderer {
         }
         frame.targets.color.check("color", false)?;
         frame.targets.depth.iter().try_for_each(|depth| depth.check("depth", true))?;
+        frame.views.iter().try_for_each(|view| view.area.check(&frame.targets))?;
         let commands = vk::CommandBuffer::from_raw(commands);
         self.retire(frame.safe)?;
         self.gpu.begin_host_frame(commands, frame.number, frame.safe);
@@ -363,13 +364,14 @@ impl Renderer {
             cloud.advance(&mut self.gpu, self.options.memory_budget);
             cloud.set_filters(opacities, clips);
         }
+        let (targets, block) = self.with_depth(&frame.targets)?;
+        // From here on nothing fails before the frame is held.
         let mut held = HeldFrame {
             number: frame.number,
             pictures: Vec::new(),
             _removed: std::mem::take(&mut self.removed),
-            blocks: Vec::new(),
+            _block: block,
         };
-        let targets = self.with_depth(&frame.targets, &mut held)?;
         let picks = std::mem::take(&mut self.wanted_picks);
         let mut report = FrameReport { settled: true, ..FrameReport::default() };
         compose::transition(&self.gpu.device, commands, &targets, false);
@@ -396,19 +398,22 @@ impl Renderer {
     }
 
     /// Adds a depth target of our own if several clouds are drawn and the host gives none.
-    fn with_depth(&mut self, targets: &Targets, held: &mut HeldFrame) -> Result<Targets> {
+    /// Returns the targets, and the memory of one of another size, which frames in flight may use.
+    fn with_depth(&mut self, targets: &Targets) -> Result<(Targets, Option<Block>)> {
         if targets.depth.is_some() || self.clouds.len() < 2 {
-            return Ok(*targets);
+            return Ok((*targets, None));
         }
-        let desc = ImageDesc::depth(targets.color.size);
-        if let Some((_, block)) = self.own_depth.take_if(|(image, _)| image.desc != desc) {
-            held.blocks.push(block);
-        }
-        if self.own_depth.is_none() {
-            let Gpu { memory, device, .. } = &mut self.gpu;
-            self.own_depth = Some(memory.image_alone(device, desc, "depth of clouds")?);
-        }
-        let image = self.own_depth.as_ref().map(|(image, _)| image).expect("just made");
+        let (desc, mut before) = (ImageDesc::depth(targets.color.size), None);
+        let Gpu { memory, device, .. } = &mut self.gpu;
+        let image = match &self.own_depth {
+            Some((image, _)) if image.desc == desc => *image,
+            _ => {
+                let made = memory.image_alone(device, desc, "depth of clouds")?;
+                let image = made.0;
+                before = self.own_depth.replace(made).map(|(_, block)| block);
+                image
+            }
+        };
         let attached = vk::ImageLayout::DEPTH_STENCIL_ATTACHMENT_OPTIMAL;
         let target = Target {
             image: image.raw.as_raw(),
@@ -420,7 +425,7 @@ impl Renderer {
             after: Access::any(attached.as_raw()),
             clear: true,
         };
-        Ok(Targets { depth: Some(target), writes_depth: true, ..*targets })
+        Ok((Targets { depth: Some(target), writes_depth: true, ..*targets }, before))
     }
 
     /// Records the clouds of a view, each over those before it.

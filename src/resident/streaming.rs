@@ -334,7 +334,8 @@ impl Residency {
     ) -> Result<Update> {
         self.updates += 1;
         for node in &self.drawn {
-            self.entries.get_mut(node).expect("what is drawn is resident").read_by = gpu.submitted;
+            self.entries.get_mut(node).expect("what is drawn is resident").read_by =
+                gpu.last_reader();
         }
         self.receive_answers()?;
         self.resident.pool.submit_copies(gpu)?;

@@ -747,6 +747,12 @@ fn what_cannot_be_recorded_is_an_error_and_nothing_else() {
     let mut many = targets;
     many.depth.iter_mut().for_each(|depth| depth.samples = 4);
     assert!(wrong(&mut renderer, many, 5, 1).contains("4 samples per pixel; resolve"));
+    let beyond = Area { corner: [1, 0], size: SIZE };
+    let views = [FrameView { area: beyond, ..view_of(camera) }];
+    let frame = Frame { number: 5, safe: 1, targets, views: &views };
+    // SAFETY: refused before anything is recorded.
+    let refused = unsafe { renderer.record(0, &frame) }.unwrap_err().to_string();
+    assert!(refused.contains("not within the targets"), "{refused}");
     let swapped = Targets { color: targets.depth.unwrap(), ..targets };
     assert!(wrong(&mut renderer, swapped, 5, 1).contains("D32_SFLOAT"));
     let missing = renderer.open(&["/no/such.las".into()], &OpenSettings::default()).unwrap();
