@@ -7,6 +7,7 @@
 pub(crate) mod host;
 pub mod plan;
 pub(crate) mod record;
+mod submission;
 mod tiles;
 
 pub use crate::gpu::{Access, BufferDesc, Code, ImageDesc, Kind, Place};

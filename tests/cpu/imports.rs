@@ -288,7 +288,10 @@ fn unsafe_code_and_vulkan_stay_where_they_are_read_with_care() {
     let device = |path: &str| {
         path.starts_with("gpu/")
             || path.starts_with("present/")
-            || matches!(path, "graph/record.rs" | "graph/host.rs" | "present.rs")
+            || matches!(
+                path,
+                "graph/record.rs" | "graph/host.rs" | "graph/submission.rs" | "present.rs"
+            )
     };
     // The host's handles and pointers.
     let host = |path: &str| path.starts_with("renderer/") || path.starts_with("c/");
