@@ -10,7 +10,7 @@
 
 use ash::vk::{self, Handle};
 use pointillist::renderer::{
-    self, Access, Area, Encoding, Frame, FrameView, Host, Matrices, Picked, Preset, Renderer,
+    self, Access, Area, Frame, FrameView, Host, Matrices, Picked, Preset, Renderer,
     RendererOptions, Target, Targets, ViewCamera,
 };
 use std::ffi::c_void;
@@ -75,12 +75,9 @@ unsafe fn draw_cloud(
         vk::ImageLayout::COLOR_ATTACHMENT_OPTIMAL,
         vk::ImageLayout::DEPTH_STENCIL_ATTACHMENT_OPTIMAL,
     );
-    let targets = Targets {
-        color: attachment(&vulkan.color, drawn, vk::ImageLayout::TRANSFER_SRC_OPTIMAL),
-        encoding: Encoding::Srgb,
-        depth: Some(attachment(&vulkan.depth, depth, depth)),
-        writes_depth: true,
-    };
+    let color = attachment(&vulkan.color, drawn, vk::ImageLayout::TRANSFER_SRC_OPTIMAL);
+    let depth = Some(attachment(&vulkan.depth, depth, depth));
+    let targets = Targets { depth, ..Targets::of(color) };
     let mut views = Vec::new();
     for (side, preset) in [Preset::Fit, Preset::Front].into_iter().enumerate() {
         let Some(mut camera) = renderer.framing(preset, HALF) else { continue };

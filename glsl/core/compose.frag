@@ -1,6 +1,8 @@
 // A finished picture and its depth -> colour and depth of a host's images.
 #version 460
 #extension GL_EXT_scalar_block_layout : require
+#extension GL_GOOGLE_include_directive : require
+#include "host_depth.glsl"
 
 layout(set = 1, rgba32f) readonly uniform image2D picture;
 layout(set = 1, r32f) readonly uniform image2D depth;
@@ -10,8 +12,6 @@ layout(set = 1, rgba32ui) readonly uniform uimageBuffer buckets;
 // 0: linear. 1: 8-bit codes. 2: linear colours of 8-bit codes, which the device encodes again. 3:
 // sRGB of more than 8 bits.
 layout(constant_id = 0) const uint ENCODING = 0;
-// 0: no depth. 1: a + b / z. 2: a + b z.
-layout(constant_id = 1) const uint DEPTH = 0;
 // Whether the picture has a background of its own.
 layout(constant_id = 2) const bool OPAQUE = false;
 
@@ -50,10 +50,5 @@ void main() {
     if (ENCODING == 1 || ENCODING == 2) encoded = vec3(code(linear.r), code(linear.g), code(linear.b));
     if (ENCODING == 3) encoded = vec3(curve(linear.r), curve(linear.g), curve(linear.b));
     color = vec4(encoded * alpha, alpha);
-    if (DEPTH != 0) {
-        float z = imageLoad(depth, pixel).r;
-        bool known = z > 0.0 && !isinf(z);
-        float form = DEPTH == 1 ? push.form.x + push.form.y / z : push.form.x + push.form.y * z;
-        gl_FragDepth = known ? clamp(form, 0.0, 1.0) : push.far;
-    }
+    if (DEPTH != 0) gl_FragDepth = host_depth(imageLoad(depth, pixel).r, push.form, push.far);
 }

@@ -137,6 +137,11 @@ pub struct PointillistFrame {
     pub linear: bool,
     pub views: *const PointillistView,
     pub view_count: usize,
+    /// Ids of the points that are seen, VK_FORMAT_R32_UINT, or R32G32_UINT with the cloud as the
+    /// second; null if not wanted.
+    pub ids: *const PointillistTarget,
+    /// Normals of the visible surface, world; null if not wanted.
+    pub normals: *const PointillistTarget,
 }
 
 /// What a frame shows.
@@ -380,6 +385,8 @@ pub extern "C" fn pointillist_frame_default() -> PointillistFrame {
         linear: false,
         views: std::ptr::null(),
         view_count: 0,
+        ids: std::ptr::null(),
+        normals: std::ptr::null(),
     }
 }
 
@@ -738,14 +745,17 @@ pub unsafe extern "C" fn pointillist_record(
                 return null("views");
             }
             let views = (0..frame.view_count).map(view).collect::<Result<Vec<_>>>()?;
+            let optional = |given: *const PointillistTarget, name| match given.is_null() {
+                true => Ok(None),
+                false => sized(given, TARGET, name).map(|given| Some(target(&given))),
+            };
             let targets = Targets {
                 color: target(&sized(frame.color, TARGET, "color")?),
                 encoding: if frame.linear { Encoding::Linear } else { Encoding::Srgb },
-                depth: match frame.depth.is_null() {
-                    true => None,
-                    false => Some(target(&sized(frame.depth, TARGET, "depth")?)),
-                },
+                depth: optional(frame.depth, "depth")?,
                 writes_depth: frame.writes_depth,
+                ids: optional(frame.ids, "ids")?,
+                normals: optional(frame.normals, "normals")?,
             };
             let frame = Frame { number: frame.number, safe: frame.safe, targets, views: &views };
             let found = own.renderer.record(command_buffer, &frame)?;

@@ -12,6 +12,7 @@ use crate::gpu;
 use crate::index::cache;
 use crate::passes::phong::Normals;
 use crate::passes::project::Precision;
+use crate::passes::splat::PointSize;
 use crate::passes::{Effects, Switch};
 use crate::render::scene::Scene;
 use crate::render::settings::{Background, RenderSettings, Style};
@@ -46,7 +47,7 @@ pub struct PictureOptions {
     pub camera: Option<PathBuf>,
     /// Scene file, as the window saves it: camera, color, effects, opacity, clip boxes, light,
     /// background
-    #[arg(long, value_name = "SCENE.json", conflicts_with_all = ["camera", "view", "color", "effect", "style", "light", "layer", "opacity", "clip", "background"])]
+    #[arg(long, value_name = "SCENE.json", conflicts_with_all = ["camera", "view", "color", "effect", "style", "point_size", "light", "layer", "opacity", "clip", "background"])]
     pub scene: Option<PathBuf>,
     /// Where to look from if no --camera is given
     #[arg(long, value_enum, default_value_t = Preset::Fit)]
@@ -58,9 +59,13 @@ pub struct PictureOptions {
     /// Switch an effect and set its values; repeatable
     #[arg(long, value_name = "NAME=off|on|auto[,key=value...]", value_parser = effect)]
     pub effect: Vec<String>,
-    /// How points are drawn
-    #[arg(long, value_enum, default_value_t)]
-    pub style: Style,
+    /// How points are drawn [default: surface; splats with --point-size]
+    #[arg(long, value_enum)]
+    pub style: Option<Style>,
+    /// Diameter of points, for --style splats and points: pixels such as 3, metres such as 0.05m,
+    /// or auto, which follows the spacing of the points
+    #[arg(long, value_name = "PIXELS|METRESm|auto")]
+    pub point_size: Option<PointSize>,
     /// Light: headlight; direction:X,Y,Z in which it travels; position:X,Y,Z in metres; world coordinates
     #[arg(long, value_name = "KIND[:X,Y,Z]", default_value_t, allow_hyphen_values = true)]
     pub light: Light,
@@ -258,7 +263,18 @@ impl PictureOptions {
     }
 
     pub fn settings(&self) -> Result<RenderSettings> {
-        let mut effects = Effects::of(self.style);
+        let usual = if self.point_size.is_some() { Style::Splats } else { Style::Surface };
+        let style = self.style.unwrap_or(usual);
+        let mut effects = Effects::of(style);
+        if let Some(size) = self.point_size {
+            if !matches!(style, Style::Points | Style::Splats) {
+                return Err(Error::Request(
+                    "--point-size is for --style points and splats; surfaces and strokes find their own sizes".into(),
+                ));
+            }
+            effects.splat.switch = Switch::On;
+            effects.splat.settings.set_size(size);
+        }
         for text in &self.effect {
             effects.set(text).map_err(|why| Error::Request(format!("--effect {text}: {why}")))?;
         }

@@ -1,5 +1,5 @@
 //! Graphics pipelines that rasterise points, squares and whole pictures with a depth test, into one
-//! colour and one depth attachment.
+//! depth attachment and one or two of colour.
 //!
 //! Points come from a vertex buffer of f32 x, y, z; the vertex stage generates the others. In draws
 //! of a graph, output is one integer target and depth: larger depth wins, and the first among
@@ -26,7 +26,8 @@ pub enum Primitives {
 /// Formats of the attachments, and how they are written.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Target {
-    pub color: vk::Format,
+    /// Undefined where there is none.
+    pub colors: [vk::Format; 2],
     /// Undefined if there is no depth attachment.
     pub depth: vk::Format,
     pub compare: vk::CompareOp,
@@ -36,10 +37,16 @@ pub struct Target {
 }
 
 impl Target {
+    /// Returns the formats up to the last one that is defined.
+    fn formats(&self) -> &[vk::Format] {
+        let defined = self.colors.iter().rposition(|format| *format != vk::Format::UNDEFINED);
+        &self.colors[..defined.map_or(0, |last| last + 1)]
+    }
+
     /// Describes the attachments of a draw of a graph.
     pub fn of(color: &RawImage, depth: &RawImage) -> Target {
         Target {
-            color: color.desc.format,
+            colors: [color.desc.format, vk::Format::UNDEFINED],
             depth: depth.desc.format,
             compare: vk::CompareOp::GREATER,
             writes_depth: true,
@@ -229,13 +236,13 @@ fn make(device: &Device, draw: &Draw, target: Target) -> Result<Pipeline> {
         .dst_color_blend_factor(over)
         .src_alpha_blend_factor(vk::BlendFactor::ONE)
         .dst_alpha_blend_factor(over)
-        .color_write_mask(vk::ColorComponentFlags::RGBA)];
-    let blend = vk::PipelineColorBlendStateCreateInfo::default().attachments(&written);
+        .color_write_mask(vk::ColorComponentFlags::RGBA); 2];
+    let blend = vk::PipelineColorBlendStateCreateInfo::default()
+        .attachments(&written[..target.formats().len()]);
     let dynamic_states = [vk::DynamicState::VIEWPORT, vk::DynamicState::SCISSOR];
     let dynamic = vk::PipelineDynamicStateCreateInfo::default().dynamic_states(&dynamic_states);
-    let formats = [target.color];
     let mut rendering = vk::PipelineRenderingCreateInfo::default()
-        .color_attachment_formats(&formats)
+        .color_attachment_formats(target.formats())
         .depth_attachment_format(target.depth);
     let entries: Vec<_> = (draw.constants.iter().enumerate())
         .map(|(i, &(constant_id, _))| vk::SpecializationMapEntry {

@@ -4,10 +4,11 @@
 //! completed it.
 
 use super::record::{self, Recorded};
-use super::{Gpu, Graph, ResourceId};
-use crate::error::Result;
+use super::{Answer, Buffer, Gpu, Graph, ResourceId};
+use crate::error::{Error, Result};
 use crate::gpu::{Device, HostDevice};
 use ash::vk;
+use std::sync::Arc;
 
 /// The frame being recorded, and those that the device may still be drawing.
 #[derive(Default)]
@@ -16,19 +17,76 @@ pub(crate) struct HostQueue {
     pub frame: u64,
     /// Last frame that the device has completed.
     pub safe_frame: u64,
-    /// Copies recorded before the picture of a frame.
-    copies: Vec<(u64, Recorded)>,
+    /// Commands recorded before the picture of a frame.
+    before: Vec<Arc<Before>>,
 }
 
-/// Records a graph into the host's current command buffer, whose results nothing waits for.
-/// Returns the number of the frame.
-pub(super) fn record_detached(mut graph: Graph, wanted: &[ResourceId]) -> Result<u64> {
+/// Commands recorded before a picture, whose results a later frame may read.
+struct Before {
+    name: String,
+    frame: u64,
+    recorded: Recorded,
+    read: Vec<Buffer>,
+}
+
+/// What earlier frames of a picture asked the device, by name.
+#[derive(Clone, Default)]
+pub(crate) struct Answers(Vec<Arc<Before>>);
+
+impl Answers {
+    /// Returns the answer to a question of an earlier frame, if the device has completed it; records
+    /// the question if it is new.
+    pub(super) fn ask(
+        &mut self,
+        graph: &mut Graph,
+        name: &str,
+        record: impl FnOnce(&mut Graph) -> Result<Vec<Buffer>>,
+    ) -> Result<Option<Answer>> {
+        if let Some(asked) = self.0.iter().find(|asked| asked.name == name) {
+            if asked.frame > graph.host().safe_frame {
+                return Ok(None);
+            }
+            let words = |buffer: &Buffer| asked.recorded.read::<u32>(buffer).to_vec();
+            let milliseconds = asked.recorded.times()?.map(|(_, ms)| ms).sum();
+            return Ok(Some(Answer {
+                words: asked.read.iter().map(words).collect(),
+                milliseconds,
+            }));
+        }
+        let mut before = graph.preceding();
+        let read = record(&mut before)?;
+        self.0.push(hold(before, name, read, &[])?);
+        Ok(None)
+    }
+}
+
+/// Records a graph into the host's current command buffer, and holds it until the frame is complete.
+fn hold(
+    mut graph: Graph,
+    name: &str,
+    read: Vec<Buffer>,
+    wanted: &[ResourceId],
+) -> Result<Arc<Before>> {
     let plan = graph.complete(wanted)?;
     let commands = graph.host().commands;
     let (recorded, gpu) = record::into_host(graph, plan, commands)?;
     let host = gpu.host.as_mut().expect("checked by host()");
-    host.copies.push((host.frame, recorded));
-    Ok(host.frame)
+    let before = Arc::new(Before { name: name.into(), frame: host.frame, recorded, read });
+    host.before.push(before.clone());
+    Ok(before)
+}
+
+/// Records a graph into the host's current command buffer, whose results nothing waits for.
+/// Returns the number of the frame.
+pub(super) fn record_detached(graph: Graph, wanted: &[ResourceId]) -> Result<u64> {
+    Ok(hold(graph, "detached", Vec::new(), wanted)?.frame)
+}
+
+/// Returns the error of a submission that would have to be waited for.
+pub(super) fn refused() -> Error {
+    Error::Request(
+        "this needs results of the device while a frame is recorded, which a host's queue does not allow".into(),
+    )
 }
 
 impl Graph<'_> {
@@ -68,7 +126,7 @@ impl Gpu {
         (host.commands, host.frame) = (commands, frame);
         host.safe_frame = host.safe_frame.max(safe_frame);
         let safe_frame = host.safe_frame;
-        host.copies.retain(|(number, _)| *number > safe_frame);
+        host.before.retain(|before| before.frame > safe_frame);
         // Clouds are dropped when no frame uses them any more.
         self.memory.destroy_now();
     }

@@ -21,7 +21,7 @@ use crate::gpu::timeline::Timeline;
 use crate::gpu::{Device, TestOverrides, raster};
 use crate::progress::Progress;
 use ash::vk;
-use host::HostQueue;
+use host::{Answers, HostQueue};
 use plan::{Pass, Plan, Resource, Shape};
 use tiles::TileMask;
 
@@ -298,8 +298,18 @@ pub struct Graph<'g> {
     /// The tile list of the passes being recorded.
     tile_mask: Option<TileMask>,
     reused: Option<ReusedImages>,
+    /// What earlier frames of a host asked for this picture.
+    answers: Option<&'g mut Answers>,
     /// For tests of the tests: records no barriers.
     pub without_barriers: bool,
+}
+
+/// What the device answered before a frame.
+pub struct Answer {
+    /// Words of each buffer that was read.
+    pub words: Vec<Vec<u32>>,
+    /// Device time `[ms]`.
+    pub milliseconds: f64,
 }
 
 impl<'g> Graph<'g> {
@@ -318,8 +328,14 @@ impl<'g> Graph<'g> {
             wanted: Vec::new(),
             tile_mask: None,
             reused: None,
+            answers: None,
             without_barriers: false,
         }
+    }
+
+    /// Reads and keeps answers that take a host several frames ([`Graph::ask`]).
+    pub(crate) fn with_answers(self, answers: &'g mut Answers) -> Graph<'g> {
+        Graph { answers: Some(answers), ..self }
     }
 
     /// Reports progress to `progress`, which may cancel the frame between passes; on software
@@ -329,8 +345,29 @@ impl<'g> Graph<'g> {
     }
 
     /// Returns a graph for a submission that precedes this one, with the same progress.
-    pub fn preceding(&mut self) -> Graph<'_> {
+    fn preceding(&mut self) -> Graph<'_> {
         Graph { progress: self.progress, ..Graph::new(self.gpu) }
+    }
+
+    /// Has the device run what `record` records before this graph, and returns the contents of the
+    /// download buffers that it returns. A host is not waited for: `None` until the device has
+    /// completed the frame that asked. `name` tells the questions of a picture apart.
+    pub fn ask(
+        &mut self,
+        name: &str,
+        record: impl FnOnce(&mut Graph) -> Result<Vec<Buffer>>,
+    ) -> Result<Option<Answer>> {
+        if self.gpu.host.is_some() {
+            let Some(answers) = self.answers.take() else { return Err(host::refused()) };
+            let answer = answers.ask(self, name, record);
+            self.answers = Some(answers);
+            return answer;
+        }
+        let mut before = self.preceding();
+        let read = record(&mut before)?;
+        let frame = before.submit_and_wait(&[])?;
+        let words = read.iter().map(|buffer| frame.read::<u32>(buffer).to_vec()).collect();
+        Ok(Some(Answer { words, milliseconds: frame.ms("") }))
     }
 
     /// Adds a transient image; undefined until a pass writes it.
@@ -742,9 +779,7 @@ impl<'g> Graph<'g> {
 
     fn begin(mut self, wanted: &[ResourceId]) -> Result<(PendingSubmission, &'g mut Gpu)> {
         if self.gpu.host.is_some() {
-            return Err(Error::Request(
-                "this needs results of the device while a frame is recorded, which a host's queue does not allow".into(),
-            ));
+            return Err(host::refused());
         }
         let plan = self.complete(wanted)?;
         record::launch(self, plan)

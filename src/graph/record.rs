@@ -135,6 +135,7 @@ fn record<'g, T>(
         wanted: _,
         tile_mask: _,
         reused: _,
+        answers: _,
         without_barriers,
     } = graph;
     let names: Vec<String> = plan.steps.iter().map(|step| passes[step.pass].name.clone()).collect();

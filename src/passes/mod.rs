@@ -17,6 +17,7 @@ pub mod resolve;
 pub mod shadows;
 pub mod shape;
 pub mod smooth;
+pub mod splat;
 pub mod strokes;
 pub mod surface_normal;
 pub mod tile_stats;
@@ -362,6 +363,7 @@ effects! {
     strokes Strokes,           // keys and color in place of projected points; color -> color
     shadows Shadows,           // light visibility, index, color -> color, or shadow factor
     visibility Visibility,     // depth, index, color -> the same without what is hidden; holes
+    splat Splat,               // depth, index, color -> the same, of discs
     fill Fill,                 // depth, color, shadow factor, holes -> depth, color, shadow factor
     smooth Smooth,             // depth, color -> depth, color; all of it: shadow factor, too
     shape Shape,               // depth -> shading

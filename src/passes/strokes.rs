@@ -85,6 +85,8 @@ pub struct Painted {
     /// If strokes are sorted over several frames and are not all sorted: a word to read after the
     /// frame, not 0 if sorting would still change a pixel.
     pub unordered: Option<Buffer>,
+    /// Whether a host's device still counts: the nearest stroke of each pixel is shown until then.
+    pub waits: bool,
 }
 
 /// A frame whose points are painted.
@@ -100,6 +102,7 @@ pub struct Painting<'f> {
     /// Blended colours of the whole picture.
     blended: Option<Image>,
     unordered: Option<Buffer>,
+    waits: bool,
     facts: Facts,
 }
 
@@ -138,6 +141,7 @@ pub fn begin<'f>(
         at_once,
         blended,
         unordered: None,
+        waits: false,
         facts: Facts::default(),
     }))
 }
@@ -203,31 +207,56 @@ impl Painting<'_> {
     /// Returns the keys of a strip, as [`project::record`] does, and paints its part of the blended
     /// colours.
     pub fn record(&mut self, g: &mut Graph, paint: &ColorLookup, strip: Strip) -> Result<Keys> {
-        let words = match self.blended {
-            Some(_) => self.layers(g, paint, strip),
-            None => self.nearest(g, paint, strip),
+        let layers = match self.blended {
+            Some(_) => self.layers(g, paint, strip)?,
+            None => None,
         };
-        words.map(Keys::nearest)
+        self.waits |= self.blended.is_some() && layers.is_none();
+        Ok(Keys::nearest(match layers {
+            Some(keys) => keys,
+            None => self.nearest(g, paint, strip)?,
+        }))
     }
 
-    /// Paints all strokes of a strip over each other.
-    fn layers(&mut self, g: &mut Graph, paint: &ColorLookup, strip: Strip) -> Result<Buffer> {
+    /// Asks the device for `N` buffers before the frame.
+    fn ask<const N: usize>(
+        &mut self,
+        g: &mut Graph,
+        name: String,
+        record: impl FnOnce(&mut Self, &mut Graph) -> Result<[Buffer; N]>,
+    ) -> Result<Option<[Vec<u32>; N]>> {
+        let answer = g.ask(&name, |before| Ok(record(self, before)?.into()))?;
+        Ok(answer.map(|answer| {
+            self.facts.counting_ms += answer.milliseconds;
+            answer.words.try_into().expect("as many as were recorded")
+        }))
+    }
+
+    /// Paints all strokes of a strip over each other; `None` while a host's device counts them.
+    fn layers(
+        &mut self,
+        g: &mut Graph,
+        paint: &ColorLookup,
+        strip: Strip,
+    ) -> Result<Option<Buffer>> {
         let cache_key =
             self.at_once.filter(|_| strip.size == self.view.size).map(|_| self.cache_key(paint));
         if let Some(cache_key) = &cache_key
             && let Some(notes) = abuffer::held(g, cache_key)
         {
             self.facts = Facts::of(notes);
-            return self.go_on(g, paint, strip, cache_key);
+            return self.go_on(g, paint, strip, cache_key).map(Some);
         }
-        let found = Found { surface: self.surface(g, strip)?, listed: self.listed(g, strip)? };
-        let parts = self.parts(g, strip, &found)?;
+        let (surface, listed) = (self.surface(g, strip)?, self.listed(g, strip)?);
+        let (Some(surface), Some(listed)) = (surface, listed) else { return Ok(None) };
+        let found = Found { surface, listed };
+        let Some(parts) = self.parts(g, strip, &found)? else { return Ok(None) };
         let desk = self.bind(g, strip, paint)?;
-        self.paint(g, &desk, &found, &parts, cache_key.as_deref())
+        self.paint(g, &desk, &found, &parts, cache_key.as_deref()).map(Some)
     }
 
     /// Returns the parts that are painted at once: one, unless memory is short.
-    fn parts(&mut self, g: &mut Graph, strip: Strip, found: &Found) -> Result<Vec<Part>> {
+    fn parts(&mut self, g: &mut Graph, strip: Strip, found: &Found) -> Result<Option<Vec<Part>>> {
         let listed = &found.listed;
         self.facts.listed += listed.iter().map(|listed| sum(listed)).sum::<u64>();
         let room = self.room(g, 2);
@@ -236,11 +265,16 @@ impl Painting<'_> {
             .map(|tile| listed.iter().map(|listed| listed[tile]).max().unwrap_or(0))
             .collect();
         for tiles in parts(&most, room / PLACE_BYTES, 0) {
-            let (mut counts, hiders) = self.count(g, strip, found, tiles.clone(), None)?;
+            let Some([mut counts, hiders]) = self.count(g, strip, found, tiles.clone(), None)?
+            else {
+                return Ok(None);
+            };
             let all_of_them = sum(&counts);
             let hiders = counts.iter().any(|&count| count > MANY).then_some(hiders);
             if hiders.is_some() {
-                (counts, _) = self.count(g, strip, found, tiles.clone(), hiders.as_deref())?;
+                let before = self.count(g, strip, found, tiles.clone(), hiders.as_deref())?;
+                let Some([visible, _]) = before else { return Ok(None) };
+                counts = visible;
             }
             self.facts.fragments += sum(&counts);
             self.facts.hidden += all_of_them - sum(&counts);
@@ -256,7 +290,7 @@ impl Painting<'_> {
                 },
             ));
         }
-        Ok(all)
+        Ok(Some(all))
     }
 
     /// Returns the bytes that each of `buffers` buffers may have.
@@ -379,10 +413,10 @@ impl Painting<'_> {
 
     /// Replaces colours of the nearest points by the blended ones.
     pub fn cover(self, resolved: &mut Resolved) -> Painted {
-        if let Some(blended) = self.blended {
+        if let Some(blended) = self.blended.filter(|_| !self.waits) {
             resolved.color = blended;
         }
-        Painted { facts: self.facts, unordered: self.unordered }
+        Painted { facts: self.facts, unordered: self.unordered, waits: self.waits }
     }
 
     fn bind<'p>(

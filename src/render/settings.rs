@@ -21,6 +21,8 @@ pub enum Style {
     Surface,
     /// Every point one pixel
     Points,
+    /// Every point a round splat, with eye-dome lighting
+    Splats,
     /// Every point a brush stroke along its surface
     Strokes,
 }
@@ -33,8 +35,13 @@ impl Effects {
             effects.fill.switch = Switch::Off;
             effects.shape.switch = Switch::Off;
         }
-        if style == Style::Strokes {
-            effects.strokes.switch = Switch::On;
+        match style {
+            Style::Surface | Style::Points => {}
+            Style::Splats => {
+                effects.splat.switch = Switch::On;
+                effects.edl.switch = Switch::On;
+            }
+            Style::Strokes => effects.strokes.switch = Switch::On,
         }
         effects
     }

@@ -11,7 +11,9 @@ use crate::progress::Progress;
 use crate::render::source::{GpuCloud, OpenOptions, PreparedCloud, Source};
 use crate::resident::Resident;
 use crate::select::clip::Clips;
+use crate::select::lod::Detail;
 use crate::select::opacity::Opacities;
+use crate::view::View;
 use glam::{DMat4, DVec3};
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering::Relaxed};
@@ -62,6 +64,8 @@ pub(super) struct Entry {
     pub transform: DMat4,
     pub core_points: Vec<DVec3>,
     pub notes: Vec<String>,
+    /// Nodes that the views call for, and that are missing or coarser.
+    pub missing: usize,
     stage: Stage,
 }
 
@@ -142,12 +146,17 @@ const FURTHER: ExtraAttributes =
 fn prepare(
     mut source: Source,
     color: Option<Attribute>,
+    strokes: bool,
     progress: &dyn Progress,
 ) -> Result<Loaded> {
     source.find(color, progress)?;
     let (mut shown, _) = source.shown(color)?;
-    shown.further =
-        ExtraAttributes { normal: source.has_normals(), light: source.has_light(), ..FURTHER };
+    shown.further = ExtraAttributes {
+        normal: source.has_normals(),
+        light: source.has_light(),
+        strokes,
+        ..FURTHER
+    };
     let (core_points, notes) = (source.core_points(), source.notes(shown.further));
     let prepared = source.prepare(shown, &Arc::<StrokeCache>::default(), progress)?;
     Ok(Loaded { prepared, core_points, notes })
@@ -161,12 +170,18 @@ impl Entry {
             transform: DMat4::IDENTITY,
             core_points: Vec::new(),
             notes: Vec::new(),
+            missing: 0,
             stage: Stage::Loading(loading),
         }
     }
 
     /// Opens files, or one index, on a thread of its own.
-    pub fn open(id: CloudId, files: Vec<PathBuf>, settings: &OpenSettings) -> Result<Entry> {
+    pub fn open(
+        id: CloudId,
+        files: Vec<PathBuf>,
+        settings: &OpenSettings,
+        strokes: bool,
+    ) -> Result<Entry> {
         let color = settings.color.as_deref().map(|name| {
             <Attribute as clap::ValueEnum>::from_str(name, false)
                 .map_err(|_| Error::Request(format!("there is no attribute {name:?}")))
@@ -177,22 +192,26 @@ impl Entry {
             Attribute::wanted,
         );
         let opening = OpenOptions {
-            read: ReadOptions::new(wanted.and(FURTHER.wanted()), settings.strict),
+            read: ReadOptions::new(
+                wanted.and(ExtraAttributes { strokes, ..FURTHER }.wanted()),
+                settings.strict,
+            ),
             index: None,
             place: None,
             shadows: None,
             fault: None,
         };
         let load = move |progress: &dyn Progress| {
-            prepare(Source::open(&files, &opening, progress)?, color, progress)
+            prepare(Source::open(&files, &opening, progress)?, color, strokes, progress)
         };
         Ok(Entry::new(id, Loading::start(load)?))
     }
 
     /// Takes points of the host's memory, which are copied; they are prepared on a thread.
-    pub fn of_points(id: CloudId, points: &Points) -> Result<Entry> {
+    pub fn of_points(id: CloudId, points: &Points, strokes: bool) -> Result<Entry> {
         let cloud = Cloud::of_points(points)?;
-        let load = move |progress: &dyn Progress| prepare(Source::Files(cloud), None, progress);
+        let load =
+            move |progress: &dyn Progress| prepare(Source::Files(cloud), None, strokes, progress);
         Ok(Entry::new(id, Loading::start(load)?))
     }
 
@@ -239,12 +258,30 @@ impl Entry {
         }
     }
 
+    /// Loads what views call for, one cut for all of them. Returns what could not be read.
+    pub fn update(
+        &mut self,
+        gpu: &mut Gpu,
+        views: &[View],
+        point_budget: Option<u64>,
+    ) -> Result<Vec<String>> {
+        let Stage::Ready(GpuCloud::Parts(residency)) = &mut self.stage else {
+            return Ok(Vec::new());
+        };
+        let details = views.iter().map(|view| Detail::of(view.size));
+        let Some(mut detail) = details.reduce(|a, b| Detail { budget: a.budget + b.budget, ..a })
+        else {
+            return Ok(Vec::new());
+        };
+        detail.budget = point_budget.unwrap_or(detail.budget);
+        let update = residency.update_views(gpu, views, &detail)?;
+        self.missing = update.missing + update.coarse;
+        Ok(update.errors)
+    }
+
     /// Returns the cloud if it is ready and shown.
-    pub fn shown(&mut self) -> Option<&mut GpuCloud> {
-        match &mut self.stage {
-            Stage::Ready(cloud) if self.visible => Some(cloud),
-            _ => None,
-        }
+    pub fn shown(&self) -> Option<&Resident> {
+        self.resident().filter(|_| self.visible)
     }
 
     pub fn resident(&self) -> Option<&Resident> {

@@ -1,17 +1,19 @@
-//! Draws a finished picture into the host's images: one triangle, with a depth test against what the
-//! host has drawn.
+//! Draws a finished picture into the host's images: a triangle for colour and depth, and one for ids
+//! and normals, with a depth test against what the host has drawn.
 
 use super::host::{Encoding, Target};
 use super::projection::Depth;
+use crate::config::NO_POINT;
 use crate::error::{Error, Result};
-use crate::gpu::kernel::descriptor_type;
+use crate::gpu::kernel::{Code, descriptor_type};
 use crate::gpu::memory::{RawBuffer, RawImage};
 use crate::gpu::raster::{self, Primitives};
 use crate::gpu::{BufferDesc, Device, Place, failed};
 use crate::graph::{Gpu, Raster};
 use crate::passes::encode::Thresholds;
-use crate::shader::compose;
+use crate::shader::{Compose, ComposeLayers, compose, compose_layers};
 use ash::vk::{self, Handle};
+use glam::DMat4;
 
 /// An area of a target `[px]`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -32,7 +34,7 @@ impl Area {
             };
             within(x, width, target.size[0]) && within(y, height, target.size[1])
         };
-        if fits(&targets.color) && targets.depth.as_ref().is_none_or(fits) {
+        if targets.all().all(|(_, target, _)| fits(target)) {
             return Ok(());
         }
         Err(Error::Request(format!(
@@ -58,6 +60,67 @@ pub struct Targets {
     pub depth: Option<Target>,
     /// Whether points' depth is written.
     pub writes_depth: bool,
+    /// Ids of the points that are seen, `R32_UINT`, or `R32G32_UINT` with the id of the cloud as the
+    /// second; the first is [`NO_POINT`] where nothing is, or no single point. Ids are those of one
+    /// frame.
+    pub ids: Option<Target>,
+    /// Normals of the visible surface in the host's world, of a float or signed normalised format
+    /// with four channels; 0 where nothing is.
+    pub normals: Option<Target>,
+}
+
+impl Targets {
+    /// Returns targets of an image with encoded colours alone.
+    pub fn of(color: Target) -> Targets {
+        let (encoding, depth) = (Encoding::Srgb, None);
+        Targets { color, encoding, depth, writes_depth: true, ids: None, normals: None }
+    }
+
+    /// Returns all targets with their names and their layouts while they are drawn into.
+    fn all(&self) -> impl Iterator<Item = (&'static str, &Target, vk::ImageLayout)> {
+        use vk::ImageLayout as Layout;
+        let color = Layout::COLOR_ATTACHMENT_OPTIMAL;
+        let depth = Layout::DEPTH_STENCIL_ATTACHMENT_OPTIMAL;
+        let named = |name, layout| move |target| (name, target, layout);
+        let depth = self.depth.as_ref().map(named("depth", depth));
+        let ids = self.ids.as_ref().map(named("ids", color));
+        let normals = self.normals.as_ref().map(named("normals", color));
+        [Some(("color", &self.color, color)), depth, ids, normals].into_iter().flatten()
+    }
+
+    /// Errors if one of them cannot be drawn into.
+    pub(super) fn check(&self) -> Result<()> {
+        self.all().try_for_each(|(name, target, _)| target.check(name, name == "depth"))?;
+        let wrong = |name: &str, target: &Target, drawn: &str| {
+            let format = target.vulkan_format();
+            Err(Error::Request(format!(
+                "the {name} target has the format {format:?}; {drawn} are drawn into"
+            )))
+        };
+        use vk::Format as F;
+        match (&self.ids, &self.normals) {
+            (Some(ids), _) if !matches!(ids.vulkan_format(), F::R32_UINT | F::R32G32_UINT) => {
+                wrong("ids", ids, "R32_UINT and R32G32_UINT")
+            }
+            (_, Some(normals))
+                if !matches!(
+                    normals.vulkan_format(),
+                    F::R16G16B16A16_SFLOAT
+                        | F::R32G32B32A32_SFLOAT
+                        | F::R8G8B8A8_SNORM
+                        | F::R16G16B16A16_SNORM
+                ) =>
+            {
+                wrong("normals", normals, "four channels of float or signed normalised formats")
+            }
+            _ => encoding(&self.color, self.encoding).map(drop),
+        }
+    }
+
+    /// Tests whether ids or normals are drawn.
+    pub(super) fn has_layers(&self) -> bool {
+        self.ids.is_some() || self.normals.is_some()
+    }
 }
 
 /// Values of the shader's `ENCODING`.
@@ -136,14 +199,9 @@ pub(super) fn transition(
     targets: &Targets,
     ends: bool,
 ) {
-    use vk::ImageLayout as Layout;
-    let color = (&targets.color, Layout::COLOR_ATTACHMENT_OPTIMAL);
-    let depth =
-        targets.depth.as_ref().map(|target| (target, Layout::DEPTH_STENCIL_ATTACHMENT_OPTIMAL));
-    let images: Vec<_> = [Some(color), depth]
-        .into_iter()
-        .flatten()
-        .map(|(target, layout)| target.barrier(device.family, layout, ends))
+    let images: Vec<_> = targets
+        .all()
+        .map(|(_, target, layout)| target.barrier(device.family, layout, ends))
         .collect();
     // SAFETY: recorded outside of rendering; the host ensures that the images are alive.
     unsafe {
@@ -162,10 +220,25 @@ pub(super) fn clear(
     form: Depth,
 ) -> Result<()> {
     let code = encoding(&place.targets.color, place.targets.encoding)?;
-    begin(&gpu.device, commands, place, code, form);
-    // SAFETY: ends the rendering begun above.
-    unsafe { gpu.device.raw.cmd_end_rendering(commands) };
+    let layers = place.targets.has_layers().then(|| layers_of(place.targets));
+    let all = [layers, Some(colors_of(place, code))];
+    for (order, colors) in all.into_iter().flatten().enumerate() {
+        begin(&gpu.device, commands, place, &colors, order == 0, form);
+        // SAFETY: ends the rendering begun above.
+        unsafe { gpu.device.raw.cmd_end_rendering(commands) };
+    }
     Ok(())
+}
+
+/// What is drawn of a cloud's picture.
+pub(super) struct Drawn<'d> {
+    pub picture: &'d Descriptors,
+    /// Of ids and normals, if the targets have them.
+    pub layers: Option<&'d Descriptors>,
+    pub form: Depth,
+    pub opaque: bool,
+    /// Id of the cloud, and its transform to the host's world.
+    pub cloud: (u64, DMat4),
 }
 
 /// Records the draw of a picture, over what is there unless it is opaque. The targets are in their
@@ -174,47 +247,105 @@ pub(super) fn record(
     gpu: &mut Gpu,
     commands: vk::CommandBuffer,
     place: &Placement,
-    descriptors: &Descriptors,
-    form: Depth,
-    opaque: bool,
+    drawn: &Drawn,
 ) -> Result<()> {
-    let (targets, area) = (place.targets, place.area);
+    let (targets, corner) = (place.targets, place.area.corner);
+    let Drawn { picture, layers, form, opaque, cloud: (cloud, transform) } = *drawn;
     let code = encoding(&targets.color, targets.encoding)?;
-    let depth = targets.depth.as_ref();
-    let constants = vec![
-        (0, code),
-        (1, depth.map_or(0, |_| if form.perspective { 1 } else { 2 })),
-        (2, opaque as u32),
-    ];
-    let push = compose::Push {
-        corner: area.corner,
-        form: [form.a as f32, form.b as f32],
-        far: form.far(),
+    let depth = targets.depth.map_or(0, |_| if form.perspective { 1 } else { 2 });
+    let (line, far) = ([form.a as f32, form.b as f32], form.far());
+    if let Some(layers) = layers {
+        let axes = [transform.x_axis, transform.y_axis, transform.z_axis];
+        let [x, y, z] = axes.map(|axis| axis.truncate().normalize().as_vec3().to_array());
+        let cloud = cloud as u32;
+        let push = compose_layers::Push { corner, form: line, far, cloud, x, y, z };
+        let triangle = Triangle {
+            stages: &<ComposeLayers as Raster>::STAGES,
+            constants: vec![(1, depth)],
+            push: bytemuck::bytes_of(&push),
+            colors: layers_of(targets),
+            clears_depth: true,
+            writes_depth: false,
+            blends: false,
+        };
+        draw(gpu, commands, place, form, layers, &triangle)?;
+    }
+    let push = compose::Push { corner, form: line, far };
+    let triangle = Triangle {
+        stages: &<Compose as Raster>::STAGES,
+        constants: vec![(0, code), (1, depth), (2, opaque as u32)],
+        push: bytemuck::bytes_of(&push),
+        colors: colors_of(place, code),
+        clears_depth: layers.is_none(),
+        writes_depth: targets.writes_depth,
+        blends: !opaque,
     };
+    draw(gpu, commands, place, form, picture, &triangle)
+}
+
+/// Colour attachments, with the values they are cleared with; null where a target is missing.
+type Colors = Vec<(Option<Target>, vk::ClearColorValue)>;
+
+fn colors_of(place: &Placement, code: u32) -> Colors {
+    let [r, g, b] = place.background.map(|linear| cleared(linear, code));
+    vec![(Some(place.targets.color), vk::ClearColorValue { float32: [r, g, b, 1.0] })]
+}
+
+fn layers_of(targets: &Targets) -> Colors {
+    vec![
+        (targets.ids, vk::ClearColorValue { uint32: [NO_POINT, 0, 0, 0] }),
+        (targets.normals, vk::ClearColorValue { float32: [0.0; 4] }),
+    ]
+}
+
+/// A triangle that covers an area.
+struct Triangle<'t> {
+    stages: &'static [Code; 2],
+    constants: Vec<(u32, u32)>,
+    push: &'t [u8],
+    colors: Colors,
+    /// Whether no draw of the picture came before.
+    clears_depth: bool,
+    writes_depth: bool,
+    blends: bool,
+}
+
+fn draw(
+    gpu: &mut Gpu,
+    commands: vk::CommandBuffer,
+    place: &Placement,
+    form: Depth,
+    descriptors: &Descriptors,
+    triangle: &Triangle,
+) -> Result<()> {
+    let depth = place.targets.depth.as_ref();
     let draw = raster::Draw {
-        stages: &<crate::shader::Compose as Raster>::STAGES,
-        constants,
-        push: bytemuck::bytes_of(&push).to_vec(),
+        stages: triangle.stages,
+        constants: triangle.constants.clone(),
+        push: triangle.push.to_vec(),
         primitives: Primitives::Picture,
         count: 1,
         keeps: true,
     };
+    let format =
+        |target: &Option<Target>| target.map_or(vk::Format::UNDEFINED, |t| t.vulkan_format());
+    let mut colors = [vk::Format::UNDEFINED; 2];
+    triangle.colors.iter().zip(&mut colors).for_each(|((target, _), to)| *to = format(target));
     let target = raster::Target {
-        color: targets.color.vulkan_format(),
+        colors,
         depth: depth.map_or(vk::Format::UNDEFINED, Target::vulkan_format),
         compare: if form.reversed {
             vk::CompareOp::GREATER_OR_EQUAL
         } else {
             vk::CompareOp::LESS_OR_EQUAL
         },
-        writes_depth: depth.is_some() && targets.writes_depth,
-        blends: !opaque,
+        writes_depth: depth.is_some() && triangle.writes_depth,
+        blends: triangle.blends,
     };
     let pipeline = gpu.raster.get(&gpu.device, &draw, target)?;
-    let set = descriptors.set;
     let device = &gpu.device.raw;
-    begin(&gpu.device, commands, place, code, form);
-    let rect = area.rect();
+    begin(&gpu.device, commands, place, &triangle.colors, triangle.clears_depth, form);
+    let rect = place.area.rect();
     let viewport = vk::Viewport {
         x: rect.offset.x as f32,
         y: rect.offset.y as f32,
@@ -227,9 +358,16 @@ pub(super) fn record(
     // SAFETY: the pipeline was made for these attachments; the set's layout equals its own.
     unsafe {
         device.cmd_bind_pipeline(commands, bind, pipeline.pipeline);
-        device.cmd_bind_descriptor_sets(commands, bind, pipeline.layout, 1, &[set], &[]);
+        device.cmd_bind_descriptor_sets(
+            commands,
+            bind,
+            pipeline.layout,
+            1,
+            &[descriptors.set],
+            &[],
+        );
         let fragment = vk::ShaderStageFlags::FRAGMENT;
-        device.cmd_push_constants(commands, pipeline.layout, fragment, 0, &draw.push);
+        device.cmd_push_constants(commands, pipeline.layout, fragment, 0, triangle.push);
         device.cmd_set_viewport(commands, 0, &[viewport]);
         device.cmd_set_scissor(commands, 0, &[rect]);
         device.cmd_draw(commands, 3, 1, 0, 0);
@@ -238,34 +376,46 @@ pub(super) fn record(
     Ok(())
 }
 
-/// Begins rendering into the targets, which clears what they ask for if `first`.
-fn begin(device: &Device, commands: vk::CommandBuffer, place: &Placement, code: u32, form: Depth) {
-    let Placement { area, targets, first, background } = *place;
-    let load = |target: &Target| match first && target.clear {
+/// Begins rendering into colour targets and depth. If the picture is the first of its area, clears
+/// what they ask for; depth only if `clears_depth`.
+fn begin(
+    device: &Device,
+    commands: vk::CommandBuffer,
+    place: &Placement,
+    colors: &Colors,
+    clears_depth: bool,
+    form: Depth,
+) {
+    let load = |target: &Target, clears: bool| match place.first && target.clear && clears {
         true => vk::AttachmentLoadOp::CLEAR,
         false => vk::AttachmentLoadOp::LOAD,
     };
-    let attachment = |target: &Target, layout| {
+    let attachment = |target: &Target, layout, clears| {
         vk::RenderingAttachmentInfo::default()
             .image_view(vk::ImageView::from_raw(target.view))
             .image_layout(layout)
-            .load_op(load(target))
+            .load_op(load(target, clears))
             .store_op(vk::AttachmentStoreOp::STORE)
     };
-    let [r, g, b] = background.map(|linear| cleared(linear, code));
-    let color = [attachment(&targets.color, vk::ImageLayout::COLOR_ATTACHMENT_OPTIMAL)
-        .clear_value(vk::ClearValue { color: vk::ClearColorValue { float32: [r, g, b, 1.0] } })];
-    let depth = targets.depth.as_ref().map(|target| {
-        attachment(target, vk::ImageLayout::DEPTH_STENCIL_ATTACHMENT_OPTIMAL).clear_value(
-            vk::ClearValue {
-                depth_stencil: vk::ClearDepthStencilValue { depth: form.far(), stencil: 0 },
-            },
-        )
+    let color = |(target, color): &(Option<Target>, vk::ClearColorValue)| {
+        target.as_ref().map_or_else(vk::RenderingAttachmentInfo::default, |target| {
+            attachment(target, vk::ImageLayout::COLOR_ATTACHMENT_OPTIMAL, true)
+                .clear_value(vk::ClearValue { color: *color })
+        })
+    };
+    // As many as the pipeline has.
+    let count = colors.iter().rposition(|(target, _)| target.is_some()).map_or(0, |last| last + 1);
+    let colors: Vec<_> = colors[..count].iter().map(color).collect();
+    let depth = place.targets.depth.as_ref().map(|target| {
+        let layout = vk::ImageLayout::DEPTH_STENCIL_ATTACHMENT_OPTIMAL;
+        attachment(target, layout, clears_depth).clear_value(vk::ClearValue {
+            depth_stencil: vk::ClearDepthStencilValue { depth: form.far(), stencil: 0 },
+        })
     });
     let mut rendering = vk::RenderingInfo::default()
-        .render_area(area.rect())
+        .render_area(place.area.rect())
         .layer_count(1)
-        .color_attachments(&color);
+        .color_attachments(&colors);
     if let Some(depth) = &depth {
         rendering = rendering.depth_attachment(depth);
     }
@@ -285,19 +435,47 @@ fn cleared(linear: f32, code: u32) -> f32 {
     }
 }
 
-/// Makes the descriptors of a picture.
-pub(super) fn descriptors(
+/// What a binding of a fragment stage reads.
+pub(super) enum Bound<'b> {
+    Image(RawImage),
+    Table(&'b RawBuffer),
+}
+
+/// Makes the descriptors of a picture's colours.
+pub(super) fn of_colors(
     gpu: &Gpu,
     buckets: &RawBuffer,
-    picture: RawImage,
-    depth: RawImage,
+    [picture, depth]: [RawImage; 2],
+) -> Result<Descriptors> {
+    descriptors(gpu, &<Compose as Raster>::STAGES[1], |name| match name {
+        "picture" => Bound::Image(picture),
+        "depth" => Bound::Image(depth),
+        _ => Bound::Table(buckets),
+    })
+}
+
+/// Makes the descriptors of a picture's ids and normals.
+pub(super) fn of_layers(gpu: &Gpu, [index, normal, depth]: [RawImage; 3]) -> Result<Descriptors> {
+    descriptors(gpu, &<ComposeLayers as Raster>::STAGES[1], |name| {
+        Bound::Image(match name {
+            "index" => index,
+            "normal" => normal,
+            _ => depth,
+        })
+    })
+}
+
+/// Makes the descriptors of a fragment stage, whose bindings are found by their names.
+fn descriptors<'b>(
+    gpu: &Gpu,
+    code: &Code,
+    bound: impl Fn(&str) -> Bound<'b>,
 ) -> Result<Descriptors> {
     let device = &gpu.device.raw;
-    let code = &<crate::shader::Compose as Raster>::STAGES[1];
     let layout = raster::set_layout(device, code, vk::ShaderStageFlags::FRAGMENT)?;
     let size = |ty, descriptor_count| vk::DescriptorPoolSize { ty, descriptor_count };
     let sizes = [
-        size(vk::DescriptorType::STORAGE_IMAGE, 2),
+        size(vk::DescriptorType::STORAGE_IMAGE, 3),
         size(vk::DescriptorType::STORAGE_TEXEL_BUFFER, 1),
     ];
     let info = vk::DescriptorPoolCreateInfo::default().max_sets(1).pool_sizes(&sizes);
@@ -311,28 +489,26 @@ pub(super) fn descriptors(
     // SAFETY: the pool has room for this set.
     made.set = unsafe { device.allocate_descriptor_sets(&info) }
         .map_err(failed("vkAllocateDescriptorSets"))?[0];
-    let image = |image: RawImage| {
-        [vk::DescriptorImageInfo::default()
-            .image_view(image.view)
-            .image_layout(vk::ImageLayout::GENERAL)]
-    };
-    let (picture, depth, views) = (image(picture), image(depth), [buckets.texels.fours]);
-    let writes: Vec<_> = code
-        .bindings
-        .iter()
-        .map(|binding| {
-            let write = vk::WriteDescriptorSet::default()
-                .dst_set(made.set)
-                .dst_binding(binding.bind)
-                .descriptor_type(descriptor_type(binding.kind));
-            match binding.name {
-                "picture" => write.image_info(&picture),
-                "depth" => write.image_info(&depth),
-                _ => write.texel_buffer_view(&views),
+    for binding in code.bindings {
+        let write = vk::WriteDescriptorSet::default()
+            .dst_set(made.set)
+            .dst_binding(binding.bind)
+            .descriptor_type(descriptor_type(binding.kind));
+        let (image, table);
+        let write = match bound(binding.name) {
+            Bound::Image(bound) => {
+                image = [vk::DescriptorImageInfo::default()
+                    .image_view(bound.view)
+                    .image_layout(vk::ImageLayout::GENERAL)];
+                write.image_info(&image)
             }
-        })
-        .collect();
-    // SAFETY: images and buffer live until the device has completed the frames that show them.
-    unsafe { device.update_descriptor_sets(&writes, &[]) };
+            Bound::Table(bound) => {
+                table = [bound.texels.fours];
+                write.texel_buffer_view(&table)
+            }
+        };
+        // SAFETY: images and buffer live until the device has completed the frames that show them.
+        unsafe { device.update_descriptor_sets(&[write], &[]) };
+    }
     Ok(made)
 }

@@ -33,19 +33,21 @@ pub use host::{Access, Encoding, Host, Requirement, Target, check, enable_featur
 pub use projection::{Matrices, ViewCamera};
 
 pub use crate::cloud::points::{Points, Positions};
+pub use crate::config::NO_POINT;
 pub use crate::error::{Error, Result};
 pub use crate::render::settings::RenderSettings;
 pub use crate::select::clip::Clips;
 pub use crate::select::opacity::Opacities;
 pub use crate::view::{Camera, Preset, Projection};
 
-use crate::config::NO_POINT;
 use crate::gpu::memory::{Block, RawBuffer, RawImage};
 use crate::gpu::{ImageDesc, TestOverrides};
 use crate::graph::Gpu;
+use crate::passes::Switch;
+use crate::view::View;
 use ash::vk::{self, Handle as _};
 use clouds::Entry;
-use compose::Placement;
+use compose::{Drawn, Placement};
 use glam::{DMat4, DVec3};
 use picture::{Drawing, Key, RecordedPicks, RecordedPicture};
 use projection::{Depth, in_world, view_of};
@@ -228,10 +230,11 @@ impl Renderer {
         })
     }
 
-    /// Opens files, or one index, as a cloud. Returns at once; a thread reads them.
+    /// Opens files, or one index, as a cloud. Returns at once; a thread reads them. Points can be
+    /// drawn as strokes if that is the style already.
     pub fn open(&mut self, files: &[PathBuf], settings: &OpenSettings) -> Result<CloudId> {
         let id = self.new_id();
-        self.clouds.push(Entry::open(id, files.to_vec(), settings)?);
+        self.clouds.push(Entry::open(id, files.to_vec(), settings, self.has_strokes())?);
         Ok(id)
     }
 
@@ -239,8 +242,12 @@ impl Renderer {
     /// another number of values than there are positions.
     pub fn add_points(&mut self, points: &Points) -> Result<CloudId> {
         let id = self.new_id();
-        self.clouds.push(Entry::of_points(id, points)?);
+        self.clouds.push(Entry::of_points(id, points, self.has_strokes())?);
         Ok(id)
+    }
+
+    fn has_strokes(&self) -> bool {
+        self.settings.effects.strokes.switch == Switch::On
     }
 
     fn new_id(&mut self) -> CloudId {
@@ -352,8 +359,7 @@ impl Renderer {
                 frame.number, self.last_frame, frame.safe
             )));
         }
-        frame.targets.color.check("color", false)?;
-        frame.targets.depth.iter().try_for_each(|depth| depth.check("depth", true))?;
+        frame.targets.check()?;
         frame.views.iter().try_for_each(|view| view.area.check(&frame.targets))?;
         let commands = vk::CommandBuffer::from_raw(commands);
         self.retire(frame.safe)?;
@@ -364,6 +370,8 @@ impl Renderer {
             cloud.advance(&mut self.gpu, self.options.memory_budget);
             cloud.set_filters(opacities, clips);
         }
+        let mut report = FrameReport { settled: true, ..FrameReport::default() };
+        self.update_clouds(frame.views, &mut report)?;
         let (targets, block) = self.with_depth(&frame.targets)?;
         // From here on nothing fails before the frame is held.
         let mut held = HeldFrame {
@@ -373,7 +381,6 @@ impl Renderer {
             _block: block,
         };
         let picks = std::mem::take(&mut self.wanted_picks);
-        let mut report = FrameReport { settled: true, ..FrameReport::default() };
         compose::transition(&self.gpu.device, commands, &targets, false);
         let frame = Frame { targets, ..*frame };
         let drawn = frame.views.iter().try_for_each(|view| {
@@ -395,6 +402,34 @@ impl Renderer {
         };
         report.settled &= report.missing == 0 && !self.clouds.iter().any(waits);
         drawn.map(|()| report)
+    }
+
+    /// Loads what the views call for of each cloud, unless all of it is in pictures already.
+    fn update_clouds(&mut self, views: &[FrameView], report: &mut FrameReport) -> Result<()> {
+        let Renderer { gpu, clouds, options, latest, revision, wanted_picks, .. } = self;
+        for cloud in clouds.iter_mut().filter(|cloud| cloud.shown().is_some()) {
+            let is_shown = |view: &FrameView| {
+                let shows = |key: &Key| key.shows(cloud.id, view, *revision);
+                latest.iter().any(|before| before.settled && shows(&before.key))
+            };
+            if wanted_picks.is_empty() && views.iter().all(is_shown) {
+                continue;
+            }
+            let own = |view: &FrameView| {
+                view_of(&view.camera, cloud.transform, view.area.size).map(|(own, _)| own).ok()
+            };
+            // Views that cannot be drawn are named when they are recorded.
+            let views: Vec<View> = views.iter().filter_map(own).collect();
+            match cloud.update(gpu, &views, options.point_budget) {
+                Ok(errors) => report.errors.extend(errors),
+                Err(Error::Request(why)) => {
+                    report.errors.push(format!("cloud {}: {why}", cloud.id.0));
+                }
+                Err(error) => return Err(error),
+            }
+            report.missing += cloud.missing;
+        }
+        Ok(())
     }
 
     /// Adds a depth target of our own if several clouds are drawn and the host gives none.
@@ -438,7 +473,7 @@ impl Renderer {
         held: &mut HeldFrame,
         report: &mut FrameReport,
     ) -> Result<()> {
-        let Renderer { gpu, clouds, settings, options, buckets, latest, revision, .. } = self;
+        let Renderer { gpu, clouds, settings, buckets, latest, revision, .. } = self;
         let clears = frame.targets.color.clear;
         let mut place = Placement {
             area: view.area,
@@ -448,30 +483,36 @@ impl Renderer {
                 crate::cloud::colormap::srgb_to_linear(channel as f64 / 255.0) as f32
             }),
         };
-        for cloud in clouds.iter_mut() {
-            let (id, transform) = (cloud.id, cloud.transform);
+        for cloud in clouds.iter() {
+            let (id, transform, settled) = (cloud.id, cloud.transform, cloud.missing == 0);
             let Some(shown) = cloud.shown() else { continue };
             let key = Key {
                 cloud: id,
                 camera: view.camera,
                 size: view.area.size,
                 opaque: place.first && clears,
+                layers: frame.targets.has_layers(),
                 revision: *revision,
             };
             let before = latest.iter().find(|before| before.key == key);
             let drawing = view_of(&view.camera, transform, view.area.size).map(|(own, form)| {
-                let (settings, options) = (&*settings, &*options);
                 let (picks, frame) = (within(picks, view.area), frame.number);
-                Drawing { key, frame, view: own, form, transform, picks, settings, options }
+                Drawing {
+                    key,
+                    frame,
+                    view: own,
+                    form,
+                    transform,
+                    picks,
+                    settings,
+                    settled,
+                    buckets,
+                }
             });
             let recorded = drawing
                 .and_then(|drawing| drawing.record(gpu, shown, before.map(|kept| &**kept), report));
             let picture = match recorded {
-                Ok(Some(mut picture)) => {
-                    picture.descriptors =
-                        Some(compose::descriptors(gpu, buckets, picture.picture, picture.depth)?);
-                    Arc::new(picture)
-                }
+                Ok(Some(picture)) => Arc::new(picture),
                 Ok(None) => before.expect("shown again").clone(),
                 Err(Error::Request(why)) => {
                     report.errors.push(format!("cloud {}: {why}", id.0));
@@ -479,9 +520,16 @@ impl Renderer {
                 }
                 Err(error) => return Err(error),
             };
-            let descriptors = picture.descriptors.as_ref().expect("made with the picture");
-            compose::record(gpu, commands, &place, descriptors, picture.form, picture.key.opaque)?;
+            let drawn = Drawn {
+                picture: &picture.descriptors,
+                layers: picture.layers.as_ref(),
+                form: picture.form,
+                opaque: picture.key.opaque,
+                cloud: (id.0, transform),
+            };
+            compose::record(gpu, commands, &place, &drawn)?;
             report.points += picture.points;
+            report.settled &= !picture.waits;
             if report.effects.is_empty() {
                 report.effects.clone_from(&picture.effects);
             }

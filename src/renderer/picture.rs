@@ -2,19 +2,18 @@
 //! then.
 
 use super::clouds::CloudId;
-use super::compose::Descriptors;
+use super::compose::{self, Descriptors};
 use super::projection::{Depth, ViewCamera};
-use super::{EffectReport, FrameReport, PickId, RendererOptions};
+use super::{EffectReport, FrameReport, FrameView, PickId};
 use crate::error::Result;
-use crate::gpu::memory::RawImage;
+use crate::gpu::memory::RawBuffer;
+use crate::graph::host::Answers;
 use crate::graph::record::Recorded;
 use crate::graph::{Buffer, Gpu, Graph, Handle};
 use crate::passes::Switch;
 use crate::render::frame;
 use crate::render::settings::{FrameConfig, RenderSettings};
-use crate::render::source::GpuCloud;
-use crate::resident::ResidentNode;
-use crate::select::lod::LodOptions;
+use crate::resident::{Resident, ResidentNode};
 use crate::view::View;
 use glam::DMat4;
 
@@ -26,8 +25,18 @@ pub(super) struct Key {
     pub size: [u32; 2],
     /// Whether it has a background of its own.
     pub opaque: bool,
+    /// Whether it has ids and normals.
+    pub layers: bool,
     /// Counts changes of settings, filters and transforms.
     pub revision: u64,
+}
+
+impl Key {
+    /// Tests whether the picture is that of a cloud in a view.
+    pub fn shows(&self, cloud: CloudId, view: &FrameView, revision: u64) -> bool {
+        (self.cloud, self.camera, self.size, self.revision)
+            == (cloud, view.camera, view.area.size, revision)
+    }
 }
 
 /// Picks in a recorded picture.
@@ -52,18 +61,23 @@ pub(super) struct RecordedPicture {
     identity: Vec<u64>,
     pub recorded: Recorded,
     pub picks: Option<RecordedPicks>,
-    pub picture: RawImage,
-    pub depth: RawImage,
-    /// For the draw into targets; set by the first.
-    pub descriptors: Option<Descriptors>,
+    /// For the draw into targets.
+    pub descriptors: Descriptors,
+    /// For the draw of ids and normals.
+    pub layers: Option<Descriptors>,
     pub points: u64,
     pub effects: Vec<EffectReport>,
     /// Whether everything that the view calls for is in it.
     pub settled: bool,
+    /// What the device was asked for this view and these points.
+    answers: Answers,
+    /// Whether the picture changes with answers of the device.
+    pub waits: bool,
 }
 
-/// Strokes are counted on the CPU while a frame is recorded, for which nothing may wait here.
-const NO_STROKES: &str = "strokes are not drawn in a host's frames; points are drawn without them";
+/// Strokes follow from the neighbours of points, which are sought while a cloud is loaded.
+const NO_STROKES: &str =
+    "a cloud that was opened before the style was strokes is drawn as points; open it again";
 
 /// A picture to be drawn.
 pub(super) struct Drawing<'d> {
@@ -75,7 +89,10 @@ pub(super) struct Drawing<'d> {
     /// Picks and their pixels.
     pub picks: Vec<(PickId, [u32; 2])>,
     pub settings: &'d RenderSettings,
-    pub options: &'d RendererOptions,
+    /// Whether everything that the view calls for is resident.
+    pub settled: bool,
+    /// Table that colours are encoded with.
+    pub buckets: &'d RawBuffer,
 }
 
 impl Drawing<'_> {
@@ -83,7 +100,7 @@ impl Drawing<'_> {
     pub fn record(
         self,
         gpu: &mut Gpu,
-        cloud: &mut GpuCloud,
+        resident: &Resident,
         before: Option<&RecordedPicture>,
         report: &mut FrameReport,
     ) -> Result<Option<RecordedPicture>> {
@@ -92,29 +109,27 @@ impl Drawing<'_> {
         if before.is_some_and(|before| before.settled) {
             return Ok(None);
         }
-        let mut settled = true;
-        if let GpuCloud::Parts(residency) = cloud {
-            let lod = LodOptions { budget: self.options.point_budget, lod_px: None };
-            let update = residency.update(gpu, &view, &lod.of(view.size))?;
-            report.missing += update.missing + update.coarse;
-            report.errors.extend(update.errors);
-            settled = update.missing + update.coarse == 0;
-        }
-        let resident = cloud.resident();
+        let settled = self.settled;
         let identity = resident.identity();
-        if !settled && before.is_some_and(|before| before.identity == identity) {
+        // The same points make another picture only with answers of the device.
+        let same = before.filter(|before| before.identity == identity);
+        let completed = gpu.completed()?;
+        if same.is_some_and(|same| if same.waits { same.frame > completed } else { !settled }) {
             return Ok(None);
         }
         let mut settings = self.settings.clone();
-        if std::mem::replace(&mut settings.effects.strokes.switch, Switch::Off) == Switch::On {
+        let strokes = &mut settings.effects.strokes.switch;
+        if *strokes == Switch::On && resident.shown.strokes().is_none() {
+            *strokes = Switch::Off;
             report.errors.push(NO_STROKES.into());
         }
+        let mut answers = same.map(|same| same.answers.clone()).unwrap_or_default();
         let mut config = FrameConfig::new(&settings, &view, resident);
         if !self.key.opaque {
             // Blended over what is there.
             config.background = [0.0; 3];
         }
-        let mut g = Graph::new(gpu);
+        let mut g = Graph::new(gpu).with_answers(&mut answers);
         let outcome = frame::record(&mut g, &view, resident, &config)?;
         let picks = (!self.picks.is_empty()).then(|| RecordedPicks {
             pixels: self.picks,
@@ -123,9 +138,21 @@ impl Drawing<'_> {
             transform: self.transform,
             nodes: resident.nodes.clone(),
         });
-        let images = [&outcome.picture, &outcome.gbuffer.depth];
-        let recorded = g.record_for_host(&images.map(|image| image.resource()))?;
-        let [picture, depth] = images.map(|image| recorded.image(image));
+        let (depth, index) = (&outcome.gbuffer.depth, &outcome.gbuffer.index);
+        let images = [&outcome.picture, depth, index, &outcome.normal];
+        let shown = if self.key.layers { &images[..] } else { &images[..2] };
+        let wanted: Vec<_> = shown.iter().map(|image| image.resource()).collect();
+        let recorded = g.record_for_host(&wanted)?;
+        let [picture, depth] = [images[0], images[1]].map(|image| recorded.image(image));
+        let descriptors = compose::of_colors(gpu, self.buckets, [picture, depth])?;
+        let layers = match shown {
+            [_, _, index, normal] => {
+                let [index, normal] = [index, normal].map(|image| recorded.image(image));
+                Some(compose::of_layers(gpu, [index, normal, depth])?)
+            }
+            _ => None,
+        };
+        let waits = outcome.strokes.as_ref().is_some_and(|painted| painted.waits);
         let effect = |(effect, reason): &(crate::passes::Effect, crate::passes::Reason)| {
             EffectReport { name: effect.name(), runs: reason.runs, why: reason.why.clone() }
         };
@@ -137,12 +164,13 @@ impl Drawing<'_> {
             identity,
             recorded,
             picks,
-            picture,
-            depth,
-            descriptors: None,
+            descriptors,
+            layers,
             points: outcome.statistics.points_drawn,
             effects: config.decisions.0.iter().map(effect).collect(),
-            settled,
+            settled: settled && !waits,
+            answers,
+            waits,
         }))
     }
 }

@@ -259,14 +259,26 @@ impl Residency {
 
     /// Updates what the next frame draws. Never waits.
     pub fn update(&mut self, gpu: &mut Gpu, view: &View, detail: &Detail) -> Result<Update> {
-        self.step(gpu, view, detail, RequestPolicy { fall_back: true, max_in_flight: UPLOAD_BYTES })
+        self.update_views(gpu, std::slice::from_ref(view), detail)
+    }
+
+    /// Updates what the next frame draws of several views, which share one cut.
+    pub fn update_views(
+        &mut self,
+        gpu: &mut Gpu,
+        views: &[View],
+        detail: &Detail,
+    ) -> Result<Update> {
+        let policy = RequestPolicy { fall_back: true, max_in_flight: UPLOAD_BYTES };
+        self.step(gpu, views, detail, policy)
     }
 
     /// Updates for a moving picture with even frame times: on a software device, whose cores the
     /// loader shares, it requests less at a time.
     pub fn update_moving(&mut self, gpu: &mut Gpu, view: &View, detail: &Detail) -> Result<Update> {
         let max_in_flight = if gpu.device.is_cpu { UPLOAD_BYTES_SHARED } else { UPLOAD_BYTES };
-        self.step(gpu, view, detail, RequestPolicy { fall_back: true, max_in_flight })
+        let views = std::slice::from_ref(view);
+        self.step(gpu, views, detail, RequestPolicy { fall_back: true, max_in_flight })
     }
 
     /// Waits until the cut is complete. Unreadable nodes are left out and reported in the outcome's
@@ -283,7 +295,7 @@ impl Residency {
         loop {
             let update = self.step(
                 gpu,
-                view,
+                std::slice::from_ref(view),
                 detail,
                 RequestPolicy { fall_back: false, max_in_flight: UPLOAD_BYTES },
             )?;
@@ -328,7 +340,7 @@ impl Residency {
     fn step(
         &mut self,
         gpu: &mut Gpu,
-        view: &View,
+        views: &[View],
         detail: &Detail,
         policy: RequestPolicy,
     ) -> Result<Update> {
@@ -340,9 +352,9 @@ impl Residency {
         self.receive_answers()?;
         self.resident.pool.submit_copies(gpu)?;
         self.reclaim(gpu)?;
-        let (cut, budget) = self.fitting(view, detail, policy.fall_back);
+        let (cut, budget) = self.fitting(views, detail, policy.fall_back);
         let mut update = Update { cut, budget, ..std::mem::take(&mut self.unreported) };
-        let wants = self.wants(view, detail, &update.cut, policy.fall_back);
+        let wants = self.wants(views, detail, &update.cut, policy.fall_back);
         self.request(gpu, &wants, policy.max_in_flight, &mut update)?;
         for want in wants.iter().filter(|want| want.needed) {
             match self.here(want.node) {
@@ -350,7 +362,7 @@ impl Residency {
                 Some(run) => update.coarse += (run.planes < want.planes) as usize,
             }
         }
-        update.holes = self.draw(view, &update.cut);
+        update.holes = self.draw(views, &update.cut);
         Ok(update)
     }
 
@@ -449,14 +461,14 @@ impl Residency {
 
     /// Returns the cut, its points halved until an empty pool holds its pages, and the point
     /// budget.
-    fn fitting(&self, view: &View, detail: &Detail, fall_back: bool) -> (Cut, u64) {
+    fn fitting(&self, views: &[View], detail: &Detail, fall_back: bool) -> (Cut, u64) {
         let mut detail = *detail;
         loop {
             let cut =
-                lod::choose(&self.index, view, &self.resident.clips, &detail, &self.unreadable);
+                lod::choose(&self.index, views, &self.resident.clips, &detail, &self.unreadable);
             let mut pages = Pages::new(self.resident.pool.pages.budget);
             // Fallback nodes give way, except the roots.
-            let wants = self.wants(view, &detail, &cut, fall_back);
+            let wants = self.wants(views, &detail, &cut, fall_back);
             let stay = wants.iter().filter(|want| want.needed || self.is_root(want.node));
             if detail.budget == 0
                 || stay
@@ -471,7 +483,13 @@ impl Residency {
 
     /// Lists the wanted nodes in order of requests. Fallbacks are the roots and the missing
     /// ancestors of missing nodes, so that a missing node does not coarsen all of a root.
-    fn wants(&self, view: &View, detail: &Detail, cut: &Cut, fall_back: bool) -> Vec<WantedNode> {
+    fn wants(
+        &self,
+        views: &[View],
+        detail: &Detail,
+        cut: &Cut,
+        fall_back: bool,
+    ) -> Vec<WantedNode> {
         let mut above = BTreeSet::new();
         if fall_back {
             above.extend(
@@ -492,14 +510,14 @@ impl Residency {
             let record = &self.index.nodes()[wanted.node];
             let frame = self.frame(wanted.node);
             // Clipping needs the full position.
-            let planes = match self.resident.clips.left(self.index.bounds(record)) {
+            let (bounds, lattice) = (self.index.bounds(record), self.index.lattice(record));
+            let planes = |view: &View| {
+                let distance = view.least_depth(bounds)?;
+                Some(detail.precision.planes(view, &lattice, &frame, distance))
+            };
+            let planes = match self.resident.clips.left(bounds) {
                 Left::Some => frame.planes,
-                _ => detail.precision.planes(
-                    view,
-                    &self.index.lattice(record),
-                    &frame,
-                    wanted.distance,
-                ),
+                _ => views.iter().filter_map(planes).max().unwrap_or(frame.planes),
             };
             WantedNode { node: wanted.node, planes, needed: true }
         });
@@ -641,12 +659,12 @@ impl Residency {
     }
 
     /// Chooses what the frame draws; returns the number of holes.
-    fn draw(&mut self, view: &View, cut: &Cut) -> usize {
+    fn draw(&mut self, views: &[View], cut: &Cut) -> usize {
         let mut drawn = BTreeSet::new();
         let mut standing_in = HashSet::new();
         let mut holes = 0;
         for wanted in &cut.nodes {
-            if let Some(nodes) = self.finer(view, wanted.node) {
+            if let Some(nodes) = self.finer(views, wanted.node) {
                 drawn.extend(nodes);
             } else if let Some(ancestor) =
                 self.ancestors(wanted.node).find(|&node| self.here(node).is_some())
@@ -686,7 +704,7 @@ impl Residency {
     }
 
     /// Returns the node itself, or resident descendants that together show all of it in view.
-    fn finer(&self, view: &View, node: usize) -> Option<Vec<usize>> {
+    fn finer(&self, views: &[View], node: usize) -> Option<Vec<usize>> {
         let mut found = Vec::new();
         let mut open = vec![node];
         while let Some(node) = open.pop() {
@@ -698,7 +716,7 @@ impl Residency {
             } else {
                 open.extend(record.children().filter(|&child| {
                     let bounds = self.index.bounds(&self.index.nodes()[child]);
-                    view.least_depth(bounds).is_some()
+                    views.iter().any(|view| view.least_depth(bounds).is_some())
                         && self.resident.clips.left(bounds) != Left::Nothing
                 }));
             }

@@ -1,7 +1,7 @@
-//! The LOD cut: the nodes of an index to draw for a view. Pure functions.
+//! The LOD cut: the nodes of an index to draw for a view, or for several at once. Pure functions.
 //!
 //! A node's projected error is the side of the cells its samples were merged in, in pixels at the
-//! least depth of its box. A leaf has all its points and error 0. Refinement is greedy: the inner
+//! least depth of its box, in the view where that is most. A leaf has all its points and error 0. Refinement is greedy: the inner
 //! node with the greatest error is replaced by its visible children, while that error is above
 //! `lod_px` and the cut stays within its point budget. A node that the budget keeps is drawn as it
 //! is, and nodes with smaller errors are still refined. The sequence does not depend on `lod_px`,
@@ -12,7 +12,7 @@
 use crate::cloud::Lattice;
 use crate::config::{BITS_PER_PLANE, BUDGET_LEAST, BUDGET_PER_PIXEL, LOD_PX, QUANTISATION_PX};
 use crate::index::build::pack::Frame;
-use crate::index::format::Index;
+use crate::index::format::{Index, NodeRecord};
 use crate::select::clip::{Clips, Left};
 use crate::view::{Projection, View};
 use std::cmp::Ordering;
@@ -66,7 +66,7 @@ pub struct CutNode {
     /// Projected error of its parent `[px]`, which may stand in for it: the greater, the sooner the
     /// node is needed. Infinite for a root.
     pub gain_px: f64,
-    /// Least planar depth of its box `[m]`.
+    /// Least planar depth of its box in any view `[m]`.
     pub distance: f64,
 }
 
@@ -84,18 +84,18 @@ pub struct Cut {
     pub nodes_clipped: usize,
 }
 
-/// Chooses the cut for a view of what clip boxes leave. A node in `unreadable` is replaced by its
+/// Chooses the cut for views of what clip boxes leave. A node in `unreadable` is replaced by its
 /// children, else by its parent, else by nothing.
 pub fn choose(
     index: &Index,
-    view: &View,
+    views: &[View],
     clips: &Clips,
     detail: &Detail,
     unreadable: &HashSet<usize>,
 ) -> Cut {
     let mut cut = Cut::default();
     let mut open = BinaryHeap::new();
-    let all = Seen { index, view, clips, unreadable };
+    let all = Seen { index, views, clips, unreadable };
     let roots = all.of(0..index.directory.roots as usize, f64::INFINITY);
     cut.nodes_outside += roots.outside;
     cut.nodes_clipped += roots.clipped;
@@ -151,7 +151,7 @@ impl Eq for Open {}
 
 struct Seen<'a> {
     index: &'a Index,
-    view: &'a View,
+    views: &'a [View],
     clips: &'a Clips,
     unreadable: &'a HashSet<usize>,
 }
@@ -174,7 +174,7 @@ impl Seen<'_> {
         while let Some(range) = ranges.pop() {
             for node in range {
                 let record = &self.index.nodes()[node];
-                let Some(distance) = self.view.least_depth(self.index.bounds(record)) else {
+                let Some((distance, error_px)) = self.nearest(record) else {
                     found.outside += 1;
                     continue;
                 };
@@ -187,17 +187,28 @@ impl Seen<'_> {
                     ranges.push(record.children());
                     continue;
                 }
-                let error_px = match self.view.camera.projection {
-                    _ if record.is_leaf() => 0.0,
-                    // Infinite if the camera may be inside the node.
-                    Projection::Perspective => record.spacing * self.view.focal_px() / distance,
-                    Projection::Orthographic => record.spacing * self.view.focal_px(),
-                };
                 found.points += record.count as u64;
                 found.nodes.push(CutNode { node, error_px, gain_px, distance });
             }
         }
         found
+    }
+
+    /// Returns the least planar depth of a node in any view, and its largest projected error; `None`
+    /// if no view sees it.
+    fn nearest(&self, record: &NodeRecord) -> Option<(f64, f64)> {
+        let seen = |view: &View| {
+            let distance = view.least_depth(self.index.bounds(record))?;
+            let error_px = match view.camera.projection {
+                _ if record.is_leaf() => 0.0,
+                // Infinite if the camera may be inside the node.
+                Projection::Perspective => record.spacing * view.focal_px() / distance,
+                Projection::Orthographic => record.spacing * view.focal_px(),
+            };
+            Some((distance, error_px))
+        };
+        let least = |a: (f64, f64), b: (f64, f64)| (a.0.min(b.0), a.1.max(b.1));
+        self.views.iter().filter_map(seen).reduce(least)
     }
 }
 

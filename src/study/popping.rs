@@ -112,7 +112,7 @@ fn first_change(
     let choose = |step: usize| {
         Ok::<_, crate::error::Error>(lod::choose(
             index,
-            &view(step)?,
+            &[view(step)?],
             &Clips::default(),
             detail,
             &HashSet::new(),

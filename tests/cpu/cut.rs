@@ -71,12 +71,12 @@ proptest! {
         let (_folder, index) = forest(seed, &Shape { leaf_points, halvings, roots, colored: false });
         let view = view(seed);
         let detail = Detail { budget, lod_px, ..Detail::of(view.size) };
-        let cut = choose(&index, &view, &Clips::default(), &detail, &HashSet::new());
+        let cut = choose(&index, &[view], &Clips::default(), &detail, &HashSet::new());
         check(&index, &view, budget, &cut, |_| false);
-        prop_assert_eq!(&cut, &choose(&index, &view, &Clips::default(), &detail, &HashSet::new()));
+        prop_assert_eq!(&cut, &choose(&index, &[view], &Clips::default(), &detail, &HashSet::new()));
 
         // A smaller threshold refines: every node is one of the coarser cut, or below one.
-        let finer = choose(&index, &view, &Clips::default(), &Detail { lod_px: lod_px / 2.0, ..detail }, &HashSet::new());
+        let finer = choose(&index, &[view], &Clips::default(), &Detail { lod_px: lod_px / 2.0, ..detail }, &HashSet::new());
         let coarse: HashSet<usize> = cut.nodes.iter().map(|wanted| wanted.node).collect();
         for wanted in &finer.nodes {
             prop_assert!(coarse.contains(&wanted.node) || ancestors(&index, wanted.node).any(|node| coarse.contains(&node)));
@@ -88,7 +88,7 @@ proptest! {
     fn what_cannot_be_read_is_in_no_cut_and_only_a_lost_root_leaves_a_hole(seed in 1u64..1000, lost in prop::collection::hash_set(0usize..40, 0..8)) {
         let (_folder, index) = forest(seed, &Shape { leaf_points: 300, ..Shape::default() });
         let view = view(seed);
-        let cut = choose(&index, &view, &Clips::default(), &Detail { budget: u64::MAX, lod_px: 0.0, ..Detail::of(view.size) }, &lost);
+        let cut = choose(&index, &[view], &Clips::default(), &Detail { budget: u64::MAX, lod_px: 0.0, ..Detail::of(view.size) }, &lost);
         prop_assert!(cut.nodes.iter().all(|wanted| !lost.contains(&wanted.node)));
         // Only a leaf without a readable ancestor may be missing.
         let gone = |leaf: usize| lost.contains(&leaf) && ancestors(&index, leaf).all(|node| lost.contains(&node));
@@ -103,7 +103,7 @@ fn without_a_budget_all_leaves_are_drawn_and_nothing_is_wrong() {
         View::new(orthographic(DVec3::new(0.0, 0.0, 50.0), DVec3::ZERO, 40.0), [400, 400]).unwrap();
     let cut = choose(
         &index,
-        &view,
+        &[view],
         &Clips::default(),
         &Detail { budget: u64::MAX, lod_px: 0.0, ..Detail::of(view.size) },
         &HashSet::new(),
@@ -111,7 +111,7 @@ fn without_a_budget_all_leaves_are_drawn_and_nothing_is_wrong() {
     assert_eq!((cut.points, cut.largest_error_px, cut.nodes_outside), (6000, 0.0, 0));
     let coarse = choose(
         &index,
-        &view,
+        &[view],
         &Clips::default(),
         &Detail { budget: u64::MAX, lod_px: 1e9, ..Detail::of(view.size) },
         &HashSet::new(),

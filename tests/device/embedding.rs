@@ -1,28 +1,30 @@
 //! A host draws clouds into its own images, beside its own geometry, on its own queue.
 
+use crate::counting::{self, heap_bytes, objects};
 use crate::files;
 use crate::index_file::indexed;
 use ash::vk::{self, Handle};
 use glam::DVec3;
 use pointillist::gpu::{Device, DeviceOptions, TestOverrides};
-use pointillist::passes::encode;
+use pointillist::passes::{Effects, Switch, encode};
 use pointillist::progress::Silent;
 use pointillist::render::frame;
-use pointillist::render::settings::{FrameConfig, RenderSettings};
+use pointillist::render::settings::{FrameConfig, RenderSettings, Style};
 use pointillist::render::source::{OpenOptions, Source};
 use pointillist::renderer::{
-    Access, Area, Camera, CloudState, Encoding, Frame, FrameReport, FrameView, Host, Matrices,
+    Access, Area, Camera, CloudState, Frame, FrameReport, FrameView, Host, Matrices, NO_POINT,
     OpenSettings, Picked, Points, Positions, Preset, Renderer, RendererOptions, Target, Targets,
     ViewCamera,
 };
 use pointillist::resident::Resident;
 use pointillist::view::View;
-use std::ffi::c_void;
 use std::path::PathBuf;
 
 const SIZE: [u32; 2] = [320, 240];
 const COLOR: vk::Format = vk::Format::R8G8B8A8_UNORM;
 const DEPTH: vk::Format = vk::Format::D32_SFLOAT;
+const IDS: vk::Format = vk::Format::R32G32_UINT;
+const NORMALS: vk::Format = vk::Format::R32G32B32A32_SFLOAT;
 
 /// An application with a device, two images, and a buffer to read and write them through.
 struct Application {
@@ -32,6 +34,10 @@ struct Application {
     fence: vk::Fence,
     color: HostImage,
     depth: HostImage,
+    ids: HostImage,
+    normals: HostImage,
+    /// Ids and normals of the last frame that drew them.
+    layers: (Vec<[u32; 2]>, Vec<[f32; 4]>),
     staging: vk::Buffer,
     staging_memory: vk::DeviceMemory,
     mapped: *mut u8,
@@ -70,8 +76,10 @@ impl Application {
             let copied = Usage::TRANSFER_SRC | Usage::TRANSFER_DST;
             let color = HostImage::new(&device, color, Usage::COLOR_ATTACHMENT | copied);
             let depth = HostImage::new(&device, DEPTH, Usage::DEPTH_STENCIL_ATTACHMENT | copied);
+            let layer = |format| HostImage::new(&device, format, Usage::COLOR_ATTACHMENT | copied);
+            let (ids, normals) = (layer(IDS), layer(NORMALS));
             let usage = vk::BufferUsageFlags::TRANSFER_SRC | vk::BufferUsageFlags::TRANSFER_DST;
-            let info = vk::BufferCreateInfo::default().size(20 * PIXELS as u64).usage(usage);
+            let info = vk::BufferCreateInfo::default().size(48 * PIXELS as u64).usage(usage);
             let staging = raw.create_buffer(&info, None).unwrap();
             let needs = raw.get_buffer_memory_requirements(staging);
             let flags =
@@ -87,6 +95,9 @@ impl Application {
                 fence,
                 color,
                 depth,
+                ids,
+                normals,
+                layers: Default::default(),
                 staging,
                 staging_memory,
                 mapped,
@@ -100,8 +111,9 @@ impl Application {
 
     fn host(&self) -> Host {
         Host {
-            get_instance_proc_addr: self.device.entry.static_fn().get_instance_proc_addr
-                as *const c_void,
+            get_instance_proc_addr: counting::get_instance_proc_addr(
+                self.device.entry.static_fn().get_instance_proc_addr,
+            ),
             instance: self.device.instance.handle().as_raw(),
             physical_device: self.device.physical.as_raw(),
             device: self.device.raw.handle().as_raw(),
@@ -133,12 +145,9 @@ impl Application {
             },
             clear: true,
         };
-        Targets {
-            color: target(&self.color),
-            encoding: Encoding::Srgb,
-            depth: Some(target(&self.depth)),
-            writes_depth: true,
-        }
+        let [ids, normals] = [&self.ids, &self.normals].map(|image| Some(target(image)));
+        let depth = Some(target(&self.depth));
+        Targets { depth, ids, normals, ..Targets::of(target(&self.color)) }
     }
 
     /// Draws a frame, about which the validation layers say nothing.
@@ -198,7 +207,12 @@ impl Application {
             let began = std::time::Instant::now();
             let report = renderer.record(commands.as_raw(), &frame).unwrap();
             self.recorded = began.elapsed();
-            for (image, at) in [(&self.color, 0), (&self.depth, depth_at as u64)] {
+            let [ids_at, normals_at] = [20 * PIXELS, 32 * PIXELS];
+            let layers = [(&self.ids, ids_at as u64), (&self.normals, normals_at as u64)];
+            let layers = if targets.ids.is_some() { &layers[..] } else { &[] };
+            for &(image, at) in
+                [(&self.color, 0), (&self.depth, depth_at as u64)].iter().chain(layers)
+            {
                 let layout = vk::ImageLayout::TRANSFER_SRC_OPTIMAL;
                 let region = image.region(at);
                 raw.cmd_copy_image_to_buffer(
@@ -226,6 +240,12 @@ impl Application {
             raw.reset_fences(&[self.fence]).unwrap();
             self.said = self.device.take_validation_errors();
             let color = std::slice::from_raw_parts(self.mapped, texel * PIXELS).to_vec();
+            let ids = self.mapped.add(ids_at).cast();
+            let normals = self.mapped.add(normals_at).cast();
+            self.layers = (
+                std::slice::from_raw_parts(ids, PIXELS).to_vec(),
+                std::slice::from_raw_parts(normals, PIXELS).to_vec(),
+            );
             let depth = self.mapped.add(depth_at).cast::<f32>();
             (report, color, std::slice::from_raw_parts(depth, PIXELS).to_vec())
         }
@@ -259,7 +279,7 @@ impl Drop for Application {
             raw.free_memory(self.staging_memory, None);
             raw.destroy_fence(self.fence, None);
             raw.destroy_command_pool(self.pool, None);
-            for image in [&self.color, &self.depth] {
+            for image in [&self.color, &self.depth, &self.ids, &self.normals] {
                 raw.destroy_image_view(image.view, None);
                 raw.destroy_image(image.image, None);
                 raw.free_memory(image.memory, None);
@@ -376,12 +396,18 @@ fn view_of(camera: Camera) -> FrameView {
     FrameView { camera, area: WHOLE }
 }
 
-/// Draws as `render` does. Returns red, green and blue of each pixel, and planar depths.
-fn rendered(
-    path: &std::path::Path,
-    camera: Camera,
-    settings: &RenderSettings,
-) -> (Vec<u8>, Vec<f32>) {
+/// A picture as `render` draws it.
+struct Rendered {
+    /// Red, green and blue of each pixel.
+    color: Vec<u8>,
+    /// Planar depths.
+    depth: Vec<f32>,
+    ids: Vec<u32>,
+    normals: Vec<[f32; 4]>,
+}
+
+/// Draws as `render` does.
+fn rendered(path: &std::path::Path, camera: Camera, settings: &RenderSettings) -> Rendered {
     let options = DeviceOptions { validate: true, ..DeviceOptions::default() };
     let mut gpu = pointillist::graph::Gpu::open(&options).unwrap();
     let opening = OpenOptions {
@@ -397,18 +423,23 @@ fn rendered(
     let Source::Files(cloud) = Source::open(&[path.into()], &opening, &Silent).unwrap() else {
         panic!("a small file")
     };
-    let (shown, _) = pointillist::cloud::attribute::DisplayAttribute::automatic(&cloud);
+    let (mut shown, _) = pointillist::cloud::attribute::DisplayAttribute::automatic(&cloud);
+    shown.further.strokes = settings.effects.strokes.switch == Switch::On;
     let resident = Resident::fill(&mut gpu, cloud, shown, &Silent).unwrap();
     let view = View::new(camera, SIZE).unwrap();
     let config = FrameConfig::new(settings, &view, &resident);
     let done = frame::draw(&mut gpu, &view, &resident, &config, &Silent, |g, outcome| {
-        Ok((encode::download(g, &outcome.picture)?, g.download(&outcome.gbuffer.depth)))
+        let layers = [&outcome.gbuffer.depth, &outcome.gbuffer.index, &outcome.normal];
+        Ok((encode::download(g, &outcome.picture)?, layers.map(|layer| g.download(layer))))
     })
     .unwrap();
-    let (encoded, depth) = &done.asked;
-    let picture = encoded.read(&done.frame).concat();
-    let depth = done.frame.read::<f32>(depth).to_vec();
-    (picture, depth)
+    let (encoded, [depth, ids, normals]) = &done.asked;
+    Rendered {
+        color: encoded.read(&done.frame).concat(),
+        depth: done.frame.read(depth).to_vec(),
+        ids: done.frame.read(ids).to_vec(),
+        normals: done.frame.read(normals).to_vec(),
+    }
 }
 
 fn without_alpha(color: &[u8]) -> Vec<u8> {
@@ -419,10 +450,13 @@ fn without_alpha(color: &[u8]) -> Vec<u8> {
 fn an_embedded_frame_is_that_of_render_byte_for_byte() {
     let folder = tempfile::tempdir().unwrap();
     let (path, camera) = scan(folder.path());
-    for effects in [&[][..], &["edl=on", "shadows=on", "ao=on", "antialias=on"]] {
-        let mut settings = RenderSettings::default();
+    let all = ["edl=on", "shadows=on", "ao=on", "antialias=on"];
+    let styles = [Style::Surface, Style::Surface, Style::Strokes];
+    for (style, effects) in styles.into_iter().zip([&[][..], &all, &[]]) {
+        let effects_of_style = Effects::of(style);
+        let mut settings = RenderSettings { effects: effects_of_style, ..Default::default() };
         effects.iter().for_each(|effect| settings.effects.set(effect).unwrap());
-        let (picture, planar) = rendered(&path, camera, &settings);
+        let expected = rendered(&path, camera, &settings);
         let mut application = Application::new(COLOR);
         let mut renderer = application.renderer();
         renderer.set_settings(settings);
@@ -431,8 +465,14 @@ fn an_embedded_frame_is_that_of_render_byte_for_byte() {
         let (report, color, depth) = application.settle(&mut renderer, targets, &[view_of(camera)]);
         assert_eq!(renderer.state(cloud).unwrap(), CloudState::Ready);
         assert!(report.points > 0 && report.effects.iter().any(|effect| effect.runs));
-        assert!(without_alpha(&color) == picture, "colours differ, {effects:?}");
-        for (i, (&host, &planar)) in depth.iter().zip(&planar).enumerate() {
+        assert!(without_alpha(&color) == expected.color, "colours differ, {style:?} {effects:?}");
+        let (ids, normals) = &application.layers;
+        for (i, (&host, &planar)) in depth.iter().zip(&expected.depth).enumerate() {
+            let seen = planar.is_finite() && planar > 0.0;
+            let id = if seen { [expected.ids[i], cloud.0 as u32] } else { [NO_POINT, 0] };
+            assert_eq!(ids[i], id, "pixel {i}");
+            let [x, y, z, _] = if seen { expected.normals[i] } else { [0.0; 4] };
+            assert_eq!(normals[i], [x, y, z, 0.0], "pixel {i}");
             let expected = if planar.is_finite() && planar > 0.0 { 0.01f32 / planar } else { 0.0 };
             assert_eq!(host, expected, "pixel {i}");
         }
@@ -556,7 +596,7 @@ fn points_of_memory_are_picked_where_they_are() {
     assert!(differing < before.len() / 200, "{differing} bytes");
     renderer.set("style", "strokes").unwrap();
     let (report, ..) = application.draw(&mut renderer, targets, &[moved], None);
-    assert!(report.errors[0].starts_with("strokes are not drawn") && report.points > 0);
+    assert!(report.errors[0].contains("drawn as points") && report.points > 0);
     let refused = renderer.set("effect", "edl=perhaps").unwrap_err().to_string();
     assert!(refused.contains("perhaps"), "{refused}");
     renderer.set_visible(cloud, false).unwrap();
@@ -581,16 +621,22 @@ fn a_settled_frame_is_recorded_in_no_time_and_makes_nothing() {
     let mut application = Application::new(COLOR);
     let mut renderer = application.renderer();
     renderer.open(&[path], &OpenSettings::default()).unwrap();
-    let targets = application.targets();
+    let targets = Targets { ids: None, normals: None, ..application.targets() };
     let views = [view_of(camera)];
     let (_, first, _) = application.settle(&mut renderer, targets, &views);
-    let mut times: Vec<_> = (0..50)
-        .map(|_| {
-            let (_, color, _) = application.draw(&mut renderer, targets, &views, None);
-            assert!(color == first);
-            application.recorded.as_secs_f64() * 1e3
-        })
-        .collect();
+    let made = objects().made;
+    let mut times = Vec::with_capacity(50);
+    let mut heap = Vec::with_capacity(50);
+    for _ in 0..50 {
+        let (_, color, _) = application.draw(&mut renderer, targets, &views, None);
+        assert!(color == first);
+        times.push(application.recorded.as_secs_f64() * 1e3);
+        drop(color);
+        heap.push(heap_bytes());
+    }
+    assert_eq!(objects().made, made, "Vulkan objects were made");
+    // Queues of frames may grow at first.
+    assert_eq!(heap[49], heap[10], "{heap:?}");
     times.sort_by(f64::total_cmp);
     println!("recorded in {:.3} ms (median), {:.3} ms (worst)", times[25], times[49]);
     assert!(times[25] < 0.3, "{times:?}");
@@ -659,7 +705,8 @@ fn frames_of_random_calls_leave_the_picture_of_a_fresh_start() {
     };
     let mut clouds = Vec::new();
     let place = [[0.0f32; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.3]];
-    for frame in 0..200 {
+    let mut growth = Vec::new();
+    for frame in 0..1000 {
         match next(8) {
             0 if clouds.len() < 4 => {
                 clouds.push(
@@ -693,12 +740,19 @@ fn frames_of_random_calls_leave_the_picture_of_a_fresh_start() {
         let (report, ..) =
             application.draw(&mut renderer, targets, &views[..1 + next(2) as usize], None);
         assert_eq!(report.errors, Vec::<String>::new(), "frame {frame}");
+        growth.push(objects().alive);
     }
+    // As many are alive at the most in the last quarter as in the second.
+    let most = |frames: std::ops::Range<usize>| *growth[frames].iter().max().unwrap();
+    println!("objects alive: {} at most, then {}", most(250..500), most(750..1000));
+    assert!(most(750..1000) <= most(250..500) * 11 / 10, "{growth:?}");
     clouds.into_iter().for_each(|cloud| renderer.remove(cloud).unwrap());
     renderer.set_settings(RenderSettings::default());
     renderer.open(&[index], &OpenSettings::default()).unwrap();
     let (_, settled, _) = application.settle(&mut renderer, targets, &[view_of(camera)]);
     assert!(settled == expected);
+    drop(renderer);
+    assert_eq!(objects().alive, 0, "objects outlive the renderer");
 }
 
 #[test]

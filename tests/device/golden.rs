@@ -143,6 +143,11 @@ fn points() {
 }
 
 #[test]
+fn splats() {
+    check_style(Style::Splats, "splat", Attribute::Rgb, "edl=on", Preset::Fit);
+}
+
+#[test]
 fn edl() {
     check("edl", Attribute::White, "edl=on", Preset::Fit);
 }

@@ -12,7 +12,7 @@ use pointillist::passes;
 use pointillist::passes::project::{Keys, Strip};
 use pointillist::passes::{
     EFFECTS, Effects, FrameContext, Switch, antialias, ao, composite, fill, phong, resolve, shape,
-    smooth, visibility,
+    smooth, splat, visibility,
 };
 use pointillist::progress::Silent;
 use pointillist::render::frame;
@@ -146,7 +146,11 @@ pub struct Canvas<'g> {
 }
 
 pub fn canvas<T>(work: impl FnOnce(&mut Canvas) -> T) -> T {
-    with(Way::Compute64, |gpu| {
+    canvas_on(Way::Compute64, work)
+}
+
+pub fn canvas_on<T>(way: Way, work: impl FnOnce(&mut Canvas) -> T) -> T {
+    with(way, |gpu| {
         let (points, colors) = bumpy(CANVAS_POINTS as usize, 20_000, &mut Random(0xCA75));
         let cloud = cloud(vec![part(
             Lattice { step: DVec3::splat(0.001), offset: DVec3::ZERO },
@@ -175,6 +179,7 @@ pub struct Stage {
 pub struct Surface {
     pub raw: Stage,
     pub seen: Stage,
+    pub splats: Stage,
     pub filled: Stage,
     pub smoothed: Stage,
     /// After Phong lighting.
@@ -221,11 +226,15 @@ impl Canvas<'_> {
         gbuffer.spacing_px = [0.0, f64::INFINITY];
         gbuffer.shadow_factor = self.reached.then(|| g.copy("reached", &gbuffer.color));
         let raw = keep(&mut g, &gbuffer);
-        let (mut seen, mut filled, mut smoothed, mut shaded, mut blended) =
-            (None, None, None, None, None);
+        let (mut seen, mut splats, mut filled, mut smoothed, mut shaded, mut blended) =
+            (None, None, None, None, None, None);
         if effects.visibility.switch != Switch::Off {
             gbuffer = visibility::record(&mut g, &scene, &effects.visibility.settings, gbuffer);
             seen = Some(keep(&mut g, &gbuffer));
+        }
+        if effects.splat.switch != Switch::Off {
+            gbuffer = splat::record(&mut g, &scene, &effects.splat.settings, gbuffer);
+            splats = Some(keep(&mut g, &gbuffer));
         }
         if effects.fill.switch != Switch::Off {
             gbuffer = fill::record(&mut g, &scene, &effects.fill.settings, gbuffer);
@@ -259,6 +268,7 @@ impl Canvas<'_> {
         Surface {
             raw: stage(Some(raw)),
             seen: stage(seen),
+            splats: stage(splats),
             filled: stage(filled),
             smoothed: stage(smoothed),
             shaded: stage(shaded),

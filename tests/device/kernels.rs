@@ -12,6 +12,7 @@ mod fill_mask;
 mod luminance;
 mod phong;
 mod smooth;
+mod splat;
 mod surface;
 
 use crate::cameras::{orthographic, perspective};

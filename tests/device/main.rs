@@ -4,6 +4,8 @@
 mod ancestors;
 #[path = "../support/cameras.rs"]
 mod cameras;
+#[path = "../support/counting.rs"]
+mod counting;
 #[path = "../support/exr_file.rs"]
 mod exr_file;
 #[path = "../support/files.rs"]
@@ -20,6 +22,10 @@ mod shared;
 mod skip;
 #[path = "../support/tree.rs"]
 mod tree;
+
+/// Counts the bytes of each thread, for tests that ask.
+#[global_allocator]
+static HEAP: counting::CountingHeap = counting::CountingHeap;
 
 mod baselines;
 mod clip;

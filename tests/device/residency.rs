@@ -300,7 +300,7 @@ fn a_damaged_leaf_is_said_once_and_its_parent_is_drawn() {
             assert!(residency.drawn().contains(&parent) && !residency.drawn().contains(&leaf));
             // It equals the picture of a cut without the leaf.
             let expected =
-                lod::choose(&index, &view, &Clips::default(), &all(), &HashSet::from([leaf]));
+                lod::choose(&index, &[view], &Clips::default(), &all(), &HashSet::from([leaf]));
             assert_eq!(update.cut, expected);
             let again = residency.wait_until_resident(gpu, &view, &all(), &Silent).unwrap();
             assert!(again.errors.is_empty() && again.bytes_read == 0, "tried again: {again:?}");

@@ -22,16 +22,17 @@ pub struct Bins {
 impl Painting<'_> {
     /// Returns the number of strokes that may touch each tile of a strip, in several turns over
     /// parts of the points if a single tile has more than a list may hold.
-    pub(super) fn listed(&mut self, g: &mut Graph, strip: Strip) -> Result<Vec<Vec<u32>>> {
+    pub(super) fn listed(&mut self, g: &mut Graph, strip: Strip) -> Result<Option<Vec<Vec<u32>>>> {
         let room = self.room(g, 2) / PLACE_BYTES;
         let mut turns = 1;
         loop {
             let listed = (0..turns)
                 .map(|turn| self.tally(g, strip, [turn, turns]))
-                .collect::<Result<Vec<_>>>()?;
+                .collect::<Result<Option<Vec<_>>>>()?;
+            let Some(listed) = listed else { return Ok(None) };
             let most = listed.iter().flatten().copied().max().unwrap_or(0) as u64;
             if most <= room || turns as u64 > most {
-                return Ok(listed);
+                return Ok(Some(listed));
             }
             // Turns are of about equal length.
             turns = (turns + 1).max((turns as u64 * most * 9 / 8).div_ceil(room) as u32);
@@ -39,23 +40,21 @@ impl Painting<'_> {
     }
 
     /// Returns the number of strokes of one turn that may touch each tile of a strip.
-    fn tally(&mut self, g: &mut Graph, strip: Strip, turn: [u32; 2]) -> Result<Vec<u32>> {
-        let mut counting = g.preceding();
-        let paint = resolve::paint(&mut counting, self.resident, &self.request)?;
-        let desk = self.bind(&mut counting, strip, &paint)?;
-        let count = desk.tiles[0] * desk.tiles[1];
-        let part = counting.upload("part", &[0, count, turn[0], turn[1]])?;
-        let (mut tallies, mut strokes) = (
-            counting.buffer("tallies", 4 * count as u64),
-            counting.buffer("stroke list", PLACE_BYTES),
-        );
-        counting.fill(&mut tallies, 0);
-        self.walk(&mut counting, &desk, &part, &mut tallies, &mut strokes, 0);
-        let tallies = counting.download_buffer(&tallies);
-        let frame = counting.submit_and_wait(&[])?;
-        self.facts.counting_ms += frame.ms("");
-        let counts = frame.read::<u32>(&tallies).to_vec();
-        Ok(counts)
+    fn tally(&mut self, g: &mut Graph, strip: Strip, turn: [u32; 2]) -> Result<Option<Vec<u32>>> {
+        let found = self.ask(g, format!("tally {strip:?} {turn:?}"), |painting, counting| {
+            let paint = resolve::paint(counting, painting.resident, &painting.request)?;
+            let desk = painting.bind(counting, strip, &paint)?;
+            let count = desk.tiles[0] * desk.tiles[1];
+            let part = counting.upload("part", &[0, count, turn[0], turn[1]])?;
+            let (mut tallies, mut strokes) = (
+                counting.buffer("tallies", 4 * count as u64),
+                counting.buffer("stroke list", PLACE_BYTES),
+            );
+            counting.fill(&mut tallies, 0);
+            painting.walk(counting, &desk, &part, &mut tallies, &mut strokes, 0);
+            Ok([counting.download_buffer(&tallies)])
+        })?;
+        Ok(found.map(|[tallies]| tallies))
     }
 
     /// Lists the strokes of one turn that may touch each of some tiles.

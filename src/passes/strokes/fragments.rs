@@ -24,10 +24,25 @@ impl Painting<'_> {
         found: &Found,
         tiles: Range<u32>,
         hiders: Option<&[u32]>,
-    ) -> Result<(Vec<u32>, Vec<u32>)> {
-        let mut counting = g.preceding();
-        let paint = resolve::paint(&mut counting, self.resident, &self.request)?;
-        let desk = self.bind(&mut counting, strip, &paint)?;
+    ) -> Result<Option<[Vec<u32>; 2]>> {
+        let name = format!("count {strip:?} {tiles:?} {}", hiders.is_some());
+        let pixels = tiles.len() * TILE_PIXELS;
+        let found = self.ask(g, name, |painting, counting| {
+            painting.record_count(counting, strip, found, tiles, hiders)
+        })?;
+        Ok(found.map(|counts| counts.map(|words| words[..pixels].to_vec())))
+    }
+
+    fn record_count(
+        &mut self,
+        counting: &mut Graph,
+        strip: Strip,
+        found: &Found,
+        tiles: Range<u32>,
+        hiders: Option<&[u32]>,
+    ) -> Result<[Buffer; 2]> {
+        let paint = resolve::paint(counting, self.resident, &self.request)?;
+        let desk = self.bind(counting, strip, &paint)?;
         let starts = counting.upload("starts", &[0u32])?;
         let bytes = 4 * tiles.len() as u64 * TILE_PIXELS as u64;
         let (mut keys, mut fragments, mut counts) = (
@@ -47,19 +62,14 @@ impl Painting<'_> {
         };
         let surface = counting.upload("surface", &found.surface)?;
         self.strokes(
-            &mut counting,
+            counting,
             &desk,
             (&found.listed, &surface, &tiles),
             &starts,
             what,
             [&mut keys, &mut counts, &mut fragments, &mut hiders],
         )?;
-        let read = [&counts, &hiders].map(|words| counting.download_buffer(words));
-        let frame = counting.submit_and_wait(&[])?;
-        self.facts.counting_ms += frame.ms("");
-        let [counts, hiders] =
-            read.map(|words| frame.read::<u32>(&words)[..tiles.len() * TILE_PIXELS].to_vec());
-        Ok((counts, hiders))
+        Ok([&counts, &hiders].map(|words| counting.download_buffer(words)))
     }
 
     /// Evaluates the strokes of some tiles turn by turn, a chunk of each tile at a time.

@@ -39,16 +39,14 @@ pub fn surface(g: &mut Graph, ground: &Buffer, strip: Strip) -> Buffer {
 
 impl Painting<'_> {
     /// Returns the same, computed before the frame.
-    pub(super) fn surface(&mut self, g: &mut Graph, strip: Strip) -> Result<Vec<u32>> {
-        let mut before = g.preceding();
-        let paint = resolve::paint(&mut before, self.resident, &self.request)?;
-        let desk = self.bind(&mut before, strip, &paint)?;
-        let Quads { ground, .. } = self.draw(&mut before, &desk, false)?;
-        let surface = surface(&mut before, &ground, strip);
-        let found = before.download_buffer(&surface);
-        let frame = before.submit_and_wait(&[])?;
-        self.facts.counting_ms += frame.ms("");
-        let surface = frame.read::<u32>(&found).to_vec();
-        Ok(surface)
+    pub(super) fn surface(&mut self, g: &mut Graph, strip: Strip) -> Result<Option<Vec<u32>>> {
+        let found = self.ask(g, format!("surface {strip:?}"), |painting, before| {
+            let paint = resolve::paint(before, painting.resident, &painting.request)?;
+            let desk = painting.bind(before, strip, &paint)?;
+            let Quads { ground, .. } = painting.draw(before, &desk, false)?;
+            let surface = surface(before, &ground, strip);
+            Ok([before.download_buffer(&surface)])
+        })?;
+        Ok(found.map(|[surface]| surface))
     }
 }

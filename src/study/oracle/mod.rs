@@ -20,6 +20,7 @@ pub mod project;
 pub mod shadows;
 pub mod shape;
 pub mod smooth;
+pub mod splat;
 pub mod strokes;
 pub mod surface;
 pub mod transparency;

@@ -209,7 +209,7 @@ fn a_hundred_files_on_lattices_of_their_own_cost_a_view_no_more_than_one() {
     for budget in [70_000, 150_000, 300_000] {
         let detail = Detail { budget, ..Detail::of([320, 180]) };
         let points = [&one, &many].map(|index| {
-            lod::choose(index, &view, &Clips::default(), &detail, &HashSet::new()).points
+            lod::choose(index, &[view], &Clips::default(), &detail, &HashSet::new()).points
         });
         println!("budget {budget}: {} points of one file, {} of a hundred", points[0], points[1]);
         assert!(points.iter().all(|&points| points <= budget), "{points:?}");

@@ -207,7 +207,7 @@ fn hard_31_borders_head_on() {
             // Everything is equally far, so only a budget mixes levels: one point too small for all
             // leaves.
             let all =
-                lod::choose(index, &view, &Clips::default(), &full(SIZE), &HashSet::new()).points;
+                lod::choose(index, &[view], &Clips::default(), &full(SIZE), &HashSet::new()).points;
             (view, Detail { budget: all - 1, ..full(SIZE) })
         });
     }

@@ -1,0 +1,54 @@
+// Discs of points -> keys. The includer declares `keys` and `meet(pixel, depth, point)`.
+//
+// A point covers the pixels whose centres lie within its radius around its own. A paraboloid bends
+// away from the viewer by its radius at the rim, so that neighbours meet halfway (Schütz 2016).
+
+layout(r32f) readonly uniform image2D depth;
+layout(r32ui) readonly uniform uimage2D index;
+// Point spacing of each node [m].
+layout(scalar) readonly buffer Spacings { float spacing[]; } spacings;
+
+layout(constant_id = 0) const bool PERSPECTIVE = true;
+
+layout(push_constant, scalar) uniform Push {
+    uvec2 size;      // pixels of the picture
+    uint first;      // first row whose points reach into the strip
+    uint top;        // first row of the strip
+    uint rows;       // rows of the strip
+    float px_per_m;  // pixels of a metre at depth 1, or everywhere without perspective
+    float cover;     // radius per point spacing; 0: not by spacing
+    float metres;    // radius [m]; 0: not by metres
+    float pixels;    // radius otherwise [px]
+    float largest;   // largest radius [px]
+    float bulge;     // depth of the rim behind the point, per radius
+} push;
+
+const uint POINTS_PER_PAGE_LOG2 = 16u;
+
+void main() {
+    ivec2 at = ivec2(gl_GlobalInvocationID.xy) + ivec2(0, int(push.first));
+    ivec2 size = ivec2(push.size);
+    int bottom = int(push.top + push.rows);
+    if (any(greaterThanEqual(at, size)) || at.y >= bottom + int(push.largest)) return;
+    float z = imageLoad(depth, at).r;
+    if (!(z > 0.0) || isinf(z)) return;
+    uint node = imageLoad(index, at).r >> POINTS_PER_PAGE_LOG2;
+    float scale = PERSPECTIVE ? push.px_per_m / z : push.px_per_m;
+    float m = push.cover > 0.0 ? push.cover * spacings.spacing[node] : push.metres;
+    float radius = clamp(m > 0.0 ? m * scale : push.pixels, 0.5, push.largest);
+    float square = radius * radius;
+    float bulge = push.bulge * radius / (scale * square);
+    int reach = int(radius);
+    uint source = uint(at.y) * push.size.x + uint(at.x);
+    ivec2 least = max(ivec2(at.x - reach, at.y - reach), ivec2(0, int(push.top)));
+    ivec2 most = min(at + reach, ivec2(size.x - 1, bottom - 1));
+    for (int y = least.y; y <= most.y; ++y) {
+        for (int x = least.x; x <= most.x; ++x) {
+            ivec2 apart = ivec2(x, y) - at;
+            float distance = float(apart.x * apart.x + apart.y * apart.y);
+            if (distance > square) continue;
+            uint pixel = uint(y - int(push.top)) * push.size.x + uint(x);
+            meet(pixel, z + bulge * distance, source);
+        }
+    }
+}

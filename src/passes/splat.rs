@@ -1,0 +1,206 @@
+//! Splats: draws every point as a disc or paraboloid with a size, the nearest in front.
+//!
+//! Discs are drawn of the projected points, which are at most one a pixel, by the same atomics as
+//! points: the cost follows the covered pixels, not the cloud.
+
+use super::project::{KEY_BYTES, strips};
+use super::{EffectDecisions, Effects, FrameContext, GBuffer, Reason, Setting, Value, shadows};
+use crate::graph::{Dispatch, Graph, Kind};
+use crate::shader::{self, splat_resolve, splat32, splat64};
+use crate::view::{Projection, View};
+
+pub const SUMMARY: &str = "round points with a size (--style splats, --point-size)";
+
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
+pub struct Settings {
+    pub shape: Shape,
+    /// Diameter `[px]`; 0: by `metres`.
+    pub pixels: f64,
+    /// Diameter `[m]`; 0: by the spacing of the points.
+    pub metres: f64,
+    /// Radius of a point whose size follows the spacing `[spacings]`.
+    pub cover: f64,
+    /// Largest diameter `[px]`.
+    pub largest: f64,
+}
+
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum, serde::Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Shape {
+    /// Bent away from the viewer, so that neighbours meet halfway.
+    #[default]
+    Paraboloid,
+    /// Flat.
+    Disc,
+}
+
+/// Diameter of points.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum PointSize {
+    /// By the spacing of the points.
+    Auto,
+    Pixels(f64),
+    Metres(f64),
+}
+
+impl std::str::FromStr for PointSize {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<PointSize, String> {
+        if text == "auto" {
+            return Ok(PointSize::Auto);
+        }
+        let (number, of): (_, fn(f64) -> PointSize) = match text.strip_suffix("px") {
+            Some(number) => (number, PointSize::Pixels),
+            None => match text.strip_suffix('m') {
+                Some(number) => (number, PointSize::Metres),
+                None => (text, PointSize::Pixels),
+            },
+        };
+        let number = number.trim().parse().ok().filter(|n: &f64| *n > 0.0 && n.is_finite());
+        number.map(of).ok_or_else(|| {
+            format!("{text:?} is not a size; give pixels such as 3, metres such as 0.05m, or auto")
+        })
+    }
+}
+
+impl Settings {
+    pub fn set_size(&mut self, size: PointSize) {
+        (self.pixels, self.metres) = match size {
+            PointSize::Auto => (0.0, 0.0),
+            PointSize::Pixels(pixels) => (pixels, 0.0),
+            PointSize::Metres(metres) => (0.0, metres),
+        };
+        self.largest = self.largest.max(self.pixels);
+    }
+}
+
+/// Depth of a paraboloid's rim behind its point `[radii]`.
+const BULGE: f64 = 1.0;
+
+impl Default for Settings {
+    fn default() -> Self {
+        Settings { shape: Shape::Paraboloid, pixels: 0.0, metres: 0.0, cover: 0.7, largest: 64.0 }
+    }
+}
+
+impl super::Settings for Settings {
+    fn list_all(&mut self) -> Vec<Setting<'_>> {
+        let number = Value::Number;
+        vec![
+            Setting::new(
+                "shape",
+                "paraboloid: neighbours meet halfway; disc: flat",
+                Value::Choice(&mut self.shape),
+            ),
+            Setting::new(
+                "pixels",
+                "diameter [px]; 0: by metres",
+                number(&mut self.pixels, 0.0..=128.0),
+            ),
+            Setting::new(
+                "metres",
+                "diameter [m]; 0: by the spacing of the points",
+                number(&mut self.metres, 0.0..=1e6),
+            ),
+            Setting::new(
+                "largest",
+                "largest diameter [px]",
+                number(&mut self.largest, 1.0..=128.0),
+            ),
+            // For studies.
+            Setting::variant("cover", number(&mut self.cover, 0.0..=16.0)),
+        ]
+    }
+
+    fn grows_px(&self, spacing_px: f64) -> f64 {
+        let by_size = match (self.pixels, self.metres) {
+            (0.0, 0.0) => self.cover * spacing_px,
+            (0.0, _) => f64::INFINITY,
+            (pixels, _) => 0.5 * pixels,
+        };
+        by_size.clamp(0.5, 0.5 * self.largest)
+    }
+}
+
+/// See [`super::Effects::reach_px`].
+pub fn reach_px(_view: &View, settings: &Settings) -> Option<u32> {
+    Some((0.5 * settings.largest).ceil() as u32)
+}
+
+pub fn called_for(_context: &FrameContext, _asked: &Effects, _before: &EffectDecisions) -> Reason {
+    Reason { runs: false, why: "splats run only with --style splats or --point-size".to_string() }
+}
+
+pub fn record(
+    g: &mut Graph,
+    context: &FrameContext,
+    settings: &Settings,
+    gbuffer: GBuffer,
+) -> GBuffer {
+    let view = context.view;
+    let perspective = view.camera.projection == Projection::Perspective;
+    let by_spacing = settings.pixels == 0.0 && settings.metres == 0.0;
+    let largest = 0.5 * settings.largest as f32;
+    let reach = largest as u32;
+    let mut splat_depth = g.image("splat depth", view.size, Kind::R32f);
+    let mut splat_index = g.image("splat index", view.size, Kind::R32ui);
+    let mut splat_color = g.image("splat color", view.size, Kind::Rgba32f);
+    let GBuffer { depth, index, color, spacings, .. } = &gbuffer;
+    for strip in strips(view.size, KEY_BYTES, g.binding_limit()) {
+        let [width, rows] = strip.size;
+        let mut keys = g.buffer("splat keys", KEY_BYTES * strip.pixels());
+        g.fill(&mut keys, u32::MAX);
+        let first = strip.top.saturating_sub(reach);
+        let last = (strip.top + rows + reach).min(view.size[1]);
+        let groups = Dispatch::Groups([width.div_ceil(64), last - first, 1]);
+        // Both kernels have the same bindings and constants.
+        macro_rules! run {
+            ($kernel:ident, $module:ident $(, $step:ident)?) => {{
+                let push = $module::Push {
+                    size: view.size,
+                    first,
+                    top: strip.top,
+                    rows,
+                    px_per_m: view.focal_px() as f32,
+                    cover: if by_spacing { settings.cover as f32 } else { 0.0 },
+                    metres: if settings.pixels == 0.0 { 0.5 * settings.metres as f32 } else { 0.0 },
+                    pixels: 0.5 * settings.pixels as f32,
+                    largest,
+                    bulge: if settings.shape == Shape::Disc { 0.0 } else { BULGE as f32 },
+                };
+                let spec = $module::Spec { perspective $(, $step)? };
+                let keys = &mut keys;
+                g.run(shader::$kernel { depth, index, spacings, keys, push, spec }, groups);
+            }};
+        }
+        if g.gpu.device.int64_atomics {
+            run!(Splat64, splat64);
+        } else {
+            for step in [0, 1] {
+                run!(Splat32, splat32, step);
+            }
+        }
+        g.run(
+            shader::SplatResolve {
+                keys: &keys,
+                index,
+                color,
+                splat_depth: &mut splat_depth,
+                splat_index: &mut splat_index,
+                splat_color: &mut splat_color,
+                push: splat_resolve::Push { size: strip.size, top: strip.top },
+            },
+            Dispatch::Groups([width.div_ceil(64), rows, 1]),
+        );
+    }
+    let splats = GBuffer {
+        depth: splat_depth,
+        index: splat_index,
+        color: splat_color,
+        flat_px: if settings.shape == Shape::Disc { reach.max(1) } else { 1 },
+        holes: None,
+        ..gbuffer
+    };
+    shadows::shadow_factor(g, view.size, splats)
+}

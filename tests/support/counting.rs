@@ -1,0 +1,268 @@
+//! Counts what is alive: Vulkan objects made through a host's `vkGetInstanceProcAddr`, and bytes of
+//! the heap.
+
+use ash::vk::{self, Handle};
+use std::alloc::{GlobalAlloc, Layout, System};
+use std::cell::Cell;
+use std::ffi::{CStr, c_char, c_void};
+use std::sync::atomic::{AtomicI64, AtomicPtr, AtomicU64, Ordering::Relaxed};
+
+/// An allocator that counts the bytes of each thread.
+pub struct CountingHeap;
+
+thread_local! {
+    static LIVE: Cell<i64> = const { Cell::new(0) };
+}
+
+/// Returns the bytes that this thread has allocated and not freed.
+pub fn heap_bytes() -> i64 {
+    LIVE.get()
+}
+
+// SAFETY: the system's allocator does all the work.
+unsafe impl GlobalAlloc for CountingHeap {
+    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
+        let _ = LIVE.try_with(|live| live.set(live.get() + layout.size() as i64));
+        // SAFETY: as the caller ensures.
+        unsafe { System.alloc(layout) }
+    }
+
+    unsafe fn dealloc(&self, at: *mut u8, layout: Layout) {
+        let _ = LIVE.try_with(|live| live.set(live.get() - layout.size() as i64));
+        // SAFETY: as the caller ensures.
+        unsafe { System.dealloc(at, layout) }
+    }
+}
+
+/// Objects that are alive, and all that were ever made.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Objects {
+    pub alive: i64,
+    pub made: u64,
+}
+
+static ALIVE: AtomicI64 = AtomicI64::new(0);
+static MADE: AtomicU64 = AtomicU64::new(0);
+static INSTANCE_FUNCTION: Real = Real::new();
+static DEVICE_FUNCTION: Real = Real::new();
+
+/// The function that is counted. Every device sets it again: layers are loaded with an instance.
+struct Real(AtomicPtr<c_void>);
+
+impl Real {
+    const fn new() -> Real {
+        Real(AtomicPtr::new(std::ptr::null_mut()))
+    }
+
+    fn set(&self, function: unsafe extern "system" fn()) {
+        self.0.store(function as *mut c_void, Relaxed);
+    }
+
+    /// # Safety
+    /// `F` is the type of the function that was set.
+    unsafe fn get<F: Copy>(&self) -> F {
+        let function = self.0.load(Relaxed);
+        assert!(!function.is_null() && size_of::<F>() == size_of_val(&function));
+        // SAFETY: as the caller ensures.
+        unsafe { std::mem::transmute_copy(&function) }
+    }
+}
+
+/// Returns the objects made through [`get_instance_proc_addr`].
+pub fn objects() -> Objects {
+    Objects { alive: ALIVE.load(Relaxed), made: MADE.load(Relaxed) }
+}
+
+/// Returns a `vkGetInstanceProcAddr` whose device functions are counted.
+pub fn get_instance_proc_addr(of: vk::PFN_vkGetInstanceProcAddr) -> *const c_void {
+    // SAFETY: only its address is kept.
+    INSTANCE_FUNCTION.set(unsafe {
+        std::mem::transmute::<vk::PFN_vkGetInstanceProcAddr, unsafe extern "system" fn()>(of)
+    });
+    counted_instance_function as vk::PFN_vkGetInstanceProcAddr as *const c_void
+}
+
+unsafe extern "system" fn counted_instance_function(
+    instance: vk::Instance,
+    name: *const c_char,
+) -> vk::PFN_vkVoidFunction {
+    // SAFETY: as the caller ensures.
+    unsafe {
+        let found = INSTANCE_FUNCTION.get::<vk::PFN_vkGetInstanceProcAddr>()(instance, name)?;
+        if CStr::from_ptr(name) != c"vkGetDeviceProcAddr" {
+            return Some(found);
+        }
+        DEVICE_FUNCTION.set(found);
+        Some(std::mem::transmute::<vk::PFN_vkGetDeviceProcAddr, unsafe extern "system" fn()>(
+            counted_device_function,
+        ))
+    }
+}
+
+type Create = unsafe extern "system" fn(u64, *const c_void, *const c_void, *mut u64) -> vk::Result;
+type Destroy = unsafe extern "system" fn(u64, u64, *const c_void);
+type CreatePipelines =
+    unsafe extern "system" fn(u64, u64, u32, *const c_void, *const c_void, *mut u64) -> vk::Result;
+
+fn count(result: vk::Result, made: u32) -> vk::Result {
+    if result == vk::Result::SUCCESS {
+        ALIVE.fetch_add(made as i64, Relaxed);
+        MADE.fetch_add(made as u64, Relaxed);
+    }
+    result
+}
+
+macro_rules! counted {
+    ($($create:ident $destroy:ident;)*) => {
+        #[allow(non_snake_case, reason = "names of Vulkan")]
+        mod of {
+            use super::*;
+            $(
+                pub mod $create {
+                    use super::*;
+                    pub static CREATE: Real = Real::new();
+                    pub static DESTROY: Real = Real::new();
+                    pub unsafe extern "system" fn create(
+                        device: u64,
+                        info: *const c_void,
+                        callbacks: *const c_void,
+                        out: *mut u64,
+                    ) -> vk::Result {
+                        // SAFETY: as the caller ensures.
+                        count(unsafe { CREATE.get::<Create>()(device, info, callbacks, out) }, 1)
+                    }
+                    pub unsafe extern "system" fn destroy(
+                        device: u64,
+                        object: u64,
+                        callbacks: *const c_void,
+                    ) {
+                        ALIVE.fetch_sub((object != 0) as i64, Relaxed);
+                        // SAFETY: as the caller ensures.
+                        unsafe { DESTROY.get::<Destroy>()(device, object, callbacks) }
+                    }
+                }
+            )*
+        }
+
+        /// Returns the counted function of this name.
+        ///
+        /// # Safety
+        /// `found` is that function.
+        unsafe fn counted(
+            name: &str,
+            found: unsafe extern "system" fn(),
+        ) -> Option<unsafe extern "system" fn()> {
+            // SAFETY: functions of these names have these types.
+            unsafe {
+                $(
+                    if name == stringify!($create) {
+                        of::$create::CREATE.set(found);
+                        return Some(std::mem::transmute::<Create, unsafe extern "system" fn()>(
+                            of::$create::create,
+                        ));
+                    }
+                    if name == stringify!($destroy) {
+                        of::$create::DESTROY.set(found);
+                        return Some(std::mem::transmute::<Destroy, unsafe extern "system" fn()>(
+                            of::$create::destroy,
+                        ));
+                    }
+                )*
+            }
+            None
+        }
+    };
+}
+
+counted! {
+    vkCreateBuffer vkDestroyBuffer;
+    vkCreateBufferView vkDestroyBufferView;
+    vkCreateImage vkDestroyImage;
+    vkCreateImageView vkDestroyImageView;
+    vkAllocateMemory vkFreeMemory;
+    vkCreateFence vkDestroyFence;
+    vkCreateSemaphore vkDestroySemaphore;
+    vkCreateCommandPool vkDestroyCommandPool;
+    vkCreateQueryPool vkDestroyQueryPool;
+    vkCreateDescriptorPool vkDestroyDescriptorPool;
+    vkCreateDescriptorSetLayout vkDestroyDescriptorSetLayout;
+    vkCreatePipelineLayout vkDestroyPipelineLayout;
+    vkCreateShaderModule vkDestroyShaderModule;
+    vkCreatePipelineCache vkDestroyPipelineCache;
+}
+
+macro_rules! counted_pipelines {
+    ($($name:ident $place:ident $function:ident;)*) => {
+        $(
+            static $place: Real = Real::new();
+            unsafe extern "system" fn $function(
+                device: u64,
+                cache: u64,
+                infos: u32,
+                info: *const c_void,
+                callbacks: *const c_void,
+                out: *mut u64,
+            ) -> vk::Result {
+                // SAFETY: as the caller ensures.
+                let result = unsafe {
+                    $place.get::<CreatePipelines>()(device, cache, infos, info, callbacks, out)
+                };
+                count(result, infos)
+            }
+        )*
+
+        /// # Safety
+        /// As for [`counted`].
+        unsafe fn counted_pipelines(
+            name: &str,
+            found: unsafe extern "system" fn(),
+        ) -> Option<unsafe extern "system" fn()> {
+            // SAFETY: functions of these names have this type.
+            unsafe {
+                $(
+                    if name == stringify!($name) {
+                        $place.set(found);
+                        return Some(
+                            std::mem::transmute::<CreatePipelines, unsafe extern "system" fn()>(
+                                $function,
+                            ),
+                        );
+                    }
+                )*
+            }
+            None
+        }
+    };
+}
+
+counted_pipelines! {
+    vkCreateGraphicsPipelines GRAPHICS graphics;
+    vkCreateComputePipelines COMPUTE compute;
+}
+
+static DESTROY_PIPELINE: Real = Real::new();
+
+unsafe extern "system" fn destroy_pipeline(device: u64, object: u64, callbacks: *const c_void) {
+    ALIVE.fetch_sub((object != 0) as i64, Relaxed);
+    // SAFETY: as the caller ensures.
+    unsafe { DESTROY_PIPELINE.get::<Destroy>()(device, object, callbacks) }
+}
+
+unsafe extern "system" fn counted_device_function(
+    device: vk::Device,
+    name: *const c_char,
+) -> vk::PFN_vkVoidFunction {
+    // SAFETY: as the caller ensures.
+    unsafe {
+        let found = DEVICE_FUNCTION.get::<vk::PFN_vkGetDeviceProcAddr>()(device, name)?;
+        let name = CStr::from_ptr(name).to_str().unwrap_or_default();
+        debug_assert!(device.as_raw() != 0);
+        if name == "vkDestroyPipeline" {
+            DESTROY_PIPELINE.set(found);
+            return Some(std::mem::transmute::<Destroy, unsafe extern "system" fn()>(
+                destroy_pipeline,
+            ));
+        }
+        counted(name, found).or_else(|| counted_pipelines(name, found)).or(Some(found))
+    }
+}
