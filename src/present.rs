@@ -105,7 +105,7 @@ impl Present {
         let display = Display::connect(&window)?;
         let surface = display.surface(device, &window)?;
         let mut present = Present {
-            device: device.raw.clone(),
+            device: (*device.raw).clone(),
             swapchains: khr::swapchain::Device::new(&device.instance, &device.raw),
             format: vk::SurfaceFormatKHR::default(),
             surfaces,

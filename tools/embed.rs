@@ -193,6 +193,7 @@ impl Vulkan {
             queue_family: 0,
             has_int64_atomics: false,
             has_debug_utils: false,
+            allocation_callbacks: std::ptr::null(),
         }
     }
 

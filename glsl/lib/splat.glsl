@@ -34,8 +34,10 @@ void main() {
     if (!(z > 0.0) || isinf(z)) return;
     uint node = imageLoad(index, at).r >> POINTS_PER_PAGE_LOG2;
     float scale = PERSPECTIVE ? push.px_per_m / z : push.px_per_m;
-    float m = push.cover > 0.0 ? push.cover * spacings.spacing[node] : push.metres;
-    float radius = clamp(m > 0.0 ? m * scale : push.pixels, 0.5, push.largest);
+    // A point lies up to half a pixel beside the centre of its own.
+    float radius = push.cover > 0.0 ? push.cover * spacings.spacing[node] * scale + 0.5
+        : push.metres > 0.0 ? push.metres * scale : push.pixels;
+    radius = clamp(radius, 0.5, push.largest);
     float square = radius * radius;
     float bulge = push.bulge * radius / (scale * square);
     int reach = int(radius);

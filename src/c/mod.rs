@@ -66,6 +66,9 @@ pub struct PointillistHost {
     pub memory_budget: u64,
     /// Most points drawn of an index; 0 is automatic.
     pub point_budget: u64,
+    /// VkAllocationCallbacks for the CPU memory of all objects that are made here, on any thread, or
+    /// null. They are copied. Device memory is allocated without them.
+    pub allocation_callbacks: *const c_void,
 }
 
 /// How an image was used, or will be: Vulkan's numbers.
@@ -348,6 +351,7 @@ pub extern "C" fn pointillist_host_default() -> PointillistHost {
         has_debug_utils: false,
         memory_budget: 0,
         point_budget: 0,
+        allocation_callbacks: std::ptr::null(),
     }
 }
 
@@ -481,6 +485,7 @@ pub unsafe extern "C" fn pointillist_new(
                 queue_family: host.queue_family,
                 has_int64_atomics: host.has_int64_atomics,
                 has_debug_utils: host.has_debug_utils,
+                allocation_callbacks: host.allocation_callbacks,
             };
             let renderer = Renderer::new(&host, options)?;
             *out = Box::into_raw(Box::new(PointillistRenderer { renderer }));

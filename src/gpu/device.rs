@@ -4,8 +4,8 @@
 //! CPU. An error names the missing features. Validation enables core and synchronization checks;
 //! their messages are collected and turned into errors of the submission that caused them.
 
-use super::failed;
 use super::requirements::{self, Features};
+use super::{LogicalDevice, failed};
 use crate::error::{Error, Result};
 use ash::{ext, khr, vk};
 use std::ffi::{CStr, c_char, c_void};
@@ -43,7 +43,7 @@ pub struct Device {
     pub entry: ash::Entry,
     pub instance: ash::Instance,
     pub physical: vk::PhysicalDevice,
-    pub raw: ash::Device,
+    pub raw: LogicalDevice,
     /// `None` for a host's device: nothing is submitted to it, and it is not destroyed here.
     pub queue: Option<vk::Queue>,
     pub family: u32,
@@ -80,6 +80,7 @@ pub struct HostDevice {
     pub queue_family: u32,
     pub has_int64_atomics: bool,
     pub has_debug_utils: bool,
+    pub allocation_callbacks: Option<vk::AllocationCallbacks<'static>>,
     pub overrides: TestOverrides,
 }
 
@@ -129,6 +130,7 @@ impl Device {
             Error::Device("the device has no queue for compute and graphics".to_string())
         })?;
         let raw = open_device(&instance, physical, family, int64_atomics, options.window)?;
+        let raw = LogicalDevice::new(raw, None);
         // SAFETY: `open_device` requested this family and its queue 0.
         let queue = unsafe { raw.get_device_queue(family, 0) };
         let labels = debug.as_ref().map(|_| ext::debug_utils::Device::new(&instance, &raw));
@@ -155,6 +157,7 @@ impl Device {
             });
             let instance = ash::Instance::load(entry.static_fn(), host.instance);
             let raw = ash::Device::load(instance.fp_v1_0(), host.device);
+            let raw = LogicalDevice::new(raw, host.allocation_callbacks);
             (entry, instance, raw)
         };
         let physical = host.physical_device;
@@ -175,7 +178,7 @@ impl Device {
         entry: ash::Entry,
         instance: ash::Instance,
         physical: vk::PhysicalDevice,
-        raw: ash::Device,
+        raw: LogicalDevice,
         family: u32,
     ) -> Device {
         // SAFETY: plain queries of a live instance.

@@ -1,7 +1,7 @@
 //! Compute pipelines from SPIR-V and its reflected bindings, one for each set of specialisation
 //! constants.
 
-use super::{Device, failed};
+use super::{Device, LogicalDevice, failed};
 use crate::error::Result;
 use ash::vk;
 use std::collections::HashMap;
@@ -78,7 +78,7 @@ pub struct Kernel {
 
 /// Cache of kernels by shader and specialisation constants.
 pub struct Kernels {
-    device: ash::Device,
+    device: LogicalDevice,
     made: HashMap<(&'static str, Constants), Kernel>,
 }
 
@@ -110,9 +110,10 @@ impl Drop for Kernels {
         for kernel in self.made.values() {
             // SAFETY: every submission has been waited for, so no kernel is in use.
             unsafe {
-                self.device.destroy_pipeline(kernel.pipeline, None);
-                self.device.destroy_pipeline_layout(kernel.layout, None);
-                self.device.destroy_descriptor_set_layout(kernel.set_layout, None);
+                self.device.destroy_pipeline(kernel.pipeline, self.device.callbacks());
+                self.device.destroy_pipeline_layout(kernel.layout, self.device.callbacks());
+                self.device
+                    .destroy_descriptor_set_layout(kernel.set_layout, self.device.callbacks());
             }
         }
     }
@@ -152,7 +153,7 @@ fn make(device: &Device, code: &Code, constants: &[(u32, u32)]) -> Result<Kernel
         let set_layout = raw
             .create_descriptor_set_layout(
                 &vk::DescriptorSetLayoutCreateInfo::default().bindings(&bindings),
-                None,
+                raw.callbacks(),
             )
             .map_err(failed("vkCreateDescriptorSetLayout"))?;
         let set_layouts = [set_layout];
@@ -161,10 +162,13 @@ fn make(device: &Device, code: &Code, constants: &[(u32, u32)]) -> Result<Kernel
             layout_info = layout_info.push_constant_ranges(&push);
         }
         let layout = raw
-            .create_pipeline_layout(&layout_info, None)
+            .create_pipeline_layout(&layout_info, raw.callbacks())
             .map_err(failed("vkCreatePipelineLayout"))?;
         let module = raw
-            .create_shader_module(&vk::ShaderModuleCreateInfo::default().code(&code.words()), None)
+            .create_shader_module(
+                &vk::ShaderModuleCreateInfo::default().code(&code.words()),
+                raw.callbacks(),
+            )
             .map_err(failed("vkCreateShaderModule"))?;
         let stage = vk::PipelineShaderStageCreateInfo::default()
             .stage(vk::ShaderStageFlags::COMPUTE)
@@ -172,8 +176,9 @@ fn make(device: &Device, code: &Code, constants: &[(u32, u32)]) -> Result<Kernel
             .name(c"main")
             .specialization_info(&specialization);
         let info = vk::ComputePipelineCreateInfo::default().stage(stage).layout(layout);
-        let pipeline = raw.create_compute_pipelines(vk::PipelineCache::null(), &[info], None);
-        raw.destroy_shader_module(module, None);
+        let pipeline =
+            raw.create_compute_pipelines(vk::PipelineCache::null(), &[info], raw.callbacks());
+        raw.destroy_shader_module(module, raw.callbacks());
         let pipeline =
             pipeline.map_err(|(_, code)| code).map_err(failed("vkCreateComputePipelines"))?[0];
         device.name(pipeline, code.name);

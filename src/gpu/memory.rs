@@ -6,7 +6,7 @@
 //! the same size. Touching fresh pages costs seconds per GiB on a software device, and allocations
 //! are slow on every other.
 
-use super::{Device, failed};
+use super::{Device, LogicalDevice, failed};
 use crate::error::{Error, Result};
 use ash::vk;
 use gpu_allocator::MemoryLocation;
@@ -284,20 +284,20 @@ enum Freed {
 pub struct BlockParts {
     requirements: MemoryRequirements,
     allocation: Allocation,
-    images: HashMap<(ImageDesc, u64), RawImage>,
-    buffers: HashMap<(BufferDesc, u64), (vk::Buffer, Texels)>,
+    /// Each with the value of `blocks_asked` when it was last used.
+    images: HashMap<(ImageDesc, u64), (RawImage, u64)>,
+    /// Likewise.
+    buffers: HashMap<(BufferDesc, u64), (vk::Buffer, Texels, u64)>,
     /// Value of `blocks_asked` when it was recycled.
     recycled_at: u64,
 }
 
-/// Requests after which an unused block is freed: a picture or window was larger once.
-const MAX_BLOCK_AGE: u64 = 64;
+/// Requests for blocks after which what is unused is freed: blocks, images and buffers within them,
+/// and recycled buffers. A picture or window had another size once.
+const MAX_AGE: u64 = 64;
 /// Largest ratio of a block's size to the requested one; larger blocks are left for larger
 /// requests.
 const MAX_OVERSIZE: u64 = 4;
-/// Most images and buffers of a block: more than a few plans have, and a bound for windows that
-/// change size.
-const MAX_PLACED: usize = 4096;
 
 /// A buffer that outlives the frame, with the cache key of its contents and the number of completed
 /// steps; `None` until a frame has filled it.
@@ -311,7 +311,8 @@ pub struct Memory {
     allocator: ManuallyDrop<Allocator>,
     /// Dropped objects; they arrive from any thread.
     freed: (Sender<Freed>, Receiver<Freed>),
-    buffers: HashMap<BufferDesc, Vec<BufferParts>>,
+    /// Recycled buffers, each with the value of `blocks_asked` when it was recycled.
+    buffers: HashMap<BufferDesc, Vec<(BufferParts, u64)>>,
     blocks: Vec<BlockParts>,
     /// Buffers to destroy when nothing is in flight.
     destroyed: Vec<BufferParts>,
@@ -319,7 +320,7 @@ pub struct Memory {
     image_requirements: HashMap<ImageDesc, MemoryRequirements>,
     buffer_requirements: HashMap<u64, MemoryRequirements>,
     persistent: HashMap<String, PersistentBuffer>,
-    device: ash::Device,
+    device: LogicalDevice,
     /// Whether images may be presented; those of a host's frames are recycled when it is done.
     presents: bool,
     /// Bytes allocated, in use or recycled.
@@ -331,7 +332,7 @@ impl Memory {
     pub fn new(device: &Device) -> Result<Memory> {
         let allocator = Allocator::new(&AllocatorCreateDesc {
             instance: device.instance.clone(),
-            device: device.raw.clone(),
+            device: (*device.raw).clone(),
             physical_device: device.physical,
             debug_settings: Default::default(),
             buffer_device_address: true,
@@ -357,7 +358,7 @@ impl Memory {
 
     pub fn buffer(&mut self, device: &Device, desc: BufferDesc, name: &str) -> Result<RawBuffer> {
         self.collect();
-        if let Some(parts) = self.buffers.get_mut(&desc).and_then(Vec::pop) {
+        if let Some((parts, _)) = self.buffers.get_mut(&desc).and_then(Vec::pop) {
             device.name(parts.raw, name);
             return Ok(self.owned_buffer(parts));
         }
@@ -365,7 +366,7 @@ impl Memory {
         let (raw, requirements) = unsafe {
             let raw = self
                 .device
-                .create_buffer(&buffer_info(desc.bytes), None)
+                .create_buffer(&buffer_info(desc.bytes), device.raw.callbacks())
                 .map_err(failed("vkCreateBuffer"))?;
             (raw, self.device.get_buffer_memory_requirements(raw))
         };
@@ -376,7 +377,7 @@ impl Memory {
         };
         let allocation = self.allocate(name, requirements, location, true).inspect_err(|_| {
             // SAFETY: the buffer has not been returned yet.
-            unsafe { self.device.destroy_buffer(raw, None) }
+            unsafe { self.device.destroy_buffer(raw, self.device.callbacks()) }
         })?;
         // SAFETY: see above; the address is queried after binding.
         let address = unsafe {
@@ -407,14 +408,14 @@ impl Memory {
     fn collect(&mut self) {
         while let Ok(freed) = self.freed.1.try_recv() {
             match freed {
-                Freed::Buffer(parts) => self.buffers.entry(parts.desc).or_default().push(parts),
+                Freed::Buffer(parts) => {
+                    let recycled = (parts, self.blocks_asked);
+                    self.buffers.entry(recycled.0.desc).or_default().push(recycled);
+                }
                 Freed::DestroyedBuffer(parts) => self.destroyed.push(parts),
                 Freed::Block(mut block) => {
-                    if block.images.len() + block.buffers.len() > MAX_PLACED {
-                        self.wait_for_presentation();
-                        self.empty(&mut block);
-                    }
                     let recycled_at = self.blocks_asked;
+                    self.empty(&mut block, recycled_at.saturating_sub(MAX_AGE));
                     self.blocks.push(BlockParts { recycled_at, ..block });
                 }
             }
@@ -462,7 +463,8 @@ impl Memory {
             vk::BufferViewCreateInfo::default().buffer(buffer).format(format).range(texels * texel);
         // SAFETY: the buffer has memory and STORAGE_TEXEL_BUFFER usage; both formats are mandatory
         // for it.
-        unsafe { self.device.create_buffer_view(&view, None) }.map_err(failed("vkCreateBufferView"))
+        unsafe { self.device.create_buffer_view(&view, self.device.callbacks()) }
+            .map_err(failed("vkCreateBufferView"))
     }
 
     /// Returns the memory requirements of an image.
@@ -502,12 +504,16 @@ impl Memory {
         self.collect();
         self.blocks_asked += 1;
         let asked = self.blocks_asked;
-        let (old, kept) = std::mem::take(&mut self.blocks)
-            .into_iter()
-            .partition(|block: &BlockParts| block.recycled_at + MAX_BLOCK_AGE < asked);
-        self.blocks = kept;
-        let old: Vec<BlockParts> = old;
+        let is_old = |recycled_at: u64| recycled_at + MAX_AGE < asked;
+        let old: Vec<BlockParts> =
+            self.blocks.extract_if(.., |block| is_old(block.recycled_at)).collect();
         old.into_iter().for_each(|block| self.destroy_block(block));
+        let of_size = self.buffers.values_mut();
+        let old: Vec<_> = of_size
+            .flat_map(|recycled| recycled.extract_if(.., |(_, recycled_at)| is_old(*recycled_at)))
+            .collect();
+        old.into_iter().for_each(|(buffer, _)| self.destroy_buffer(buffer));
+        self.buffers.retain(|_, recycled| !recycled.is_empty());
 
         let alike = |block: &BlockParts| {
             block.requirements.types == wanted.types && block.requirements.align >= wanted.align
@@ -554,12 +560,13 @@ impl Memory {
         desc: ImageDesc,
         name: &str,
     ) -> Result<RawImage> {
-        if let Some(image) = block.images.get(&(desc, at)) {
+        if let Some((image, used)) = block.images.get_mut(&(desc, at)) {
+            *used = self.blocks_asked;
             device.name(image.raw, name);
             return Ok(*image);
         }
         // SAFETY: a plain creation on a live device; memory is bound before the image is returned.
-        let raw = unsafe { self.device.create_image(&image_info(desc), None) }
+        let raw = unsafe { self.device.create_image(&image_info(desc), self.device.callbacks()) }
             .map_err(failed("vkCreateImage"))?;
         let view_info = vk::ImageViewCreateInfo::default()
             .image(raw)
@@ -574,14 +581,16 @@ impl Memory {
                 .bind_image_memory(raw, block.allocation.memory(), block.allocation.offset() + at)
                 .map_err(failed("vkBindImageMemory")))
             .and_then(|()| {
-                self.device.create_image_view(&view_info, None).map_err(failed("vkCreateImageView"))
+                self.device
+                    .create_image_view(&view_info, self.device.callbacks())
+                    .map_err(failed("vkCreateImageView"))
             })
-            .inspect_err(|_| self.device.destroy_image(raw, None))?
+            .inspect_err(|_| self.device.destroy_image(raw, self.device.callbacks()))?
         };
         device.name(raw, name);
         device.name(view, name);
         let image = RawImage { raw, view, desc };
-        block.images.insert((desc, at), image);
+        block.images.insert((desc, at), (image, self.blocks_asked));
         Ok(image)
     }
 
@@ -607,13 +616,16 @@ impl Memory {
         desc: BufferDesc,
         name: &str,
     ) -> Result<(vk::Buffer, Texels)> {
-        if let Some(&(raw, texels)) = block.buffers.get(&(desc, at)) {
+        if let Some((raw, texels, used)) = block.buffers.get_mut(&(desc, at)) {
+            *used = self.blocks_asked;
+            let (raw, texels) = (*raw, *texels);
             device.name(raw, name);
             return Ok((raw, texels));
         }
         // SAFETY: as in `image`.
-        let raw = unsafe { self.device.create_buffer(&buffer_info(desc.bytes), None) }
-            .map_err(failed("vkCreateBuffer"))?;
+        let raw =
+            unsafe { self.device.create_buffer(&buffer_info(desc.bytes), self.device.callbacks()) }
+                .map_err(failed("vkCreateBuffer"))?;
         // SAFETY: the block has room there, as its owner ensures.
         let texels = unsafe {
             self.device.bind_buffer_memory(
@@ -625,9 +637,9 @@ impl Memory {
         .map_err(failed("vkBindBufferMemory"))
         .and_then(|()| self.texels(device, raw, desc.bytes))
         // SAFETY: the buffer has not been returned yet.
-        .inspect_err(|_| unsafe { self.device.destroy_buffer(raw, None) })?;
+        .inspect_err(|_| unsafe { self.device.destroy_buffer(raw, self.device.callbacks()) })?;
         device.name(raw, name);
-        block.buffers.insert((desc, at), (raw, texels));
+        block.buffers.insert((desc, at), (raw, texels, self.blocks_asked));
         Ok((raw, texels))
     }
 
@@ -639,23 +651,27 @@ impl Memory {
         }
     }
 
-    fn empty(&self, block: &mut BlockParts) {
+    /// Destroys what a block holds and was last used before `since`.
+    fn empty(&self, block: &mut BlockParts, since: u64) {
+        let images: Vec<_> = block.images.extract_if(|_, (_, used)| *used < since).collect();
+        let buffers: Vec<_> = block.buffers.extract_if(|_, (.., used)| *used < since).collect();
+        if !images.is_empty() || !buffers.is_empty() {
+            self.wait_for_presentation();
+        }
         // SAFETY: only the caller has the block, and it is done with it.
         unsafe {
-            for (_, image) in block.images.drain() {
-                self.device.destroy_image_view(image.view, None);
-                self.device.destroy_image(image.raw, None);
+            for (_, (image, _)) in images {
+                self.device.destroy_image_view(image.view, self.device.callbacks());
+                self.device.destroy_image(image.raw, self.device.callbacks());
             }
-            block
-                .buffers
-                .drain()
-                .for_each(|(_, (buffer, texels))| self.destroy_with_views(buffer, texels));
+            for (_, (buffer, texels, _)) in buffers {
+                self.destroy_with_views(buffer, texels);
+            }
         }
     }
 
     fn destroy_block(&mut self, mut block: BlockParts) {
-        self.wait_for_presentation();
-        self.empty(&mut block);
+        self.empty(&mut block, u64::MAX);
         self.free(block.allocation);
     }
 
@@ -723,9 +739,9 @@ impl Memory {
     unsafe fn destroy_with_views(&self, buffer: vk::Buffer, texels: Texels) {
         // SAFETY: as the caller ensures.
         unsafe {
-            self.device.destroy_buffer_view(texels.words, None);
-            self.device.destroy_buffer_view(texels.fours, None);
-            self.device.destroy_buffer(buffer, None);
+            self.device.destroy_buffer_view(texels.words, self.device.callbacks());
+            self.device.destroy_buffer_view(texels.fours, self.device.callbacks());
+            self.device.destroy_buffer(buffer, self.device.callbacks());
         }
     }
 
@@ -764,7 +780,7 @@ impl Drop for Memory {
         self.alive.close(|| ());
         self.persistent.clear();
         self.destroy_now();
-        for buffer in std::mem::take(&mut self.buffers).into_values().flatten() {
+        for (buffer, _) in std::mem::take(&mut self.buffers).into_values().flatten() {
             self.destroy_buffer(buffer);
         }
         for block in std::mem::take(&mut self.blocks) {

@@ -1,13 +1,15 @@
 //! Vulkan objects, independent of points.
 //!
-//! `device` finds and opens a device, or uses a host's; `requirements` lists what it must have; `memory` creates named buffers and images and recycles freed
-//! ones; `kernel` creates compute pipelines and `raster` graphics pipelines; `timeline` wraps a
+//! `device` finds and opens a device, or uses a host's; `logical_device` has its functions;
+//! `requirements` lists what it must have; `memory` creates named buffers and images and recycles
+//! freed ones; `kernel` creates compute pipelines and `raster` graphics pipelines; `timeline` wraps a
 //! timeline semaphore; `timing` reads timestamps; `breadcrumbs` names the pass that was running
 //! when a device was lost.
 
 pub mod breadcrumbs;
 pub mod device;
 pub mod kernel;
+pub mod logical_device;
 pub mod memory;
 pub mod raster;
 pub mod requirements;
@@ -16,6 +18,7 @@ pub mod timing;
 
 pub use device::{Device, DeviceOptions, HostDevice, TestOverrides};
 pub use kernel::{Access, Binding, Code, Kind};
+pub use logical_device::LogicalDevice;
 pub use memory::{BufferDesc, ImageDesc, Memory, MemoryRequirements, Place};
 
 use crate::error::Error;

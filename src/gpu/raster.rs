@@ -7,7 +7,7 @@
 
 use super::kernel::{Code, Constants, descriptor_type};
 use super::memory::RawImage;
-use super::{Device, failed};
+use super::{Device, LogicalDevice, failed};
 use crate::error::Result;
 use ash::vk;
 use std::collections::HashMap;
@@ -77,7 +77,7 @@ pub struct Pipeline {
 
 /// Cache of pipelines by shader, specialisation constants, primitives and target.
 pub struct Rasters {
-    device: ash::Device,
+    device: LogicalDevice,
     made: HashMap<(&'static str, Constants, Primitives, Target), Pipeline>,
 }
 
@@ -101,11 +101,11 @@ impl Drop for Rasters {
         for made in self.made.values() {
             // SAFETY: every submission has been waited for.
             unsafe {
-                self.device.destroy_pipeline(made.pipeline, None);
-                self.device.destroy_pipeline_layout(made.layout, None);
-                made.set_layouts
-                    .into_iter()
-                    .for_each(|layout| self.device.destroy_descriptor_set_layout(layout, None));
+                self.device.destroy_pipeline(made.pipeline, self.device.callbacks());
+                self.device.destroy_pipeline_layout(made.layout, self.device.callbacks());
+                made.set_layouts.into_iter().for_each(|layout| {
+                    self.device.destroy_descriptor_set_layout(layout, self.device.callbacks())
+                });
             }
         }
     }
@@ -167,7 +167,7 @@ pub fn record(
 
 /// Makes the layout of a stage's descriptor set.
 pub fn set_layout(
-    device: &ash::Device,
+    device: &LogicalDevice,
     code: &Code,
     stage_flags: vk::ShaderStageFlags,
 ) -> Result<vk::DescriptorSetLayout> {
@@ -181,7 +181,7 @@ pub fn set_layout(
     let bindings: Vec<_> = code.bindings.iter().map(binding).collect();
     let info = vk::DescriptorSetLayoutCreateInfo::default().bindings(&bindings);
     // SAFETY: a plain creation on a live device.
-    unsafe { device.create_descriptor_set_layout(&info, None) }
+    unsafe { device.create_descriptor_set_layout(&info, device.callbacks()) }
         .map_err(failed("vkCreateDescriptorSetLayout"))
 }
 
@@ -266,13 +266,13 @@ fn make(device: &Device, draw: &Draw, target: Target) -> Result<Pipeline> {
                 &vk::PipelineLayoutCreateInfo::default()
                     .set_layouts(&set_layouts)
                     .push_constant_ranges(&push),
-                None,
+                raw.callbacks(),
             )
             .map_err(failed("vkCreatePipelineLayout"))?;
         let module = |code: &Code| {
             raw.create_shader_module(
                 &vk::ShaderModuleCreateInfo::default().code(&code.words()),
-                None,
+                raw.callbacks(),
             )
             .map_err(failed("vkCreateShaderModule"))
         };
@@ -298,8 +298,9 @@ fn make(device: &Device, draw: &Draw, target: Target) -> Result<Pipeline> {
             .dynamic_state(&dynamic)
             .layout(layout)
             .push_next(&mut rendering);
-        let pipeline = raw.create_graphics_pipelines(vk::PipelineCache::null(), &[info], None);
-        modules.into_iter().for_each(|module| raw.destroy_shader_module(module, None));
+        let pipeline =
+            raw.create_graphics_pipelines(vk::PipelineCache::null(), &[info], raw.callbacks());
+        modules.into_iter().for_each(|module| raw.destroy_shader_module(module, raw.callbacks()));
         let pipeline =
             pipeline.map_err(|(_, code)| code).map_err(failed("vkCreateGraphicsPipelines"))?[0];
         device.name(pipeline, draw.stages[0].name);

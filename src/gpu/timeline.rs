@@ -1,7 +1,7 @@
 //! A counter that threads and the device raise and read: a timeline semaphore.
 
 use super::memory::LifetimeGuard;
-use super::{Device, failed};
+use super::{Device, LogicalDevice, failed};
 use crate::error::Result;
 use ash::vk;
 use std::sync::Mutex;
@@ -9,7 +9,7 @@ use std::sync::Mutex;
 /// A timeline semaphore. Any thread may raise it, even after the device is gone.
 pub struct Timeline {
     pub raw: vk::Semaphore,
-    device: ash::Device,
+    device: LogicalDevice,
     alive: LifetimeGuard,
     // Held during both calls: the validation layers (1.3.239) stall for ten seconds when a value is
     // read while it is being raised.
@@ -23,7 +23,7 @@ impl Timeline {
         let info = vk::SemaphoreCreateInfo::default().push_next(&mut kind);
         // SAFETY: a plain creation on a live device, which has timeline semaphores (`device`
         // requires them).
-        let raw = unsafe { device.raw.create_semaphore(&info, None) }
+        let raw = unsafe { device.raw.create_semaphore(&info, device.raw.callbacks()) }
             .map_err(failed("vkCreateSemaphore"))?;
         device.name(raw, name);
         Ok(Timeline { raw, device: device.raw.clone(), alive: alive.child(), call: Mutex::new(()) })
@@ -33,7 +33,8 @@ impl Timeline {
     /// it must have been waited for.
     pub fn end(&self) {
         // SAFETY: the device is alive, no thread uses the semaphore, and it is destroyed once.
-        self.alive.close(|| unsafe { self.device.destroy_semaphore(self.raw, None) });
+        self.alive
+            .close(|| unsafe { self.device.destroy_semaphore(self.raw, self.device.callbacks()) });
     }
 
     /// Raises the counter; values must grow.

@@ -1,12 +1,12 @@
 //! GPU timestamps: one pair per pass, read as milliseconds.
 
-use super::{Device, failed};
+use super::{Device, LogicalDevice, failed};
 use crate::error::Result;
 use ash::vk;
 
 /// Timestamps of one submission.
 pub struct Timing {
-    device: ash::Device,
+    device: LogicalDevice,
     pool: vk::QueryPool,
     passes: u32,
     nanoseconds_per_tick: f64,
@@ -18,7 +18,7 @@ impl Timing {
             .query_type(vk::QueryType::TIMESTAMP)
             .query_count(2 * passes.max(1));
         // SAFETY: a plain creation on a live device.
-        let pool = unsafe { device.raw.create_query_pool(&info, None) }
+        let pool = unsafe { device.raw.create_query_pool(&info, device.raw.callbacks()) }
             .map_err(failed("vkCreateQueryPool"))?;
         device.name(pool, "timing");
         Ok(Timing {
@@ -68,6 +68,6 @@ impl Timing {
 impl Drop for Timing {
     fn drop(&mut self) {
         // SAFETY: the submission that used the pool has been waited for.
-        unsafe { self.device.destroy_query_pool(self.pool, None) };
+        unsafe { self.device.destroy_query_pool(self.pool, self.device.callbacks()) };
     }
 }

@@ -14,7 +14,7 @@ use crate::gpu::breadcrumbs::Breadcrumbs;
 use crate::gpu::kernel::descriptor_type;
 use crate::gpu::memory::{Block, RawBuffer, RawImage, Texels};
 use crate::gpu::timing::Timing;
-use crate::gpu::{failed, raster};
+use crate::gpu::{LogicalDevice, failed, raster};
 use ash::vk;
 use std::collections::HashMap;
 
@@ -413,7 +413,7 @@ fn barrier<'a>(
 
 /// Records passes into a command buffer, with descriptors from a pool of its own.
 struct Recorder {
-    device: ash::Device,
+    device: LogicalDevice,
     commands: vk::CommandBuffer,
     descriptors: vk::DescriptorPool,
 }
@@ -421,7 +421,7 @@ struct Recorder {
 impl Drop for Recorder {
     fn drop(&mut self) {
         // SAFETY: the commands have been completed, or were never submitted.
-        unsafe { self.device.destroy_descriptor_pool(self.descriptors, None) };
+        unsafe { self.device.destroy_descriptor_pool(self.descriptors, self.device.callbacks()) };
     }
 }
 
@@ -454,7 +454,7 @@ impl Recorder {
         ];
         let info = vk::DescriptorPoolCreateInfo::default().max_sets(sets.max(1)).pool_sizes(&sizes);
         // SAFETY: a plain creation on a live device, destroyed in `drop`.
-        let descriptors = unsafe { device.create_descriptor_pool(&info, None) }
+        let descriptors = unsafe { device.create_descriptor_pool(&info, device.callbacks()) }
             .map_err(failed("vkCreateDescriptorPool"))?;
         Ok(Recorder { device, commands, descriptors })
     }

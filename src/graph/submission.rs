@@ -3,13 +3,13 @@
 use super::Gpu;
 use crate::error::Result;
 use crate::gpu::breadcrumbs::Breadcrumbs;
-use crate::gpu::failed;
+use crate::gpu::{LogicalDevice, failed};
 use ash::vk;
 use std::cell::Cell;
 
 /// A submission of ours: command buffer and fence.
 pub(super) struct Submission {
-    device: ash::Device,
+    device: LogicalDevice,
     command_pool: vk::CommandPool,
     pub commands: vk::CommandBuffer,
     fence: vk::Fence,
@@ -25,7 +25,7 @@ impl Submission {
         // SAFETY: plain creations on a live device, destroyed in `drop`.
         unsafe {
             let command_pool = device
-                .create_command_pool(&pool_info, None)
+                .create_command_pool(&pool_info, device.callbacks())
                 .map_err(failed("vkCreateCommandPool"))?;
             let commands = device
                 .allocate_command_buffers(
@@ -35,7 +35,7 @@ impl Submission {
                 )
                 .map_err(failed("vkAllocateCommandBuffers"))?[0];
             let fence = device
-                .create_fence(&vk::FenceCreateInfo::default(), None)
+                .create_fence(&vk::FenceCreateInfo::default(), device.callbacks())
                 .map_err(failed("vkCreateFence"))?;
             Ok(Submission { device, command_pool, commands, fence, in_flight: Cell::new(false) })
         }
@@ -118,8 +118,8 @@ impl Drop for Submission {
             if self.in_flight.get() {
                 let _ = self.device.wait_for_fences(&[self.fence], true, u64::MAX);
             }
-            self.device.destroy_fence(self.fence, None);
-            self.device.destroy_command_pool(self.command_pool, None);
+            self.device.destroy_fence(self.fence, self.device.callbacks());
+            self.device.destroy_command_pool(self.command_pool, self.device.callbacks());
         }
     }
 }

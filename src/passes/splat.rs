@@ -115,7 +115,7 @@ impl super::Settings for Settings {
 
     fn grows_px(&self, spacing_px: f64) -> f64 {
         let by_size = match (self.pixels, self.metres) {
-            (0.0, 0.0) => self.cover * spacing_px,
+            (0.0, 0.0) => self.cover * spacing_px + 0.5,
             (0.0, _) => f64::INFINITY,
             (pixels, _) => 0.5 * pixels,
         };

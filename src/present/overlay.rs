@@ -43,7 +43,7 @@ impl OverlayRenderer {
         let renderer = Renderer::with_default_allocator(
             &device.instance,
             device.physical,
-            device.raw.clone(),
+            (*device.raw).clone(),
             render_mode(format),
             options,
         );

@@ -8,7 +8,7 @@ use crate::error::{Error, Result};
 use crate::gpu::kernel::{Code, descriptor_type};
 use crate::gpu::memory::{RawBuffer, RawImage};
 use crate::gpu::raster::{self, Primitives};
-use crate::gpu::{BufferDesc, Device, Place, failed};
+use crate::gpu::{BufferDesc, Device, LogicalDevice, Place, failed};
 use crate::graph::{Gpu, Raster};
 use crate::passes::encode::Thresholds;
 use crate::shader::{Compose, ComposeLayers, compose, compose_layers};
@@ -166,7 +166,7 @@ pub(super) struct Placement<'p> {
 
 /// Descriptors of a picture.
 pub(super) struct Descriptors {
-    device: ash::Device,
+    device: LogicalDevice,
     pool: vk::DescriptorPool,
     layout: vk::DescriptorSetLayout,
     set: vk::DescriptorSet,
@@ -176,8 +176,8 @@ impl Drop for Descriptors {
     fn drop(&mut self) {
         // SAFETY: the device has completed the frames that show the picture.
         unsafe {
-            self.device.destroy_descriptor_pool(self.pool, None);
-            self.device.destroy_descriptor_set_layout(self.layout, None);
+            self.device.destroy_descriptor_pool(self.pool, self.device.callbacks());
+            self.device.destroy_descriptor_set_layout(self.layout, self.device.callbacks());
         }
     }
 }
@@ -480,7 +480,7 @@ fn descriptors<'b>(
     ];
     let info = vk::DescriptorPoolCreateInfo::default().max_sets(1).pool_sizes(&sizes);
     // SAFETY: a plain creation on a live device.
-    let pool = unsafe { device.create_descriptor_pool(&info, None) }
+    let pool = unsafe { device.create_descriptor_pool(&info, device.callbacks()) }
         .map_err(failed("vkCreateDescriptorPool"))?;
     let set = vk::DescriptorSet::null();
     let mut made = Descriptors { device: device.clone(), pool, layout, set };

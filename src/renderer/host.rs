@@ -25,6 +25,9 @@ pub struct Host {
     pub has_int64_atomics: bool,
     /// Whether the instance has `VK_EXT_debug_utils`; objects and passes then have names.
     pub has_debug_utils: bool,
+    /// Address of `VkAllocationCallbacks` for the CPU memory of all objects that are made here, on
+    /// any thread; null if there are none. They are copied. Device memory is allocated without them.
+    pub allocation_callbacks: *const c_void,
 }
 
 /// A device feature that rendering needs, or uses if it is enabled.
@@ -126,7 +129,7 @@ unsafe fn entry_point(address: *const c_void) -> Result<vk::PFN_vkGetInstancePro
 
 impl Host {
     /// # Safety
-    /// The address is null or that of `vkGetInstanceProcAddr`.
+    /// The addresses are null, or those of `vkGetInstanceProcAddr` and of callbacks.
     pub(super) unsafe fn device(&self, overrides: gpu::TestOverrides) -> Result<gpu::HostDevice> {
         if self.instance == 0 || self.physical_device == 0 || self.device == 0 {
             return Err(Error::Request("a handle of the host is null".into()));
@@ -140,6 +143,10 @@ impl Host {
             queue_family: self.queue_family,
             has_int64_atomics: self.has_int64_atomics,
             has_debug_utils: self.has_debug_utils,
+            // SAFETY: null or valid, as the caller ensures.
+            allocation_callbacks: unsafe {
+                self.allocation_callbacks.cast::<vk::AllocationCallbacks>().as_ref().copied()
+            },
             overrides,
         })
     }

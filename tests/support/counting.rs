@@ -266,3 +266,91 @@ unsafe extern "system" fn counted_device_function(
         counted(name, found).or_else(|| counted_pipelines(name, found)).or(Some(found))
     }
 }
+
+/// Allocation callbacks that count.
+pub struct Callbacks(vk::AllocationCallbacks<'static>);
+
+// SAFETY: the functions are called on any thread.
+unsafe impl Sync for Callbacks {}
+
+impl Callbacks {
+    pub fn address(&self) -> *const c_void {
+        (&raw const self.0).cast()
+    }
+}
+
+pub static CALLBACKS: Callbacks = Callbacks(vk::AllocationCallbacks {
+    p_user_data: std::ptr::null_mut(),
+    pfn_allocation: Some(allocate),
+    pfn_reallocation: Some(reallocate),
+    pfn_free: Some(free),
+    pfn_internal_allocation: None,
+    pfn_internal_free: None,
+    _marker: std::marker::PhantomData,
+});
+
+static ALLOCATED: AtomicI64 = AtomicI64::new(0);
+static ALLOCATIONS: AtomicU64 = AtomicU64::new(0);
+
+/// Returns the allocations of [`CALLBACKS`].
+pub fn allocations() -> Objects {
+    Objects { alive: ALLOCATED.load(Relaxed), made: ALLOCATIONS.load(Relaxed) }
+}
+
+/// Bytes before each allocation, which hold its size and alignment.
+const HEADER: usize = 64;
+
+fn layout(size: usize, align: usize) -> Layout {
+    assert!(align <= HEADER);
+    Layout::from_size_align(size + HEADER, HEADER).unwrap()
+}
+
+unsafe extern "system" fn allocate(
+    _: *mut c_void,
+    size: usize,
+    align: usize,
+    _: vk::SystemAllocationScope,
+) -> *mut c_void {
+    ALLOCATED.fetch_add(1, Relaxed);
+    ALLOCATIONS.fetch_add(1, Relaxed);
+    // SAFETY: the header lies before what is returned.
+    unsafe {
+        let at = std::alloc::alloc(layout(size, align));
+        at.cast::<[usize; 2]>().write([size, align]);
+        at.add(HEADER).cast()
+    }
+}
+
+unsafe extern "system" fn reallocate(
+    data: *mut c_void,
+    old: *mut c_void,
+    size: usize,
+    align: usize,
+    scope: vk::SystemAllocationScope,
+) -> *mut c_void {
+    // SAFETY: `old` is null or from `allocate`.
+    unsafe {
+        let new = if size == 0 { std::ptr::null_mut() } else { allocate(data, size, align, scope) };
+        if !old.is_null() {
+            let [before, _] = old.cast::<u8>().sub(HEADER).cast::<[usize; 2]>().read();
+            if !new.is_null() {
+                std::ptr::copy_nonoverlapping(old.cast::<u8>(), new.cast::<u8>(), before.min(size));
+            }
+            free(data, old);
+        }
+        new
+    }
+}
+
+unsafe extern "system" fn free(_: *mut c_void, at: *mut c_void) {
+    if at.is_null() {
+        return;
+    }
+    ALLOCATED.fetch_sub(1, Relaxed);
+    // SAFETY: from `allocate`.
+    unsafe {
+        let start = at.cast::<u8>().sub(HEADER);
+        let [size, align] = start.cast::<[usize; 2]>().read();
+        std::alloc::dealloc(start, layout(size, align));
+    }
+}

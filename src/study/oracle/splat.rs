@@ -31,14 +31,14 @@ pub fn splats(
     for (source, &z) in depth.iter().enumerate().filter(|(_, z)| **z > 0.0 && z.is_finite()) {
         let z = Bounded::exact(z);
         let scale = if perspective { focal / z } else { focal };
-        let radius_m = match (settings.pixels, settings.metres) {
+        let radius = match (settings.pixels, settings.metres) {
             (0.0, 0.0) => {
-                Some(Bounded::exact(settings.cover as f32) * Bounded::exact(spacing_m(source)))
+                Bounded::exact(settings.cover as f32) * Bounded::exact(spacing_m(source)) * scale
+                    + Bounded::exact(0.5)
             }
-            (0.0, metres) => Some(half(metres)),
-            _ => None,
+            (0.0, metres) => half(metres) * scale,
+            (pixels, _) => half(pixels),
         };
-        let radius = radius_m.map_or(half(settings.pixels), |m| m * scale);
         let radius = radius.max(0.5).min(0.5 * settings.largest as f32 as f64);
         let square = radius * radius;
         let bulge = match settings.shape {

@@ -61,7 +61,7 @@ fn splats_are_those_of_f64_and_both_ways_agree() {
                 }
             }
             println!("{decided} pixels decided, {declined} declined");
-            assert!(declined * 20 < decided, "{declined} of {decided}");
+            assert!(declined * 10 < decided, "{declined} of {decided}");
             pictures
         })
     });
