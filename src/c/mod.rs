@@ -457,9 +457,9 @@ pub unsafe extern "C" fn pointillist_check(
     guarded(error, || unsafe { check(get_instance_proc_addr, instance, physical_device) })
 }
 
-/// Enables what is required in a chain of VkPhysicalDeviceFeatures2,
-/// VkPhysicalDeviceVulkan12Features and VkPhysicalDeviceVulkan13Features; also what is optional, if
-/// the device has it and `optional` is set.
+/// Enables what is required in a chain of VkPhysicalDeviceFeatures2 and structures that follow it:
+/// VkPhysicalDeviceVulkan12Features and VkPhysicalDeviceVulkan13Features, or those of single
+/// features. With `optional`, also what is optional, which the device must have.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn pointillist_enable_features(
     chain: *mut c_void,

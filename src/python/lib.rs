@@ -397,9 +397,11 @@ impl State {
             self.clouds.iter().filter(|entry| entry.visible).map(|entry| entry.id).collect();
         let exposes = picture.settings()?.effects.exposure.switch != Switch::Off;
         let (read, further) = (picture.read_options(false), picture.further());
+        let detail = &picture.detail;
+        let light = detail.shadows.as_ref().map(|_| picture.light.to_string());
         let key = format!(
-            "{visible:?} {read:?} {further:?} {exposes} {:?} {:?} {:?} {}",
-            picture.color, picture.opacity, picture.detail, picture.light
+            "{visible:?} {read:?} {further:?} {exposes} {:?} {:?} {detail:?} {light:?}",
+            picture.color, picture.opacity
         );
         if self.uploaded.as_ref().is_none_or(|uploaded| uploaded.key != key) {
             self.uploaded = None;
