@@ -38,7 +38,7 @@ typedef enum PointillistCloudState {
   POINTILLIST_CLOUD_STATE_FAILED = 3,
 } PointillistCloudState;
 
-// A camera of a preset, as matrices, with reversed depth.
+// Where a camera looks from.
 typedef enum PointillistPreset {
   POINTILLIST_PRESET_TOP = 0,
   POINTILLIST_PRESET_FRONT = 1,
@@ -60,10 +60,10 @@ typedef struct PointillistHost {
   uint64_t device;
   // Family of the command buffers, with graphics and compute.
   uint32_t queue_family;
-  // Whether shaderInt64 and shaderBufferInt64Atomics are enabled.
-  bool has_int64_atomics;
+  // Whether shaderInt64 and shaderBufferInt64Atomics are enabled: 0 or 1, as all of its kind.
+  uint8_t has_int64_atomics;
   // Whether the instance has VK_EXT_debug_utils.
-  bool has_debug_utils;
+  uint8_t has_debug_utils;
   // Device memory for the nodes of each index, in bytes; 0 is the default.
   uint64_t memory_budget;
   // Most points drawn of an index; 0 is automatic.
@@ -99,7 +99,7 @@ typedef struct PointillistTarget {
   // First access afterwards.
   struct PointillistAccess after;
   // Whether the area is cleared first: colour to the background, depth to what is farthest.
-  bool clear;
+  uint8_t clear;
 } PointillistTarget;
 
 // A view: matrices column by column, in Vulkan's clip space, and its area in the targets.
@@ -126,9 +126,9 @@ typedef struct PointillistFrame {
   // Depth that points are hidden by; null if there is none.
   const struct PointillistTarget *depth;
   // Whether points' depth is written.
-  bool writes_depth;
+  uint8_t writes_depth;
   // Whether colours are stored linear instead of encoded.
-  bool linear;
+  uint8_t linear;
   const struct PointillistView *views;
   size_t view_count;
 } PointillistFrame;
@@ -218,7 +218,7 @@ enum PointillistResult pointillist_check(const void *get_instance_proc_addr,
 // VkPhysicalDeviceVulkan12Features and VkPhysicalDeviceVulkan13Features; also what is optional, if
 // the device has it and `optional` is set.
 enum PointillistResult pointillist_enable_features(void *chain,
-                                                   bool optional,
+                                                   uint8_t optional,
                                                    struct PointillistError *error);
 
 // Creates a renderer on the host's device, which must outlive it.
@@ -252,7 +252,7 @@ enum PointillistResult pointillist_remove(struct PointillistRenderer *renderer,
 // Shows or hides a cloud.
 enum PointillistResult pointillist_set_visible(struct PointillistRenderer *renderer,
                                                uint64_t cloud,
-                                               bool visible,
+                                               uint8_t visible,
                                                struct PointillistError *error);
 
 // Moves a cloud: a matrix, column by column, from its coordinates to the host's world.
@@ -274,9 +274,9 @@ enum PointillistResult pointillist_set(struct PointillistRenderer *renderer,
                                        struct PointillistError *error);
 
 // Fills in the matrices of a view, whose width and height are set, so that it frames all clouds
-// that are ready. `near` and `far` are depths of 1 and 0.
+// that are ready. `preset` is a PointillistPreset; `near` and `far` are depths of 1 and 0.
 enum PointillistResult pointillist_frame_clouds(struct PointillistRenderer *renderer,
-                                                enum PointillistPreset preset,
+                                                int32_t preset,
                                                 double near,
                                                 double far,
                                                 struct PointillistView *view,

@@ -1,3 +1,3 @@
-//! The shared library for C: all functions of `include/pointillist.h`.
+//! The shared and the static library for C: all functions of `include/pointillist.h`.
 
 pub use pointillist::c::*;

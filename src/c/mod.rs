@@ -1,6 +1,7 @@
 //! The interface for C, behind the feature `c`: `include/pointillist.h`.
 //!
 //! Structs begin with their size, which their `_default` function sets, so that they can grow.
+//! What the caller gives as a choice is an integer, so that every value may be checked.
 //! Every function returns a [`PointillistResult`]; on failure, outputs are as they were, and the
 //! last argument, which may be null, receives a message. Panics do not cross. A renderer is used by
 //! one thread at a time; different renderers are independent.
@@ -10,8 +11,8 @@
 use crate::error::{Error, Result};
 use crate::renderer::{
     Access, Area, CloudId, CloudState, Encoding, Frame, FrameView, Host, Matrices, OpenSettings,
-    PickId, Picked, Points, Positions, Preset, Renderer, RendererOptions, Target, Targets,
-    ViewCamera, check, enable_features,
+    PickId, Picked, PointBuffer, Points, Positions, Preset, Renderer, RendererOptions, Target,
+    Targets, ViewCamera, check, enable_features,
 };
 use std::ffi::{CStr, c_char, c_void};
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -58,10 +59,10 @@ pub struct PointillistHost {
     pub device: u64,
     /// Family of the command buffers, with graphics and compute.
     pub queue_family: u32,
-    /// Whether shaderInt64 and shaderBufferInt64Atomics are enabled.
-    pub has_int64_atomics: bool,
+    /// Whether shaderInt64 and shaderBufferInt64Atomics are enabled: 0 or 1, as all of its kind.
+    pub has_int64_atomics: u8,
     /// Whether the instance has VK_EXT_debug_utils.
-    pub has_debug_utils: bool,
+    pub has_debug_utils: u8,
     /// Device memory for the nodes of each index, in bytes; 0 is the default.
     pub memory_budget: u64,
     /// Most points drawn of an index; 0 is automatic.
@@ -104,7 +105,7 @@ pub struct PointillistTarget {
     /// First access afterwards.
     pub after: PointillistAccess,
     /// Whether the area is cleared first: colour to the background, depth to what is farthest.
-    pub clear: bool,
+    pub clear: u8,
 }
 
 /// A view: matrices column by column, in Vulkan's clip space, and its area in the targets.
@@ -135,9 +136,9 @@ pub struct PointillistFrame {
     /// Depth that points are hidden by; null if there is none.
     pub depth: *const PointillistTarget,
     /// Whether points' depth is written.
-    pub writes_depth: bool,
+    pub writes_depth: u8,
     /// Whether colours are stored linear instead of encoded.
-    pub linear: bool,
+    pub linear: u8,
     pub views: *const PointillistView,
     pub view_count: usize,
     /// Ids of the points that are seen, VK_FORMAT_R32_UINT, or R32G32_UINT with the cloud as the
@@ -177,6 +178,22 @@ pub struct PointillistPoints {
     pub classes: *const u8,
 }
 
+/// Points in a buffer of the host's device; see `pointillist_add_buffer`.
+#[repr(C)]
+#[derive(Clone, Copy)]
+pub struct PointillistPointBuffer {
+    pub size: usize,
+    /// VkBuffer, with VK_BUFFER_USAGE_TRANSFER_SRC_BIT.
+    pub buffer: u64,
+    /// Byte of the first point, a multiple of 4.
+    pub offset: u64,
+    /// Bytes from point to point, a multiple of 4. A point begins with x, y and z, f32.
+    pub stride: u32,
+    pub count: u32,
+    /// Byte of red, green and blue within a point, sRGB; UINT32_MAX if there are no colours.
+    pub color_offset: u32,
+}
+
 /// State of a cloud.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -187,7 +204,7 @@ pub enum PointillistCloudState {
     Failed = 3,
 }
 
-/// A camera of a preset, as matrices, with reversed depth.
+/// Where a camera looks from.
 #[repr(C)]
 #[derive(Clone, Copy)]
 pub enum PointillistPreset {
@@ -287,6 +304,32 @@ unsafe fn give<T: Copy>(value: T, to: *mut T, name: &str) -> Result<()> {
     Ok(())
 }
 
+/// Reads a choice of the caller. In C it is `true` or `false`, but memory may hold anything.
+fn flag(value: u8, name: &str) -> Result<bool> {
+    match value {
+        0 | 1 => Ok(value == 1),
+        _ => Err(Error::Request(format!("{name} is {value}; give 0 or 1"))),
+    }
+}
+
+/// Reads a preset of the caller.
+fn preset(value: i32) -> Result<Preset> {
+    use PointillistPreset as Number;
+    let presets = [
+        (Number::Top, Preset::Top),
+        (Number::Front, Preset::Front),
+        (Number::Side, Preset::Side),
+        (Number::Iso, Preset::Iso),
+        (Number::Fit, Preset::Fit),
+    ];
+    let found = presets.into_iter().find(|(number, _)| *number as i32 == value);
+    found.map(|(_, preset)| preset).ok_or_else(|| {
+        Error::Request(format!(
+            "there is no preset {value}; see PointillistPreset for those there are"
+        ))
+    })
+}
+
 /// # Safety
 /// `renderer` is null, or from [`pointillist_new`] and not freed.
 unsafe fn renderer<'r>(renderer: *mut PointillistRenderer) -> Result<&'r mut PointillistRenderer> {
@@ -325,7 +368,7 @@ const TARGET: PointillistTarget = PointillistTarget {
     samples: 1,
     before: ACCESS,
     after: ACCESS,
-    clear: false,
+    clear: 0,
 };
 
 /// Version of this interface: functions and members are only added while it is the same.
@@ -347,8 +390,8 @@ pub extern "C" fn pointillist_host_default() -> PointillistHost {
         physical_device: 0,
         device: 0,
         queue_family: 0,
-        has_int64_atomics: false,
-        has_debug_utils: false,
+        has_int64_atomics: 0,
+        has_debug_utils: 0,
         memory_budget: 0,
         point_budget: 0,
         allocation_callbacks: std::ptr::null(),
@@ -385,8 +428,8 @@ pub extern "C" fn pointillist_frame_default() -> PointillistFrame {
         safe: 0,
         color: std::ptr::null(),
         depth: std::ptr::null(),
-        writes_depth: true,
-        linear: false,
+        writes_depth: 1,
+        linear: 0,
         views: std::ptr::null(),
         view_count: 0,
         ids: std::ptr::null(),
@@ -441,17 +484,17 @@ pub unsafe extern "C" fn pointillist_check(
     guarded(error, || unsafe { check(get_instance_proc_addr, instance, physical_device) })
 }
 
-/// Enables what is required in a chain of VkPhysicalDeviceFeatures2,
-/// VkPhysicalDeviceVulkan12Features and VkPhysicalDeviceVulkan13Features; also what is optional, if
-/// the device has it and `optional` is set.
+/// Enables what is required in a chain of VkPhysicalDeviceFeatures2 and structures that follow it:
+/// VkPhysicalDeviceVulkan12Features and VkPhysicalDeviceVulkan13Features, or those of single
+/// features. With `optional`, also what is optional, which the device must have.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn pointillist_enable_features(
     chain: *mut c_void,
-    optional: bool,
+    optional: u8,
     error: *mut PointillistError,
 ) -> PointillistResult {
     // SAFETY: the chain is valid, as the caller ensures.
-    guarded(error, || unsafe { enable_features(chain, optional) })
+    guarded(error, || unsafe { enable_features(chain, flag(optional, "optional")?) })
 }
 
 /// Creates a renderer on the host's device, which must outlive it.
@@ -483,8 +526,8 @@ pub unsafe extern "C" fn pointillist_new(
                 physical_device: host.physical_device,
                 device: host.device,
                 queue_family: host.queue_family,
-                has_int64_atomics: host.has_int64_atomics,
-                has_debug_utils: host.has_debug_utils,
+                has_int64_atomics: flag(host.has_int64_atomics, "has_int64_atomics")?,
+                has_debug_utils: flag(host.has_debug_utils, "has_debug_utils")?,
                 allocation_callbacks: host.allocation_callbacks,
             };
             let renderer = Renderer::new(&host, options)?;
@@ -571,6 +614,44 @@ pub unsafe extern "C" fn pointillist_add_points(
     })
 }
 
+/// Returns a buffer without points.
+#[unsafe(no_mangle)]
+pub extern "C" fn pointillist_point_buffer_default() -> PointillistPointBuffer {
+    let size = size_of::<PointillistPointBuffer>();
+    let (buffer, offset, stride, count) = (0, 0, 12, 0);
+    PointillistPointBuffer { size, buffer, offset, stride, count, color_offset: u32::MAX }
+}
+
+/// Adds points of a buffer of the host's device as a cloud. The next frame copies them; the buffer is
+/// not changed until the device has completed it.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn pointillist_add_buffer(
+    renderer: *mut PointillistRenderer,
+    points: *const PointillistPointBuffer,
+    cloud: *mut u64,
+    error: *mut PointillistError,
+) -> PointillistResult {
+    guarded(error, || {
+        // SAFETY: pointers and buffer are valid, as the caller ensures.
+        unsafe {
+            let own = self::renderer(renderer)?;
+            let points = sized(points, pointillist_point_buffer_default(), "points")?;
+            if cloud.is_null() {
+                return null("cloud");
+            }
+            let points = PointBuffer {
+                buffer: points.buffer,
+                offset: points.offset,
+                stride: points.stride,
+                count: points.count,
+                color_offset: Some(points.color_offset).filter(|offset| *offset != u32::MAX),
+            };
+            *cloud = own.renderer.add_buffer(points)?.0;
+        }
+        Ok(())
+    })
+}
+
 /// Removes a cloud.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn pointillist_remove(
@@ -587,10 +668,11 @@ pub unsafe extern "C" fn pointillist_remove(
 pub unsafe extern "C" fn pointillist_set_visible(
     renderer: *mut PointillistRenderer,
     cloud: u64,
-    visible: bool,
+    visible: u8,
     error: *mut PointillistError,
 ) -> PointillistResult {
     guarded(error, || {
+        let visible = flag(visible, "visible")?;
         // SAFETY: as the caller ensures.
         unsafe { self::renderer(renderer)? }.renderer.set_visible(CloudId(cloud), visible)
     })
@@ -625,9 +707,12 @@ pub unsafe extern "C" fn pointillist_state(
 ) -> PointillistResult {
     let mut why = None;
     let result = guarded(error, || {
+        if state.is_null() {
+            return null("state");
+        }
         // SAFETY: as the caller ensures.
-        let (own, state) = unsafe { (self::renderer(renderer)?, state.as_mut()) };
-        *state.map_or_else(|| null("state"), Ok)? = match own.renderer.state(CloudId(cloud))? {
+        let own = unsafe { self::renderer(renderer)? };
+        let found = match own.renderer.state(CloudId(cloud))? {
             CloudState::Loading { .. } => PointillistCloudState::Loading,
             CloudState::Uploading => PointillistCloudState::Uploading,
             CloudState::Ready => PointillistCloudState::Ready,
@@ -636,6 +721,9 @@ pub unsafe extern "C" fn pointillist_state(
                 PointillistCloudState::Failed
             }
         };
+        // What is there may be no state yet, so it is written without a reference.
+        // SAFETY: as the caller ensures.
+        unsafe { state.write(found) };
         Ok(())
     });
     if let Some(why) = why {
@@ -662,11 +750,11 @@ pub unsafe extern "C" fn pointillist_set(
 }
 
 /// Fills in the matrices of a view, whose width and height are set, so that it frames all clouds
-/// that are ready. `near` and `far` are depths of 1 and 0.
+/// that are ready. `preset` is a PointillistPreset; `near` and `far` are depths of 1 and 0.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn pointillist_frame_clouds(
     renderer: *mut PointillistRenderer,
-    preset: PointillistPreset,
+    preset: i32,
     near: f64,
     far: f64,
     view: *mut PointillistView,
@@ -677,13 +765,7 @@ pub unsafe extern "C" fn pointillist_frame_clouds(
         unsafe {
             let own = self::renderer(renderer)?;
             let mut found = sized(view, pointillist_view_default(), "view")?;
-            let preset = match preset {
-                PointillistPreset::Top => Preset::Top,
-                PointillistPreset::Front => Preset::Front,
-                PointillistPreset::Side => Preset::Side,
-                PointillistPreset::Iso => Preset::Iso,
-                PointillistPreset::Fit => Preset::Fit,
-            };
+            let preset = self::preset(preset)?;
             let size = [found.width, found.height];
             if size.contains(&0) {
                 return Err(Error::Request("the view has no width or height".into()));
@@ -697,14 +779,14 @@ pub unsafe extern "C" fn pointillist_frame_clouds(
     })
 }
 
-fn target(target: &PointillistTarget) -> Target {
+fn target(target: &PointillistTarget) -> Result<Target> {
     let access = |access: PointillistAccess| Access {
         layout: access.layout,
         stages: access.stages,
         access: access.access,
         family: access.family,
     };
-    Target {
+    Ok(Target {
         image: target.image,
         view: target.view,
         format: target.format,
@@ -712,8 +794,8 @@ fn target(target: &PointillistTarget) -> Target {
         samples: target.samples,
         before: access(target.before),
         after: access(target.after),
-        clear: target.clear,
-    }
+        clear: flag(target.clear, "clear")?,
+    })
 }
 
 /// Records a frame into a command buffer that is being recorded, outside of rendering. The host
@@ -752,13 +834,16 @@ pub unsafe extern "C" fn pointillist_record(
             let views = (0..frame.view_count).map(view).collect::<Result<Vec<_>>>()?;
             let optional = |given: *const PointillistTarget, name| match given.is_null() {
                 true => Ok(None),
-                false => sized(given, TARGET, name).map(|given| Some(target(&given))),
+                false => target(&sized(given, TARGET, name)?).map(Some),
             };
             let targets = Targets {
-                color: target(&sized(frame.color, TARGET, "color")?),
-                encoding: if frame.linear { Encoding::Linear } else { Encoding::Srgb },
+                color: target(&sized(frame.color, TARGET, "color")?)?,
+                encoding: match flag(frame.linear, "linear")? {
+                    true => Encoding::Linear,
+                    false => Encoding::Srgb,
+                },
                 depth: optional(frame.depth, "depth")?,
-                writes_depth: frame.writes_depth,
+                writes_depth: flag(frame.writes_depth, "writes_depth")?,
                 ids: optional(frame.ids, "ids")?,
                 normals: optional(frame.normals, "normals")?,
             };
@@ -824,4 +909,39 @@ pub unsafe extern "C" fn pointillist_picked(
         // SAFETY: as the caller ensures.
         unsafe { give(found, picked, "picked") }
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Runs a call that must be refused. Returns its message.
+    fn refused(call: impl FnOnce(*mut PointillistError) -> PointillistResult) -> String {
+        let mut error = PointillistError { message: [0; 1024] };
+        assert_eq!(call(&raw mut error), PointillistResult::Request);
+        // SAFETY: messages end with 0.
+        unsafe { CStr::from_ptr(error.message.as_ptr()) }.to_str().unwrap().into()
+    }
+
+    #[test]
+    fn numbers_that_are_no_choice_are_refused() {
+        assert_eq!(preset(PointillistPreset::Iso as i32).unwrap(), Preset::Iso);
+        for number in [-1, 5, i32::MAX] {
+            let said = preset(number).unwrap_err().to_string();
+            assert!(said.contains(&format!("no preset {number}")), "{said}");
+        }
+        let null = std::ptr::null_mut();
+        // SAFETY: refused before anything is read.
+        let said = refused(|error| unsafe { pointillist_enable_features(null, 2, error) });
+        assert_eq!(said, "optional is 2; give 0 or 1");
+        let host = PointillistHost { has_debug_utils: 255, ..pointillist_host_default() };
+        let mut made = std::ptr::null_mut();
+        // SAFETY: as above.
+        let said =
+            refused(|error| unsafe { pointillist_new(&raw const host, &raw mut made, error) });
+        assert_eq!(said, "has_debug_utils is 255; give 0 or 1");
+        assert!(made.is_null());
+        let wrong = PointillistTarget { clear: 7, ..TARGET };
+        assert!(target(&wrong).unwrap_err().to_string().contains("clear is 7"));
+    }
 }

@@ -455,7 +455,7 @@ fn open_device(
         .queue_family_index(family)
         .queue_priorities(&priorities)];
     let mut features = Features::default();
-    requirements::enable(&mut features, int64_atomics);
+    requirements::wanted(int64_atomics).for_each(|feature| feature.enable(&mut features));
     let Features { v10, v12, v13 } = &mut features;
     let info = vk::DeviceCreateInfo::default()
         .queue_create_infos(&queues)

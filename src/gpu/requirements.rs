@@ -4,7 +4,7 @@
 //! No extension is needed beside Vulkan 1.3. Required features are those without which nothing
 //! runs; optional ones make it faster.
 
-use ash::vk;
+use ash::vk::{self, StructureType as Type};
 
 /// The feature structures that rendering uses.
 #[derive(Clone, Copy, Default)]
@@ -20,6 +20,9 @@ pub struct Feature {
     pub name: &'static str,
     /// Vulkan's structure that has the member.
     pub structure: &'static str,
+    /// The feature's own structure, with the member first; a chain has either that or `structure`.
+    /// Features of Vulkan 1.0 have none.
+    pub own: Option<vk::StructureType>,
     pub required: bool,
     /// What it is needed for.
     pub purpose: &'static str,
@@ -27,10 +30,12 @@ pub struct Feature {
 }
 
 macro_rules! features {
-    ($($required:literal $structure:literal $part:ident.$field:ident $name:literal: $purpose:literal),* $(,)?) => {
+    ($($required:literal $structure:literal $own:expr,
+        $part:ident.$field:ident $name:literal: $purpose:literal),* $(,)?) => {
         &[$(Feature {
             name: $name,
             structure: $structure,
+            own: $own,
             required: $required,
             purpose: $purpose,
             field: |features| &mut features.$part.$field,
@@ -40,28 +45,46 @@ macro_rules! features {
 
 /// The features, required ones first.
 pub const FEATURES: &[Feature] = features![
-    true "VkPhysicalDeviceFeatures" v10.fragment_stores_and_atomics "fragmentStoresAndAtomics":
+    true "VkPhysicalDeviceFeatures" None,
+        v10.fragment_stores_and_atomics "fragmentStoresAndAtomics":
         "strokes count fragments while they are drawn",
-    true "VkPhysicalDeviceVulkan12Features" v12.timeline_semaphore "timelineSemaphore":
+    true "VkPhysicalDeviceVulkan12Features"
+        Some(Type::PHYSICAL_DEVICE_TIMELINE_SEMAPHORE_FEATURES),
+        v12.timeline_semaphore "timelineSemaphore":
         "the loader tells which nodes it has written",
-    true "VkPhysicalDeviceVulkan12Features" v12.buffer_device_address "bufferDeviceAddress":
+    true "VkPhysicalDeviceVulkan12Features"
+        Some(Type::PHYSICAL_DEVICE_BUFFER_DEVICE_ADDRESS_FEATURES),
+        v12.buffer_device_address "bufferDeviceAddress":
         "kernels read pages of points by address",
-    true "VkPhysicalDeviceVulkan12Features" v12.scalar_block_layout "scalarBlockLayout":
+    true "VkPhysicalDeviceVulkan12Features"
+        Some(Type::PHYSICAL_DEVICE_SCALAR_BLOCK_LAYOUT_FEATURES),
+        v12.scalar_block_layout "scalarBlockLayout":
         "structures have the same layout in Rust and GLSL",
-    true "VkPhysicalDeviceVulkan13Features" v13.synchronization2 "synchronization2":
+    true "VkPhysicalDeviceVulkan13Features"
+        Some(Type::PHYSICAL_DEVICE_SYNCHRONIZATION_2_FEATURES),
+        v13.synchronization2 "synchronization2":
         "barriers",
-    true "VkPhysicalDeviceVulkan13Features" v13.dynamic_rendering "dynamicRendering":
+    true "VkPhysicalDeviceVulkan13Features"
+        Some(Type::PHYSICAL_DEVICE_DYNAMIC_RENDERING_FEATURES),
+        v13.dynamic_rendering "dynamicRendering":
         "draws have no render passes",
-    true "VkPhysicalDeviceVulkan13Features" v13.maintenance4 "maintenance4":
+    true "VkPhysicalDeviceVulkan13Features"
+        Some(Type::PHYSICAL_DEVICE_MAINTENANCE_4_FEATURES),
+        v13.maintenance4 "maintenance4":
         "memory is planned before images exist",
-    true "VkPhysicalDeviceVulkan13Features" v13.robust_image_access "robustImageAccess":
+    true "VkPhysicalDeviceVulkan13Features"
+        Some(Type::PHYSICAL_DEVICE_IMAGE_ROBUSTNESS_FEATURES),
+        v13.robust_image_access "robustImageAccess":
         "kernels read beyond the edges of pictures",
     true "VkPhysicalDeviceVulkan13Features"
+        Some(Type::PHYSICAL_DEVICE_SHADER_DEMOTE_TO_HELPER_INVOCATION_FEATURES),
         v13.shader_demote_to_helper_invocation "shaderDemoteToHelperInvocation":
         "fragment shaders discard",
-    false "VkPhysicalDeviceFeatures" v10.shader_int64 "shaderInt64":
+    false "VkPhysicalDeviceFeatures" None,
+        v10.shader_int64 "shaderInt64":
         "points are drawn in one walk instead of two, with shaderBufferInt64Atomics",
     false "VkPhysicalDeviceVulkan12Features"
+        Some(Type::PHYSICAL_DEVICE_SHADER_ATOMIC_INT64_FEATURES),
         v12.shader_buffer_int64_atomics "shaderBufferInt64Atomics":
         "points are drawn in one walk instead of two, with shaderInt64",
 ];
@@ -97,9 +120,14 @@ pub fn has_optional(instance: &ash::Instance, device: vk::PhysicalDevice) -> boo
     optional.all(|feature| *(feature.field)(&mut found) == vk::TRUE)
 }
 
-/// Enables the required features, and the optional ones if wanted.
-pub fn enable(features: &mut Features, optional: bool) {
-    for feature in FEATURES.iter().filter(|feature| feature.required || optional) {
-        *(feature.field)(features) = vk::TRUE;
+/// Returns the features to enable: those that are required, and the optional ones if wanted.
+pub fn wanted(optional: bool) -> impl Iterator<Item = &'static Feature> {
+    FEATURES.iter().filter(move |feature| feature.required || optional)
+}
+
+impl Feature {
+    /// Enables it.
+    pub fn enable(&self, features: &mut Features) {
+        *(self.field)(features) = vk::TRUE;
     }
 }

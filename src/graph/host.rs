@@ -131,6 +131,11 @@ impl Gpu {
         self.memory.destroy_now();
     }
 
+    /// Returns the command buffer of the host's frame.
+    pub(crate) fn host_commands(&self) -> vk::CommandBuffer {
+        self.host.as_ref().expect("a device of a host").commands
+    }
+
     /// Ends a frame of the host, whose number is that of the last submission from now on.
     pub(crate) fn end_host_frame(&mut self) {
         let host = self.host.as_mut().expect("a device of a host");

@@ -1,10 +1,12 @@
 //! Clouds of a renderer: loaded on a thread of their own, uploaded some nodes a frame.
 
+use super::device_points::PointBuffer;
 use super::projection::transform_of;
 use crate::cloud::attribute::{Attribute, ExtraAttributes};
 use crate::cloud::points::Points;
 use crate::cloud::{Cloud, ColumnSet, ReadOptions};
 use crate::error::{Error, Result};
+use crate::gpu::memory::RawBuffer;
 use crate::graph::Gpu;
 use crate::index::attributes::strokes::StrokeCache;
 use crate::progress::Progress;
@@ -51,6 +53,10 @@ struct Loaded {
 }
 
 enum Stage {
+    /// Points on the device, to be copied by the next frame.
+    OnDevice(PointBuffer),
+    /// Their copy, and the frame that makes it.
+    Copying(PointBuffer, RawBuffer, u64),
     Loading(Loading),
     Uploading(PreparedCloud),
     Ready(GpuCloud),
@@ -64,6 +70,8 @@ pub(super) struct Entry {
     pub transform: DMat4,
     pub core_points: Vec<DVec3>,
     pub notes: Vec<String>,
+    /// Whether the points can be drawn as strokes.
+    strokes: bool,
     /// Nodes that the views call for, and that are missing or coarser.
     pub missing: usize,
     stage: Stage,
@@ -119,6 +127,16 @@ impl Loading {
     }
 }
 
+impl Loading {
+    /// Prepares points that are copied, on a thread.
+    fn of_points(points: &Points, strokes: bool) -> Result<Loading> {
+        let cloud = Cloud::of_points(points)?;
+        Loading::start(move |progress: &dyn Progress| {
+            prepare(Source::Files(cloud), None, strokes, progress)
+        })
+    }
+}
+
 impl Drop for Loading {
     /// Cancels the thread and waits for its end: no thread outlives the renderer.
     fn drop(&mut self) {
@@ -163,7 +181,7 @@ fn prepare(
 }
 
 impl Entry {
-    fn new(id: CloudId, loading: Loading) -> Entry {
+    fn new(id: CloudId, stage: Stage, strokes: bool) -> Entry {
         Entry {
             id,
             visible: true,
@@ -171,7 +189,8 @@ impl Entry {
             core_points: Vec::new(),
             notes: Vec::new(),
             missing: 0,
-            stage: Stage::Loading(loading),
+            strokes,
+            stage,
         }
     }
 
@@ -204,27 +223,41 @@ impl Entry {
         let load = move |progress: &dyn Progress| {
             prepare(Source::open(&files, &opening, progress)?, color, strokes, progress)
         };
-        Ok(Entry::new(id, Loading::start(load)?))
+        Ok(Entry::new(id, Stage::Loading(Loading::start(load)?), strokes))
     }
 
     /// Takes points of the host's memory, which are copied; they are prepared on a thread.
     pub fn of_points(id: CloudId, points: &Points, strokes: bool) -> Result<Entry> {
-        let cloud = Cloud::of_points(points)?;
-        let load =
-            move |progress: &dyn Progress| prepare(Source::Files(cloud), None, strokes, progress);
-        Ok(Entry::new(id, Loading::start(load)?))
+        Ok(Entry::new(id, Stage::Loading(Loading::of_points(points, strokes)?), strokes))
+    }
+
+    /// Takes points of a buffer of the host's device, which the next frame copies.
+    pub fn of_buffer(id: CloudId, points: PointBuffer, strokes: bool) -> Result<Entry> {
+        points.check()?;
+        Ok(Entry::new(id, Stage::OnDevice(points), strokes))
     }
 
     /// Uploads some of what is loaded.
     pub fn advance(&mut self, gpu: &mut Gpu, memory_budget: u64) {
+        let failed = |error: Error| Stage::Failed(error.to_string());
         let waiting = Stage::Failed(String::new());
         self.stage = match std::mem::replace(&mut self.stage, waiting) {
+            Stage::OnDevice(points) => match points.record_copy(gpu) {
+                Ok(copy) => Stage::Copying(points, copy, gpu.last_reader()),
+                Err(error) => failed(error),
+            },
+            Stage::Copying(points, copy, frame)
+                if gpu.completed().is_ok_and(|safe| safe >= frame) =>
+            {
+                let loading = points.read(&copy, |points| Loading::of_points(points, self.strokes));
+                loading.map_or_else(failed, Stage::Loading)
+            }
             Stage::Loading(loading) => match loading.loaded.try_recv() {
                 Ok(Ok(loaded)) => {
                     (self.core_points, self.notes) = (loaded.core_points, loaded.notes);
                     Stage::Uploading(loaded.prepared)
                 }
-                Ok(Err(error)) => Stage::Failed(error.to_string()),
+                Ok(Err(error)) => failed(error),
                 Err(TryRecvError::Empty) => Stage::Loading(loading),
                 Err(TryRecvError::Disconnected) => {
                     Stage::Failed("reading ended unexpectedly".into())
@@ -248,6 +281,9 @@ impl Entry {
 
     pub fn state(&self) -> CloudState {
         match &self.stage {
+            Stage::OnDevice(_) | Stage::Copying(..) => {
+                CloudState::Loading { doing: "copying".into(), done: 0.0 }
+            }
             Stage::Loading(Loading { watch, .. }) => CloudState::Loading {
                 doing: watch.doing.lock().unwrap_or_else(PoisonError::into_inner).clone(),
                 done: f64::from_bits(watch.done.load(Relaxed)),

@@ -79,14 +79,16 @@ pub unsafe fn check(
 }
 
 /// Enables the required features in the host's `VkPhysicalDeviceFeatures2` and the structures that
-/// follow it, and the optional ones if `optional`; what is enabled already stays. Errors if the
-/// chain has no `VkPhysicalDeviceVulkan12Features` or no `VkPhysicalDeviceVulkan13Features`.
+/// follow it, and the optional ones if `optional`; what is enabled already stays. A feature of
+/// Vulkan 1.2 or 1.3 is enabled in `VkPhysicalDeviceVulkan12Features` or
+/// `VkPhysicalDeviceVulkan13Features`, or in a structure of its own. Errors if the chain has
+/// neither.
 ///
 /// # Safety
 /// `chain` is a `VkPhysicalDeviceFeatures2`, and what follows are valid Vulkan structures.
 pub unsafe fn enable_features(chain: *mut c_void, optional: bool) -> Result<()> {
     use vk::StructureType as Type;
-    let (mut v10, mut v12, mut v13) = (None, None, None);
+    let (mut v10, mut v12, mut v13, mut own) = (None, None, None, Vec::new());
     let mut next = chain.cast::<vk::BaseOutStructure>();
     while !next.is_null() {
         // SAFETY: every structure of a chain begins with its type and the next one.
@@ -101,19 +103,45 @@ pub unsafe fn enable_features(chain: *mut c_void, optional: bool) -> Result<()> 
                 Type::PHYSICAL_DEVICE_VULKAN_1_3_FEATURES => {
                     v13 = Some(&mut *next.cast::<vk::PhysicalDeviceVulkan13Features>());
                 }
-                _ => {}
+                kind => own.push((kind, next)),
             }
             next = (*next).p_next;
         }
     }
-    let (Some(v10), Some(v12), Some(v13)) = (v10, v12, v13) else {
-        return Err(Error::Request(
-            "the chain needs VkPhysicalDeviceFeatures2, VkPhysicalDeviceVulkan12Features and VkPhysicalDeviceVulkan13Features".into(),
-        ));
+    let mut features = Features {
+        v10: v10.as_ref().map_or_else(Default::default, |found| found.features),
+        v12: v12.as_ref().map_or_else(Default::default, |found| **found),
+        v13: v13.as_ref().map_or_else(Default::default, |found| **found),
     };
-    let mut features = Features { v10: v10.features, v12: *v12, v13: *v13 };
-    gpu::requirements::enable(&mut features, optional);
-    (v10.features, *v12, *v13) = (features.v10, features.v12, features.v13);
+    let mut places = Vec::new();
+    for feature in gpu::requirements::wanted(optional) {
+        let is_there = match feature.structure {
+            "VkPhysicalDeviceVulkan12Features" => v12.is_some(),
+            "VkPhysicalDeviceVulkan13Features" => v13.is_some(),
+            _ => v10.is_some(),
+        };
+        match own.iter().find(|(kind, _)| Some(*kind) == feature.own) {
+            _ if is_there => feature.enable(&mut features),
+            // The member follows the type and the next structure.
+            // SAFETY: the structure has this type, so it is longer than its beginning.
+            Some((_, place)) => places.push(unsafe { place.add(1).cast::<vk::Bool32>() }),
+            None => {
+                let own = feature.own.map_or(String::new(), |own| {
+                    format!(", and none of the type {own:?}; add one of them")
+                });
+                let (name, structure) = (feature.name, feature.structure);
+                return Err(Error::Request(format!(
+                    "{name} cannot be enabled: the chain has no {structure}{own}"
+                )));
+            }
+        }
+    }
+    // From here on nothing fails: a chain that is refused is as it was.
+    // SAFETY: as above.
+    places.into_iter().for_each(|place| unsafe { *place = vk::TRUE });
+    v10.into_iter().for_each(|found| found.features = features.v10);
+    v12.into_iter().for_each(|found| *found = features.v12);
+    v13.into_iter().for_each(|found| *found = features.v13);
     Ok(())
 }
 
@@ -281,5 +309,56 @@ impl Target {
                 layer_count: 1,
                 ..Default::default()
             })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Enables what is required in a chain that begins with `first`.
+    fn enabled(first: &mut vk::PhysicalDeviceFeatures2, optional: bool) -> Result<()> {
+        // SAFETY: the chains below are valid.
+        unsafe { enable_features((&raw mut *first).cast(), optional) }
+    }
+
+    #[test]
+    fn features_are_enabled_where_the_chain_has_them() {
+        let mut v13 = vk::PhysicalDeviceVulkan13Features::default();
+        let mut timeline = vk::PhysicalDeviceTimelineSemaphoreFeatures::default();
+        let mut addresses = vk::PhysicalDeviceBufferDeviceAddressFeatures::default();
+        let mut scalars = vk::PhysicalDeviceScalarBlockLayoutFeatures::default();
+        let mut first = vk::PhysicalDeviceFeatures2::default()
+            .push_next(&mut timeline)
+            .push_next(&mut addresses)
+            .push_next(&mut scalars)
+            .push_next(&mut v13);
+        enabled(&mut first, false).unwrap();
+        assert_eq!(first.features.fragment_stores_and_atomics, vk::TRUE);
+        assert_eq!(first.features.shader_int64, vk::FALSE);
+        let own = [
+            timeline.timeline_semaphore,
+            addresses.buffer_device_address,
+            scalars.scalar_block_layout,
+            v13.synchronization2,
+            v13.maintenance4,
+        ];
+        assert_eq!(own, [vk::TRUE; 5]);
+        assert_eq!(addresses.buffer_device_address_capture_replay, vk::FALSE);
+    }
+
+    #[test]
+    fn a_chain_without_a_place_is_refused_and_as_it_was() {
+        let mut v12 = vk::PhysicalDeviceVulkan12Features::default();
+        let mut rendering = vk::PhysicalDeviceDynamicRenderingFeatures::default();
+        let mut first =
+            vk::PhysicalDeviceFeatures2::default().push_next(&mut v12).push_next(&mut rendering);
+        let refused = enabled(&mut first, true).unwrap_err().to_string();
+        assert_eq!(
+            refused,
+            "synchronization2 cannot be enabled: the chain has no VkPhysicalDeviceVulkan13Features, and none of the type PHYSICAL_DEVICE_SYNCHRONIZATION_2_FEATURES; add one of them"
+        );
+        assert_eq!(first.features.fragment_stores_and_atomics, vk::FALSE);
+        assert_eq!((v12.timeline_semaphore, rendering.dynamic_rendering), (vk::FALSE, vk::FALSE));
     }
 }

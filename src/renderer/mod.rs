@@ -22,6 +22,7 @@
 
 mod clouds;
 mod compose;
+mod device_points;
 mod host;
 mod picture;
 mod projection;
@@ -29,6 +30,7 @@ mod words;
 
 pub use clouds::{CloudId, CloudState, OpenSettings};
 pub use compose::{Area, Targets};
+pub use device_points::PointBuffer;
 pub use host::{Access, Encoding, Host, Requirement, Target, check, enable_features, requirements};
 pub use projection::{Matrices, ViewCamera};
 
@@ -243,6 +245,20 @@ impl Renderer {
     pub fn add_points(&mut self, points: &Points) -> Result<CloudId> {
         let id = self.new_id();
         self.clouds.push(Entry::of_points(id, points, self.has_strokes())?);
+        Ok(id)
+    }
+
+    /// Adds points of a buffer of the host's device as a cloud; the next frame copies them.
+    ///
+    /// # Errors
+    /// If the numbers of `points` make no sense.
+    ///
+    /// # Safety
+    /// The handle is valid until the device has completed the next frame, and the points lie within
+    /// the buffer.
+    pub unsafe fn add_buffer(&mut self, points: PointBuffer) -> Result<CloudId> {
+        let id = self.new_id();
+        self.clouds.push(Entry::of_buffer(id, points, self.has_strokes())?);
         Ok(id)
     }
 

@@ -19,6 +19,8 @@ fn header() -> String {
         ),
         ..cbindgen::Config::default()
     };
+    // Functions take its numbers as integers.
+    config.export.include = vec!["PointillistPreset".into()];
     config.enumeration.prefix_with_name = true;
     config.enumeration.rename_variants = cbindgen::RenameRule::QualifiedScreamingSnakeCase;
     config.enumeration.prefix_with_name = false;

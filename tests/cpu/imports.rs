@@ -14,6 +14,8 @@ const EDGES: &[(&str, &[&str])] = &[
     ("index", &["cloud"]),
     ("loader", &["cloud", "index"]),
     ("present", &["gpu", "graph"]),
+    // Built outside of the library, which it uses as any program does.
+    ("python", &[]),
     ("shader", &["gpu"]),
     ("synth", &["cloud"]),
     ("view", &[]),

@@ -13,8 +13,8 @@ use pointillist::render::settings::{FrameConfig, RenderSettings, Style};
 use pointillist::render::source::{OpenOptions, Source};
 use pointillist::renderer::{
     Access, Area, Camera, CloudState, Frame, FrameReport, FrameView, Host, Matrices, NO_POINT,
-    OpenSettings, Picked, Points, Positions, Preset, Renderer, RendererOptions, Target, Targets,
-    ViewCamera,
+    OpenSettings, Picked, PointBuffer, Points, Positions, Preset, Renderer, RendererOptions,
+    Target, Targets, ViewCamera,
 };
 use pointillist::resident::Resident;
 use pointillist::view::View;
@@ -55,6 +55,8 @@ struct HostImage {
     format: vk::Format,
 }
 
+/// Room for points behind the images' texels.
+const POINT_BYTES: usize = 1 << 21;
 const PIXELS: usize = (SIZE[0] * SIZE[1]) as usize;
 
 impl Application {
@@ -79,7 +81,9 @@ impl Application {
             let layer = |format| HostImage::new(&device, format, Usage::COLOR_ATTACHMENT | copied);
             let (ids, normals) = (layer(IDS), layer(NORMALS));
             let usage = vk::BufferUsageFlags::TRANSFER_SRC | vk::BufferUsageFlags::TRANSFER_DST;
-            let info = vk::BufferCreateInfo::default().size(48 * PIXELS as u64).usage(usage);
+            let info = vk::BufferCreateInfo::default()
+                .size((48 * PIXELS + POINT_BYTES) as u64)
+                .usage(usage);
             let staging = raw.create_buffer(&info, None).unwrap();
             let needs = raw.get_buffer_memory_requirements(staging);
             let flags =
@@ -606,6 +610,56 @@ fn points_of_memory_are_picked_where_they_are() {
     assert!(empty.chunks(4).all(|pixel| pixel[..3] == background));
     renderer.remove(cloud).unwrap();
     assert!(renderer.state(cloud).is_err());
+}
+
+/// Points in a buffer of the device are those of memory.
+#[test]
+fn points_of_a_buffer_are_drawn_like_those_of_memory() {
+    let mut application = Application::new(COLOR);
+    let place = |i: u32| [(i % 300) as f32 / 64.0, (i / 300) as f32 / 64.0, (i % 7) as f32 / 8.0];
+    let places: Vec<[f32; 3]> = (0..90_000).map(place).collect();
+    let colors: Vec<[u8; 3]> = (0..90_000).map(|i| [(i % 250) as u8, 120, 30]).collect();
+    let mut bytes = Vec::new();
+    for (place, color) in places.iter().zip(&colors) {
+        bytes.extend(place.iter().flat_map(|axis| axis.to_le_bytes()));
+        bytes.extend(color.iter().chain(&[0; 5]));
+    }
+    assert!(bytes.len() < POINT_BYTES);
+    let offset = 48 * PIXELS;
+    // SAFETY: the buffer has room there, and no frame is in flight.
+    unsafe {
+        let to = application.mapped.add(offset);
+        std::ptr::copy_nonoverlapping(bytes.as_ptr(), to, bytes.len());
+    }
+    let buffer = PointBuffer {
+        buffer: application.staging.as_raw(),
+        offset: offset as u64,
+        stride: 20,
+        count: 90_000,
+        color_offset: Some(12),
+    };
+    let targets = application.targets();
+    let camera = Camera {
+        eye: DVec3::new(2.0, 2.0, 9.0),
+        target: DVec3::new(2.0, 2.0, 0.0),
+        up: DVec3::Y,
+        fov_y: 40.0,
+        projection: pointillist::renderer::Projection::Perspective,
+        ortho_height: None,
+    };
+    let mut renderer = application.renderer();
+    let points = Points { colors: Some(&colors), ..Points::new(Positions::F32(&places)) };
+    let cloud = renderer.add_points(&points).unwrap();
+    let (_, of_memory, _) = application.settle(&mut renderer, targets, &[view_of(camera)]);
+    renderer.remove(cloud).unwrap();
+    // SAFETY: the buffer lives as long as the application.
+    let cloud = unsafe { renderer.add_buffer(buffer) }.unwrap();
+    assert!(matches!(renderer.state(cloud).unwrap(), CloudState::Loading { .. }));
+    let (report, of_buffer, _) = application.settle(&mut renderer, targets, &[view_of(camera)]);
+    assert!(report.points > 0 && of_buffer == of_memory);
+    // SAFETY: refused before anything is read.
+    let refused = unsafe { renderer.add_buffer(PointBuffer { stride: 8, ..buffer }) };
+    assert!(refused.unwrap_err().to_string().contains("stride of at least 15 bytes"));
 }
 
 /// A renderer moves to the host's render thread.

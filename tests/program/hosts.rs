@@ -1,14 +1,16 @@
-//! Hosts that draw clouds into their own pictures: `tools/embed.rs` and `tools/embed.c`.
+//! Hosts that draw clouds into their own pictures: `tools/embed.rs`, `tools/embed_wgpu.rs` and
+//! `tools/embed.c`.
 
 use crate::files::scan;
 use crate::program::{succeeded, text};
 use crate::skip::skip;
 use pointillist::synth::SceneKind;
+use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
 /// Returns a built example, which lies beside the program.
-fn example(name: &str) -> Option<PathBuf> {
+pub fn example(name: &str) -> Option<PathBuf> {
     let folder = Path::new(env!("CARGO_BIN_EXE_pointillist")).parent().unwrap().join("examples");
     let path = folder.join(name);
     if !path.exists() {
@@ -74,23 +76,62 @@ fn a_host_in_rust_draws_a_triangle_through_a_cloud() {
     check(pixels(&mut Command::new(host), &folder.path().join("picture.png")));
 }
 
+/// The hosts in Rust draw the same, one through wgpu.
 #[test]
-fn a_host_in_c_draws_a_rectangle_through_a_cloud() {
-    let Some(library) = example("libpointillist_c.so") else { return };
-    let (root, folder) = (Path::new(env!("CARGO_MANIFEST_DIR")), tempfile::tempdir().unwrap());
-    let host = folder.path().join("embed");
+fn a_host_in_wgpu_draws_the_picture_of_the_one_in_vulkan() {
+    let [Some(plain), Some(wgpu)] = ["embed", "embed_wgpu"].map(example) else { return };
+    let folder = tempfile::tempdir().unwrap();
+    let (_, expected) = pixels(&mut Command::new(plain), &folder.path().join("plain.png"));
+    let mut wgpu = Command::new(wgpu);
+    wgpu.env("VK_INSTANCE_LAYERS", "VK_LAYER_KHRONOS_validation");
+    let drawn = pixels(&mut wgpu, &folder.path().join("wgpu.png"));
+    let said = text(&drawn.0.stdout) + &text(&drawn.0.stderr);
+    assert!(!said.contains("Validation") && !said.contains("VUID"), "{said}");
+    let differ = expected.iter().zip(&drawn.1).filter(|(a, b)| a != b).count();
+    check(drawn);
+    // The compilers of shaders may round the corners differently: pixels at edges.
+    assert!(differ <= expected.len() / 1000, "{differ} pixels differ");
+}
+
+/// Builds the host in C with what is given. Returns it, unless there is no compiler.
+fn built_in_c(folder: &Path, name: &str, libraries: &[&OsStr]) -> Option<Command> {
+    let (root, host) = (Path::new(env!("CARGO_MANIFEST_DIR")), folder.join(name));
     let compiler = std::env::var("CC").unwrap_or("cc".into());
     let built = Command::new(&compiler)
         .args(["-std=c11", "-Wall", "-Wextra", "-Werror", "-I"])
         .arg(root.join("include"))
         .arg(root.join("tools/embed.c"))
-        .arg(&library)
+        .args(libraries)
         .args(["-lvulkan", "-o"])
         .arg(&host)
         .output();
-    let Ok(built) = built else { return skip(&format!("{compiler} is missing")) };
+    let Ok(built) = built else {
+        skip(&format!("{compiler} is missing"));
+        return None;
+    };
     succeeded(&built);
-    let mut host = Command::new(host);
+    Some(Command::new(host))
+}
+
+#[test]
+fn a_host_in_c_draws_a_rectangle_through_a_cloud() {
+    let Some(library) = example("libpointillist_c.so") else { return };
+    let folder = tempfile::tempdir().unwrap();
+    let Some(mut host) = built_in_c(folder.path(), "embed", &[library.as_os_str()]) else { return };
     host.env("LD_LIBRARY_PATH", library.parent().unwrap());
+    check(pixels(&mut host, &folder.path().join("picture.ppm")));
+}
+
+/// Links what `Libs.private` of the file for pkg-config names.
+#[test]
+fn a_host_in_c_may_be_linked_statically() {
+    let Some(library) = example("libpointillist_c.a") else { return };
+    let install = Path::new(env!("CARGO_MANIFEST_DIR")).join("tools/install");
+    let install = std::fs::read_to_string(install).unwrap();
+    let private = install.lines().find_map(|line| line.strip_prefix("Libs.private: ")).unwrap();
+    let mut libraries = vec![library.as_os_str()];
+    libraries.extend(private.split(' ').map(OsStr::new));
+    let folder = tempfile::tempdir().unwrap();
+    let Some(mut host) = built_in_c(folder.path(), "embed", &libraries) else { return };
     check(pixels(&mut host, &folder.path().join("picture.ppm")));
 }
