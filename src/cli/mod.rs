@@ -2,6 +2,7 @@
 
 pub mod bench;
 mod files;
+pub mod filters;
 mod frames;
 pub mod guide;
 pub mod index;

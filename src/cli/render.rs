@@ -106,8 +106,7 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
     }
     let settings = picture.settings()?;
     let mut stages = Stages::new();
-    let opening = picture.detail.opening(picture.read_options(arguments.strict), picture.light);
-    let mut source = Source::open(&arguments.files, &opening, progress)?;
+    let mut source = Source::open(&arguments.files, &picture.opening(arguments.strict), progress)?;
     source.find(picture.color, progress)?;
     source.notes(picture.further()).iter().for_each(|note| eprintln!("pointillist: note: {note}"));
     stages.done("read");

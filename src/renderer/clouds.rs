@@ -2,6 +2,7 @@
 
 use super::projection::transform_of;
 use crate::cloud::attribute::{Attribute, ExtraAttributes};
+use crate::cloud::filter::Filter;
 use crate::cloud::points::Points;
 use crate::cloud::{Cloud, ColumnSet, ReadOptions};
 use crate::error::{Error, Result};
@@ -178,6 +179,7 @@ impl Entry {
         );
         let opening = OpenOptions {
             read: ReadOptions::new(wanted.and(FURTHER.wanted()), settings.strict),
+            filter: Filter::default(),
             index: None,
             place: None,
             shadows: None,

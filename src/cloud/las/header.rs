@@ -31,6 +31,20 @@ pub struct Layout {
     pub laszip: Option<Vec<u8>>,
     pub copc: bool,
     pub header: Header,
+    /// What a file with some of the points takes over.
+    pub kept: Kept,
+}
+
+/// Fields and records of a header that say what points mean, in the file's own bytes.
+#[derive(Clone, Debug, Default)]
+pub struct Kept {
+    pub file_source: u16,
+    pub global_encoding: u16,
+    pub system: String,
+    /// Variable-length records, without those about compression: user, number, description, data.
+    pub records: Vec<(String, u16, String, Vec<u8>)>,
+    /// Whether there are records behind the points that are not kept.
+    pub has_more: bool,
 }
 
 /// Smallest record of each point format `[bytes]`.
@@ -98,6 +112,12 @@ pub fn read(input: &Input, notes: &mut Vec<String>) -> Result<Layout> {
         laszip: None,
         copc: false,
         header: Header::default(),
+        kept: Kept {
+            file_source: u16_at(&head, 4),
+            global_encoding: u16_at(&head, 6),
+            system: text(&head[26..58]),
+            ..Kept::default()
+        },
     };
     let (mut facts, mut projection) = (Vec::new(), Projection::default());
     for (what, range) in [("system", 26..58), ("software", 58..90)] {
@@ -137,7 +157,8 @@ pub fn read(input: &Input, notes: &mut Vec<String>) -> Result<Layout> {
         ));
     }
     if has_wide_count {
-        evlrs(input, u64_at(&head, 235), u32_at(&head, 243), &mut facts, &mut projection)?;
+        let (first, count) = (u64_at(&head, 235), u32_at(&head, 243));
+        evlrs(input, first, count, &mut layout.kept, &mut facts, &mut projection)?;
     }
 
     let kind = if layout.copc {
@@ -229,6 +250,10 @@ fn vlrs(
         let (user, record, length) =
             (text(&head[2..18]), u16_at(&head, 18), u16_at(&head, 20) as u64);
         let contents = || input.take(at + VLR_HEADER_BYTES, length);
+        if user != "laszip encoded" && user != "copc" {
+            let data = contents()?;
+            layout.kept.records.push((user.clone(), record, text(&head[22..54]), data));
+        }
         match (user.as_str(), record) {
             ("laszip encoded", 22204) => layout.laszip = Some(contents()?),
             ("copc", 1) => layout.copc = true,
@@ -325,6 +350,7 @@ fn evlrs(
     input: &Input,
     first: u64,
     count: u32,
+    kept: &mut Kept,
     facts: &mut Vec<(String, String)>,
     projection: &mut Projection,
 ) -> Result<()> {
@@ -336,7 +362,11 @@ fn evlrs(
         }
         let (user, record, length) = (text(&head[2..18]), u16_at(&head, 18), u64_at(&head, 20));
         if user == "LASF_Projection" && length <= PROJECTION_BYTES {
-            projection.take(record, input.take(at + EVLR_HEADER_BYTES, length)?, facts);
+            let contents = input.take(at + EVLR_HEADER_BYTES, length)?;
+            kept.records.push((user, record, text(&head[28..60]), contents.clone()));
+            projection.take(record, contents, facts);
+        } else {
+            kept.has_more |= user != "copc";
         }
         let Some(next) = at.checked_add(EVLR_HEADER_BYTES).and_then(|at| at.checked_add(length))
         else {

@@ -12,6 +12,7 @@
 //! position, or an attribute. A frame reads the planes that it needs. The header is written last,
 //! after the rest is on the disk (guide: reliability): an index is complete or absent.
 
+use super::columns::IndexFilter;
 use super::mmap::Map;
 use super::schema::{
     CHECKSUMS, Contents, Directory, IndexedPart, NodeRecord, PLANES, Plane, bounds, lattice,
@@ -54,6 +55,8 @@ pub struct Index {
     pub shadows: Option<SavedShadows>,
     /// Box outside of which nothing is drawn.
     pub hidden: Option<RobustBounds>,
+    /// Filter of the points that are drawn.
+    pub filter: Option<IndexFilter>,
     /// Fault to inject, for tests.
     pub fault: Option<Fault>,
 }
@@ -124,7 +127,15 @@ impl Index {
         let directory = Directory { nodes, roots: header.roots, contents };
         check(&directory, header.directory_at).map_err(wrong)?;
         let identity = (header.directory_crc as u64) << 32 | header.header_crc as u64;
-        Ok(Index { map, directory, identity, shadows: None, hidden: None, fault: None })
+        Ok(Index {
+            map,
+            directory,
+            identity,
+            shadows: None,
+            hidden: None,
+            filter: None,
+            fault: None,
+        })
     }
 
     pub fn path(&self) -> &Path {

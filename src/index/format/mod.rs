@@ -1,8 +1,9 @@
 //! The files NAME.pnti and NAME.shadows, and their contents.
 //!
 //! `schema` defines planes, node records and the directory; `samples` packs samples into planes;
-//! `writer` and `file` write and read an index; `shadow_file` reads saved shadows.
+//! `writer` and `file` write and read an index, `columns` the points of a node; `shadow_file` reads saved shadows.
 
+mod columns;
 mod file;
 mod mmap;
 pub mod morton;
@@ -12,6 +13,7 @@ pub mod shadow_file;
 pub mod spacing;
 mod writer;
 
+pub use columns::IndexFilter;
 pub use file::Index;
 pub use schema::{
     Axes, Balance, CHECKSUMS, Contents, Directory, IndexedPart, MAX_STOPS, NodeRecord, PLANES,
