@@ -1,6 +1,7 @@
 //! The program: one file a subcommand, and the options that they share.
 
 pub mod bench;
+pub mod export;
 mod files;
 pub mod filters;
 mod frames;

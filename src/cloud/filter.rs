@@ -14,10 +14,11 @@
 //! stored value, so that a point costs one look-up a condition.
 
 use super::attribute::class_name;
-use super::digits::number;
+use super::digits::{number, round};
 use super::histograms::CLASSES;
 use super::{Cloud, ColumnSet, Columns, Lattice, Part, input, intensity_of, stations};
 use crate::error::{Error, Result};
+use glam::DVec3;
 use rayon::prelude::*;
 use std::collections::BTreeSet;
 use std::fmt;
@@ -479,9 +480,10 @@ impl Present {
         self
     }
 
-    /// Returns the message that a filter leaves none of these points.
-    pub fn leaves_none(&self, filter: &Filter) -> String {
-        let mut said = format!("{} leaves none of {} points", filter.words(), grouped(self.points));
+    /// Returns the message that these options leave none of these points. `boxed`: clip boxes are
+    /// among them.
+    pub fn leaves_none(&self, words: &str, filter: &Filter, boxed: bool) -> String {
+        let mut said = format!("{words} leaves none of {} points", grouped(self.points));
         let mut seen = Vec::new();
         for (_, condition) in filter.conditions() {
             let there = self.there(condition);
@@ -489,6 +491,11 @@ impl Present {
                 said += &format!("; {there}");
                 seen.push(there);
             }
+        }
+        let [Some(x), Some(y), Some(z)] = self.coordinates else { return said };
+        if boxed {
+            let corner = |end: usize| [x, y, z].map(|ends| number(round(ends[end], 3))).join(" ");
+            said += &format!("; the points lie in {} to {}", corner(0), corner(1));
         }
         said
     }
@@ -537,14 +544,12 @@ pub fn grouped(n: u64) -> String {
 }
 
 impl Part {
-    fn filtered(&mut self, filter: &Filter) {
-        let own = filter.compile_for(
-            &self.path,
-            self.name.as_deref(),
-            self.intensity_range,
-            self.columns.source.is_some(),
-        );
-        let left = own.left(&self.columns, &self.lattice, [0; 3]);
+    fn compiled(&self, filter: &Filter) -> Compiled {
+        let has_source = self.columns.source.is_some();
+        filter.compile_for(&self.path, self.name.as_deref(), self.intensity_range, has_source)
+    }
+
+    fn keep(&mut self, left: Vec<bool>) {
         let kept: Vec<u32> = (0..).zip(left).filter(|(_, left)| *left).map(|(i, _)| i).collect();
         if kept.len() < self.columns.len() {
             self.columns = self.columns.pick(&kept);
@@ -562,25 +567,41 @@ impl Cloud {
         filter.check(sets.fold(ColumnSet::default(), ColumnSet::and), &|_| {
             "`pointillist info` lists their attributes".into()
         })?;
-        let present =
-            |part: &Part| Present::of(&part.columns, &part.lattice, [0; 3], part.intensity_range);
-        // Known before points are dropped, in case that none is left.
-        let present: Present =
-            self.parts.par_iter().map(present).reduce(Present::default, Present::and);
-        self.parts.par_iter_mut().for_each(|part| part.filtered(filter));
-        self.parts.retain(|part| !part.columns.is_empty());
-        if self.parts.is_empty() {
-            return Err(Error::Request(present.leaves_none(filter)));
+        let left = |part: &Part| part.compiled(filter).left(&part.columns, &part.lattice, [0; 3]);
+        self.leave(&filter.words(), filter, &left)
+    }
+
+    /// Leaves the points at some world positions. `words` are the options that say which.
+    pub fn keep(&mut self, words: &str, keep: &(dyn Fn(DVec3) -> bool + Sync)) -> Result<()> {
+        let left = |part: &Part| {
+            let Columns { x, y, z, .. } = &part.columns;
+            let place = |i: usize| part.lattice.world([x[i], y[i], z[i]].map(i64::from));
+            (0..x.len()).into_par_iter().map(|i| keep(place(i))).collect()
+        };
+        self.leave(words, &Filter::default(), &left)
+    }
+
+    fn leave(
+        &mut self,
+        words: &str,
+        filter: &Filter,
+        left: &(dyn Fn(&Part) -> Vec<bool> + Sync),
+    ) -> Result<()> {
+        let of = self.len();
+        let masks: Vec<Vec<bool>> = self.parts.par_iter().map(left).collect();
+        if !masks.iter().flatten().any(|left| *left) {
+            let present = |part: &Part| {
+                Present::of(&part.columns, &part.lattice, [0; 3], part.intensity_range)
+            };
+            let present = self.parts.par_iter().map(present).reduce(Present::default, Present::and);
+            return Err(Error::Request(present.leaves_none(words, filter, filter.is_empty())));
         }
-        let left = self.len();
+        self.parts.par_iter_mut().zip(masks).for_each(|(part, left)| part.keep(left));
+        self.parts.retain(|part| !part.columns.is_empty());
         self.stations =
             (0..).zip(&self.parts).flat_map(|(index, part)| stations(part, index)).collect();
-        self.notes.push(format!(
-            "{} leaves {} of {} points",
-            filter.words(),
-            grouped(left),
-            grouped(present.points)
-        ));
+        let left = self.len();
+        self.notes.push(format!("{words} leaves {} of {} points", grouped(left), grouped(of)));
         Ok(())
     }
 }
@@ -664,11 +685,14 @@ mod tests {
         let lattice = Lattice { step: DVec3::splat(0.1), offset: DVec3::ZERO };
         let present = Present::of(&columns(), &lattice, [0; 3], [0.0, 65535.0]);
         let present = Present { points: 1234, ..present };
-        let said = present.leaves_none(&filter(&["class=9", "z=50.."], &["ground"]));
+        let filter = filter(&["class=9", "z=50.."], &["ground"]);
+        let said = present.leaves_none(&filter.words(), &filter, false);
         assert_eq!(
             said,
             "--only class=9 --only z=50.. --not ground leaves none of 1,234 points; classes present: 2, 5, 6, 18; z present: 1..4"
         );
+        let said = present.leaves_none("--clip", &Filter::default(), true);
+        assert_eq!(said, "--clip leaves none of 1,234 points; the points lie in 0 0 1 to 0.3 0 4");
         assert_eq!(grouped(1_000_000), "1,000,000");
         assert_eq!(grouped(12), "12");
     }

@@ -9,9 +9,11 @@
 
 pub mod header;
 mod laz;
+pub mod raw;
 pub mod read_point;
 pub mod records;
 mod sample;
+pub mod write;
 
 use super::crs::Sample;
 use super::input::{Input, Meter};

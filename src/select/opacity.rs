@@ -199,6 +199,11 @@ impl Opacities {
         self.0.iter().any(|rule| rule.what != What::All)
     }
 
+    /// Tests whether some rule names a station or a file.
+    pub fn name_stations(&self) -> bool {
+        self.0.iter().any(|rule| rule.what.names_stations())
+    }
+
     /// Returns a message for the first rule whose station does not exist.
     pub fn lost(&self, stations: &[Station]) -> Option<String> {
         let known = Known { stations, points: 0, counts: None };

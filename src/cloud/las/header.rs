@@ -48,7 +48,13 @@ pub struct Kept {
 }
 
 /// Smallest record of each point format `[bytes]`.
-const RECORD_BYTES: [u16; 11] = [20, 28, 26, 34, 57, 63, 30, 36, 38, 59, 67];
+pub const RECORD_BYTES: [u16; 11] = [20, 28, 26, 34, 57, 63, 30, 36, 38, 59, 67];
+
+impl Layout {
+    pub fn has_extra_bytes(&self) -> bool {
+        self.record_bytes > RECORD_BYTES[self.format as usize] as usize
+    }
+}
 
 const VLR_HEADER_BYTES: u64 = 54;
 

@@ -9,7 +9,7 @@ use crate::error::{Error, Result};
 
 /// A filter for the nodes of one index.
 pub struct IndexFilter {
-    compiled: Compiled,
+    pub compiled: Compiled,
     wanted: ColumnSet,
 }
 
