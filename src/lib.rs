@@ -7,7 +7,7 @@
 //!
 //! The modules follow the data. Each uses only those before it; `tests/cpu/imports.rs` checks that.
 //!
-//! - [`cloud`]: readers of files. Points become columns on the files' own integer lattices.
+//! - [`cloud`]: readers of files, and filters. Points become columns on the files' own lattices.
 //!   [`synth`]: files with known truth, from analytic scenes.
 //! - [`index`]: nodes of at most 65,536 points in Morton order, with bit-plane positions and
 //!   attributes derived from neighbouring points.

@@ -255,6 +255,8 @@ pub struct Meaning<'m> {
 /// A filter for the columns of one part.
 pub struct Compiled {
     tests: Vec<Test>,
+    /// Columns that it looks at.
+    pub wanted: ColumnSet,
 }
 
 struct Test {
@@ -348,7 +350,7 @@ impl Filter {
             };
             Test { keeps, by }
         };
-        Compiled { tests: self.conditions().map(test).collect() }
+        Compiled { tests: self.conditions().map(test).collect(), wanted: self.wanted() }
     }
 
     /// Compiles for a part whose points have source ids of their file, if any.

@@ -164,7 +164,7 @@ impl Input {
             Input::Index { index, .. } => {
                 let contents = &index.directory.contents;
                 let opaque = Opaque::of(&selection.opacities, &contents.stations, Vec::new())?;
-                let filter = &index.compile(&selection.filter)?.compiled;
+                let filter = &index.compile(&selection.filter)?;
                 let chosen = Chosen { filter, clips, opaque: &opaque };
                 let id = |station: &Station| station.source.unwrap_or(0);
                 let ids: Vec<u16> = contents.stations.iter().map(id).collect();

@@ -536,13 +536,23 @@ fn root_samples(index: &Index) -> (Vec<(DVec3, u32)>, Option<RobustBounds>) {
     let mut samples = Vec::new();
     for root in 0..index.directory.roots as usize {
         // An unreadable root is reported when drawn; until then its box is used.
-        samples.extend(index.samples(root).unwrap_or_else(|_| {
+        samples.extend(left_samples(index, root).unwrap_or_else(|_| {
             let (lo, hi) = index.bounds(&index.nodes()[root]);
             vec![(lo, 1), (hi, 1)]
         }));
     }
     let core = RobustBounds::of(samples.len(), |i| samples[i].0);
     (samples, core)
+}
+
+/// Returns the samples of a root that the index's filter leaves; all if it leaves none.
+fn left_samples(index: &Index, root: usize) -> Result<Vec<(DVec3, u32)>> {
+    let samples = index.samples(root)?;
+    let Some(filter) = &index.filter else { return Ok(samples) };
+    let left = index.left(root, filter)?;
+    let some = samples.iter().zip(left).filter(|(_, left)| *left).map(|(sample, _)| *sample);
+    let some: Vec<_> = some.collect();
+    Ok(if some.is_empty() { samples } else { some })
 }
 
 /// Returns the strays of an index among the samples of its roots.

@@ -389,6 +389,7 @@ fn rendered(
             pointillist::cloud::ColumnSet { rgb: true, intensity: true, ..Default::default() },
             false,
         ),
+        filter: Default::default(),
         index: None,
         place: None,
         shadows: None,

@@ -7,12 +7,6 @@ use crate::cloud::{ColumnSet, Columns};
 use crate::config::BITS_PER_PLANE;
 use crate::error::{Error, Result};
 
-/// A filter for the nodes of one index.
-pub struct IndexFilter {
-    pub compiled: Compiled,
-    wanted: ColumnSet,
-}
-
 impl NodeRecord {
     /// Returns the columns that it has.
     pub fn available(&self) -> ColumnSet {
@@ -25,14 +19,6 @@ impl NodeRecord {
             normal: self.has(Plane::Normal),
             gps_time: self.has(Plane::GpsTime),
         }
-    }
-}
-
-impl IndexFilter {
-    /// Returns which points of a node, given by the columns that the filter looks at, are left.
-    pub fn left(&self, index: &Index, node: usize, columns: &Columns) -> Vec<bool> {
-        let record = &index.nodes()[node];
-        self.compiled.left(columns, &index.lattice(record), record.origin)
     }
 }
 
@@ -99,7 +85,7 @@ impl Index {
     }
 
     /// Compiles a filter for the columns of all nodes.
-    pub fn compile(&self, filter: &Filter) -> Result<IndexFilter> {
+    pub fn compile(&self, filter: &Filter) -> Result<Compiled> {
         let contents = &self.directory.contents;
         let mut ranges = contents.parts.iter().map(|part| part.intensity_range);
         let intensity_range = ranges.next().unwrap_or([0.0, 65535.0]);
@@ -124,13 +110,13 @@ impl Index {
             Origin { file, scan: part.name.clone(), source: station.source }
         };
         let sources = contents.stations.len().max(1);
-        let compiled = filter.compile(&Meaning { intensity_range, sources, origin: &origin });
-        Ok(IndexFilter { compiled, wanted: filter.wanted() })
+        Ok(filter.compile(&Meaning { intensity_range, sources, origin: &origin }))
     }
 
     /// Returns which points of a node a filter leaves.
-    pub fn left(&self, node: usize, filter: &IndexFilter) -> Result<Vec<bool>> {
+    pub fn left(&self, node: usize, filter: &Compiled) -> Result<Vec<bool>> {
+        let record = &self.nodes()[node];
         let columns = self.columns(node, filter.wanted)?;
-        Ok(filter.left(self, node, &columns))
+        Ok(filter.left(&columns, &self.lattice(record), record.origin))
     }
 }

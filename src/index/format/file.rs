@@ -12,7 +12,6 @@
 //! position, or an attribute. A frame reads the planes that it needs. The header is written last,
 //! after the rest is on the disk (guide: reliability): an index is complete or absent.
 
-use super::columns::IndexFilter;
 use super::mmap::Map;
 use super::schema::{
     CHECKSUMS, Contents, Directory, IndexedPart, NodeRecord, PLANES, Plane, bounds, lattice,
@@ -22,6 +21,7 @@ use super::shadow_file::SavedShadows;
 use super::writer::{FileHeader, HEADER_BYTES, MAGIC, VERSION};
 use crate::cloud::Lattice;
 use crate::cloud::crs::Reference;
+use crate::cloud::filter::Compiled;
 use crate::cloud::strays::RobustBounds;
 use crate::config::{BITS_PER_PLANE, POINTS_PER_PAGE, POSITION_PLANES};
 use crate::error::{Error, Result};
@@ -56,7 +56,7 @@ pub struct Index {
     /// Box outside of which nothing is drawn.
     pub hidden: Option<RobustBounds>,
     /// Filter of the points that are drawn.
-    pub filter: Option<IndexFilter>,
+    pub filter: Option<Compiled>,
     /// Fault to inject, for tests.
     pub fault: Option<Fault>,
 }

@@ -13,7 +13,6 @@ pub mod shadow_file;
 pub mod spacing;
 mod writer;
 
-pub use columns::IndexFilter;
 pub use file::Index;
 pub use schema::{
     Axes, Balance, CHECKSUMS, Contents, Directory, IndexedPart, MAX_STOPS, NodeRecord, PLANES,
