@@ -6,15 +6,13 @@ use super::input::{Batch, Input, Part};
 use super::{Packed, Sink, Taker};
 use crate::cloud::crs::Kind;
 use crate::cloud::digits::number;
-use crate::cloud::las::header::Layout;
-use crate::cloud::las::raw::{bytes_of, has_waveform, without_waveform};
-use crate::cloud::las::write::{LasWriter, failed, transforms};
+use crate::cloud::las::header::{Layout, Vlr, record_bytes};
+use crate::cloud::las::raw::{has_waveform, without_waveform};
+use crate::cloud::las::write::{Head, LasWriter};
 use crate::cloud::las::{INTENSITY_RANGE, Las};
 use crate::cloud::{Header, Lattice};
 use crate::error::{Error, Result};
 use glam::DVec3;
-use las::point::Format;
-use las::{Builder, Vlr};
 use std::path::Path;
 
 /// Bits of the global encoding.
@@ -57,8 +55,8 @@ impl<'p> Plan<'p> {
                 if has_waveform(first.format) || first.kept.has_more {
                     notes.push("waveforms and records behind the points are left out".into());
                 }
-                let extra = first.record_bytes - bytes_of(first.format);
-                (without_waveform(first.format), extra as u16)
+                let extra = first.record_bytes as u16 - record_bytes(first.format);
+                (without_waveform(first.format), extra)
             }
             None => (modern(input, notes), 0),
         };
@@ -66,48 +64,42 @@ impl<'p> Plan<'p> {
     }
 
     pub fn create(&self, path: &Path) -> Result<LasFile> {
-        let first = (!self.input.parts().is_empty()).then(|| self.input.las(0)).flatten();
-        let layout = first.map(|las| &las.layout);
+        let layout = self.first().map(|las| &las.layout);
         let minor = match layout {
             Some(layout) if self.raw && self.format < 6 => layout.minor.clamp(2, 4),
             _ => 4,
         };
         let many = self.input.points() > u32::MAX as u64;
-        let mut builder = Builder::from((1, if many { 4 } else { minor }));
-        builder.point_format = Format::new(self.format).map_err(|e| failed(path, e))?;
-        builder.point_format.is_compressed = self.compressed;
-        builder.point_format.extra_bytes = self.extra_bytes;
-        builder.transforms = transforms(self.lattice);
-        builder.date = None;
-        builder.generating_software = concat!("pointillist ", env!("CARGO_PKG_VERSION")).into();
-        builder.system_identifier = "EXTRACTION".into();
-        if let Some(layout) = layout.filter(|_| self.input.parts().len() == 1) {
-            builder.file_source_id = layout.kept.file_source;
-        }
-        builder.vlrs = self.records(layout);
-        let wkt = builder.vlrs.iter().any(|vlr| vlr.user_id == PROJECTION && vlr.record_id == 2112);
+        let records = self.records(layout);
+        let is_wkt = |vlr: &Vlr| vlr.user == PROJECTION && vlr.record == 2112;
+        let wkt = if records.iter().any(is_wkt) { WKT } else { 0 };
         let kept = layout.map_or(0, |layout| layout.kept.global_encoding);
-        let encoding = kept & (STANDARD_TIME | SYNTHETIC_RETURNS) | if wkt { WKT } else { 0 };
-        Ok(LasFile { writer: LasWriter::create(path, builder)?, encoding })
+        let one = layout.filter(|_| self.input.parts().len() == 1);
+        let head = Head {
+            minor: if many { 4 } else { minor },
+            format: self.format,
+            extra_bytes: self.extra_bytes,
+            compressed: self.compressed,
+            lattice: self.lattice,
+            file_source: one.map_or(0, |layout| layout.kept.file_source),
+            global_encoding: kept & (STANDARD_TIME | SYNTHETIC_RETURNS) | wkt,
+            system: "EXTRACTION".into(),
+            records,
+        };
+        LasWriter::create(path, head).map(LasFile)
+    }
+
+    fn first(&self) -> Option<&Las> {
+        (!self.input.parts().is_empty()).then(|| self.input.las(0)).flatten()
     }
 
     /// Returns the records of the header: all of files that are alike, else those of the first
     /// one's coordinate system.
     fn records(&self, layout: Option<&Layout>) -> Vec<Vlr> {
-        let ascii = |text: &str| text.chars().filter(char::is_ascii).collect::<String>();
-        let records = layout.map_or(&[][..], |layout| &layout.kept.records);
-        let of_file: Vec<Vlr> = records
-            .iter()
-            .filter(|(user, ..)| self.raw || user == PROJECTION)
-            .map(|(user, record, description, data)| Vlr {
-                user_id: ascii(user),
-                record_id: *record,
-                description: ascii(description),
-                data: data.clone(),
-            })
-            .collect();
+        let all = layout.map_or(&[][..], |layout| &layout.kept.records);
+        let own = all.iter().filter(|vlr| self.raw || vlr.user == PROJECTION).cloned();
         let part = self.input.parts().first().filter(|_| layout.is_none());
-        of_file.into_iter().chain(part.and_then(|part| system(&part.header))).collect()
+        own.chain(part.and_then(|part| system(&part.header))).collect()
     }
 
     fn steps(&self, batch: &Batch, i: usize) -> Result<[i32; 3]> {
@@ -172,18 +164,15 @@ impl Sink for Plan<'_> {
     }
 }
 
-pub struct LasFile {
-    writer: LasWriter,
-    encoding: u16,
-}
+pub struct LasFile(LasWriter);
 
 impl Taker for LasFile {
     fn take(&mut self, _points: u64, bytes: Vec<u8>) -> Result<()> {
-        self.writer.write(bytes)
+        self.0.write(&bytes)
     }
 
     fn finish(self: Box<Self>) -> Result<()> {
-        self.writer.finish(Some(self.encoding))
+        self.0.finish()
     }
 }
 
@@ -196,10 +185,8 @@ const EXTRA_BYTES: (&str, u16) = ("LASF_Spec", 4);
 /// Returns the first of files whose records have the same fields and meaning.
 fn alike<'l>(las: &[&'l Las]) -> Option<&'l Layout> {
     let extra = |layout: &'l Layout| {
-        let is_it = |(user, number, ..): &&'l (String, u16, String, Vec<u8>)| {
-            (user.as_str(), *number) == EXTRA_BYTES
-        };
-        layout.kept.records.iter().find(is_it).map(|(.., data)| data)
+        let is_it = |vlr: &&'l Vlr| (vlr.user.as_str(), vlr.record) == EXTRA_BYTES;
+        layout.kept.records.iter().find(is_it).map(|vlr| &vlr.data)
     };
     let key = |las: &&'l Las| {
         let layout = &las.layout;
@@ -307,7 +294,7 @@ fn system(header: &Header) -> Option<Vlr> {
             .any(|word| text.starts_with(word))
     };
     let wkt = header.facts.iter().map(|(_, text)| text).find(is_wkt);
-    let (record_id, data) = match wkt {
+    let (record, data) = match wkt {
         Some(text) => (2112, [text.as_bytes(), &[0]].concat()),
         None => {
             let (model, key) = match system.kind {
@@ -322,5 +309,5 @@ fn system(header: &Header) -> Option<Vlr> {
         }
     };
     let description = "coordinate system".into();
-    Some(Vlr { user_id: PROJECTION.into(), record_id, description, data })
+    Some(Vlr { user: PROJECTION.into(), record, description, data })
 }

@@ -3,11 +3,9 @@
 
 use super::chunk::{Chunk, Lattice};
 use crate::cloud;
-use crate::cloud::las::write::{LasWriter, failed, transforms};
+use crate::cloud::las::write::{Head, LasWriter};
 use crate::error::{Error, Result};
 use glam::DVec3;
-use las::Builder;
-use las::point::Format;
 use std::path::Path;
 
 const RECORD_BYTES: usize = 34;
@@ -24,16 +22,19 @@ impl LasFile {
             )));
         }
         let compressed = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("laz"));
-        let mut builder = Builder::from((1, 2));
-        builder.point_format = Format::new(3).map_err(|e| failed(path, e))?;
-        builder.point_format.is_compressed = compressed;
         // No date and no guid: the same seed gives the same bytes on any day.
-        builder.date = None;
-        builder.generating_software = concat!("pointillist ", env!("CARGO_PKG_VERSION")).to_owned();
-        builder.system_identifier = "SIMULATION".to_owned();
-        builder.transforms =
-            transforms(cloud::Lattice { step: DVec3::splat(lattice.step), offset: lattice.offset });
-        LasWriter::create(path, builder).map(LasFile)
+        let head = Head {
+            minor: 2,
+            format: 3,
+            extra_bytes: 0,
+            compressed,
+            lattice: cloud::Lattice { step: DVec3::splat(lattice.step), offset: lattice.offset },
+            file_source: 0,
+            global_encoding: 0,
+            system: "SIMULATION".into(),
+            records: Vec::new(),
+        };
+        LasWriter::create(path, head).map(LasFile)
     }
 
     pub fn write(&mut self, chunk: &Chunk) -> Result<()> {
@@ -55,11 +56,11 @@ impl LasFile {
             }
             bytes.extend_from_slice(&record);
         }
-        self.0.write(bytes)
+        self.0.write(&bytes)
     }
 
     /// Completes the header and renames the file to its final name.
     pub fn finish(self) -> Result<()> {
-        self.0.finish(None)
+        self.0.finish()
     }
 }

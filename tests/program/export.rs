@@ -220,7 +220,7 @@ fn filters_draw_the_same_of_files_and_of_their_index() {
         let output = place.at("out.png");
         let line = format!("{line} {filter} -o {}", output.display());
         succeeded(&render(cloud, &line));
-        read_png(&output)
+        read_png(&output).pixels
     };
     let whole = draw(&street, "");
     for filter in [

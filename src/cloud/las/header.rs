@@ -35,20 +35,34 @@ pub struct Layout {
     pub kept: Kept,
 }
 
+/// A variable-length record.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Vlr {
+    pub user: String,
+    pub record: u16,
+    pub description: String,
+    pub data: Vec<u8>,
+}
+
 /// Fields and records of a header that say what points mean, in the file's own bytes.
 #[derive(Clone, Debug, Default)]
 pub struct Kept {
     pub file_source: u16,
     pub global_encoding: u16,
     pub system: String,
-    /// Variable-length records, without those about compression: user, number, description, data.
-    pub records: Vec<(String, u16, String, Vec<u8>)>,
+    /// Variable-length records, without those about compression.
+    pub records: Vec<Vlr>,
     /// Whether there are records behind the points that are not kept.
     pub has_more: bool,
 }
 
 /// Smallest record of each point format `[bytes]`.
-pub const RECORD_BYTES: [u16; 11] = [20, 28, 26, 34, 57, 63, 30, 36, 38, 59, 67];
+const RECORD_BYTES: [u16; 11] = [20, 28, 26, 34, 57, 63, 30, 36, 38, 59, 67];
+
+/// Returns the bytes of a point format, without extra bytes.
+pub fn record_bytes(format: u8) -> u16 {
+    RECORD_BYTES[format as usize]
+}
 
 impl Layout {
     pub fn has_extra_bytes(&self) -> bool {
@@ -257,8 +271,8 @@ fn vlrs(
             (text(&head[2..18]), u16_at(&head, 18), u16_at(&head, 20) as u64);
         let contents = || input.take(at + VLR_HEADER_BYTES, length);
         if user != "laszip encoded" && user != "copc" {
-            let data = contents()?;
-            layout.kept.records.push((user.clone(), record, text(&head[22..54]), data));
+            let (data, description) = (contents()?, text(&head[22..54]));
+            layout.kept.records.push(Vlr { user: user.clone(), record, description, data });
         }
         match (user.as_str(), record) {
             ("laszip encoded", 22204) => layout.laszip = Some(contents()?),
@@ -369,7 +383,11 @@ fn evlrs(
         let (user, record, length) = (text(&head[2..18]), u16_at(&head, 18), u64_at(&head, 20));
         if user == "LASF_Projection" && length <= PROJECTION_BYTES {
             let contents = input.take(at + EVLR_HEADER_BYTES, length)?;
-            kept.records.push((user, record, text(&head[28..60]), contents.clone()));
+            let (data, description) = (contents.clone(), text(&head[28..60]));
+            // Longer ones do not fit between header and points.
+            if u16::try_from(length).is_ok() {
+                kept.records.push(Vlr { user, record, description, data });
+            }
             projection.take(record, contents, facts);
         } else {
             kept.has_more |= user != "copc";

@@ -1,6 +1,6 @@
 //! Fields of a single LAS record, for writers.
 
-use super::header::{RECORD_BYTES, array_at, u16_at};
+use super::header::{array_at, record_bytes, u16_at};
 
 /// Degrees of a unit of the scan angle in formats 6 to 10.
 const ANGLE: f64 = 0.006;
@@ -16,11 +16,6 @@ pub fn without_waveform(format: u8) -> u8 {
     }
 }
 
-/// Returns the bytes of a point format, without extra bytes.
-pub fn bytes_of(format: u8) -> usize {
-    RECORD_BYTES[format as usize] as usize
-}
-
 #[derive(Clone, Copy)]
 pub struct Record<'r> {
     pub bytes: &'r [u8],
@@ -34,10 +29,10 @@ impl Record<'_> {
 
     /// Appends the record without its waveform, at other coordinates.
     pub fn write(&self, steps: [i32; 3], out: &mut Vec<u8>) {
-        let (own, bare) = (bytes_of(self.format), bytes_of(without_waveform(self.format)));
+        let bare = record_bytes(without_waveform(self.format)) as usize;
         steps.iter().for_each(|v| out.extend(v.to_le_bytes()));
         out.extend_from_slice(&self.bytes[12..bare]);
-        out.extend_from_slice(&self.bytes[own..]);
+        out.extend_from_slice(&self.bytes[record_bytes(self.format) as usize..]);
     }
 
     pub fn user_data(&self) -> u8 {
