@@ -132,7 +132,9 @@ impl<'p> Plan<'p> {
         let byte = |column: &Option<Vec<u8>>| column.as_ref().map_or(0, |column| column[i]);
         steps.iter().for_each(|v| out.extend(v.to_le_bytes()));
         out.extend(intensity.to_le_bytes());
-        out.extend([byte(&columns.returns), flags, byte(&columns.class), user_data]);
+        // A point that is of no pulse is its own only return.
+        let returns = columns.returns.as_ref().map_or(0x11, |column| column[i]);
+        out.extend([returns, flags, byte(&columns.class), user_data]);
         out.extend(angle.to_le_bytes());
         out.extend(batch.source(i).to_le_bytes());
         let time = columns.gps_time.as_ref().map_or(0.0, |column| column[i]);
@@ -240,6 +242,9 @@ fn of_intensity(part: &Part, notes: &mut Vec<String>) -> Intensity {
     }
 }
 
+/// A step that is fine enough for points of any instrument `[m]`.
+const FINE: f64 = 1e-4;
+
 /// Returns the lattice of the file, and each part's shift to it: the files' own lattice where they
 /// agree, else the finest steps of all.
 fn lattice(parts: &[Part], notes: &mut Vec<String>) -> Result<(Lattice, Vec<Option<[i64; 3]>>)> {
@@ -266,13 +271,19 @@ fn lattice(parts: &[Part], notes: &mut Vec<String>) -> Result<(Lattice, Vec<Opti
         let steps = |place: DVec3| ((place - lattice.offset) / lattice.step).abs().max_element();
         steps(low).max(steps(high)) < 2f64.powi(31) - 1.0
     };
-    let own = Lattice { step, offset: first.offset };
-    let middle = Lattice { step, offset: ((low + high) / 2.0 / step).round() * step };
-    let Some(lattice) = [own, middle].into_iter().find(fits) else { return Err(too_far()) };
+    // Finer steps than all of these are given up where the files lie far apart.
+    let coarsest = parts.iter().fold(DVec3::splat(FINE), |step, part| step.max(part.own.step));
+    let steps = std::iter::successors(Some(step), |step| Some(*step * 2.0));
+    let at = |step: DVec3| {
+        let middle = ((low + high) / 2.0 / step).round() * step;
+        [first.offset, middle].map(|offset| Lattice { step, offset }).into_iter().find(fits)
+    };
+    let lattice = steps.take_while(|step| step.cmple(coarsest).any()).find_map(at);
+    let Some(lattice) = lattice else { return Err(too_far()) };
     if agree && lattice == first {
         return Ok((first, shifts));
     }
-    let steps = step.to_array().map(number).join(" ");
+    let steps = lattice.step.to_array().map(number).join(" ");
     notes.push(format!(
         "the files have different lattices; positions are rounded to steps of {steps}"
     ));

@@ -59,6 +59,7 @@ const SAME: &str = "
 import sys, laspy, numpy as np
 a, b = laspy.read(sys.argv[1]), laspy.read(sys.argv[2])
 x, y, z = (np.asarray(v) for v in (a.x, a.y, a.z))
+n = lambda name: np.asarray(a[name])
 kept = WHICH
 p = a.points[kept]
 assert len(p) == len(b.points), (len(p), len(b.points))
@@ -77,19 +78,19 @@ print(len(p))
 fn laspy_finds_the_points_that_were_asked_for() {
     let place = Place::new();
     let files = [
-        ("data/aerial/ign_2strips.laz", "--only ground", "a.classification == 2"),
+        ("data/aerial/ign_2strips.laz", "--only ground", "n('classification') == 2"),
         (
             "data/aerial/ign_2strips.laz",
             "--where intensity=500..1500 --where z=25..30",
-            "(a.intensity >= 500) & (a.intensity <= 1500) & (z >= 25) & (z <= 30)",
+            "(n('intensity') >= 500) & (n('intensity') <= 1500) & (z >= 25) & (z <= 30)",
         ),
         (
             "data/ground/pine_plot.laz",
             "--where return=last --not ground",
-            "(a.return_number >= a.number_of_returns) & (a.classification != 2)",
+            "(n('return_number') >= n('number_of_returns')) & (n('classification') != 2)",
         ),
         ("data/formats/las1.4_pf3_extrabytes.las", "--every 3", "np.arange(len(x)) % 3 == 0"),
-        ("data/formats/las1.4_pf6.las", "--where returns=1", "a.number_of_returns == 1"),
+        ("data/formats/las1.4_pf6.las", "--where returns=1", "n('number_of_returns') == 1"),
     ];
     for (file, line, which) in files {
         let Some(file) = shared(file) else { continue };
@@ -227,9 +228,9 @@ fn filters_draw_the_same_of_files_and_of_their_index() {
         "--only ground",
         "--not building,noise",
         "--where z=101..104",
-        "--where intensity=1000.. --where return=last",
+        "--where intensity=20000.. --where return=last",
         "--only source=1,2",
-        "--where gps-time=0.5..",
+        "--where gps-time=1000..3500",
         "--not file=street.laz --only ground",
     ] {
         if filter.contains("file=") {
@@ -249,10 +250,14 @@ fn explain_counts_what_is_left() {
     let place = Place::new();
     let street = place.street();
     let line = "--clip box:499995,-inf,-inf,500003,inf,inf --only ground";
-    let drawn = place.at("out.png");
+    let (drawn, camera) = (place.at("out.png"), place.at("cam.json"));
+    // All of the street is in the picture.
+    let view = r#"{"eye": [500000, 5000000, 600], "target": [500000, 5000020, 100], "fov_y": 60}"#;
+    fs::write(&camera, view).unwrap();
+    let camera = format!("--camera {}", camera.display());
     let output = render(
         &street,
-        &format!("-o {} --size 64x64 --view top {line} --explain=json", drawn.display()),
+        &format!("-o {} --size 64x64 {camera} {line} --explain=json", drawn.display()),
     );
     succeeded(&output);
     let explained: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
