@@ -111,7 +111,10 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
     let mut stages = Stages::new();
     let mut source = Source::open(&arguments.files, &picture.opening(arguments.strict), progress)?;
     source.find(picture.color, progress)?;
-    source.notes(picture.further()).iter().for_each(|note| eprintln!("pointillist: note: {note}"));
+    let notes = source.notes(picture.further()).into_iter();
+    notes
+        .chain(source.clipped_away(&picture.clips()))
+        .for_each(|note| eprintln!("pointillist: note: {note}"));
     stages.done("read");
     let view = picture.view(&source)?;
     let (shown, why_shown) = picture.shown(&source)?;

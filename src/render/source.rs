@@ -2,13 +2,14 @@
 
 use crate::cloud::attribute::{Attribute, DisplayAttribute, ExtraAttributes};
 use crate::cloud::crs::Reference;
+use crate::cloud::digits::number;
 use crate::cloud::filter::{Filter, grouped};
 use crate::cloud::histograms::Histograms;
 use crate::cloud::rgb_range::RgbRange;
 use crate::cloud::robust_bounds::without_strays;
 use crate::cloud::strays::{RobustBounds, Strays, Treatment};
 use crate::cloud::stream::FileSummary;
-use crate::cloud::{self, Cloud, ReadOptions, Station};
+use crate::cloud::{self, Cloud, Columns, Part, ReadOptions, Station};
 use crate::config;
 use crate::error::{Error, Result};
 use crate::graph::Gpu;
@@ -20,7 +21,7 @@ use crate::index::format::{Index, Plane};
 use crate::index::{self, build};
 use crate::progress::Progress;
 use crate::resident::{CloudUpload, Residency, Resident, streaming::Update};
-use crate::select::clip::{Clip, Clips};
+use crate::select::clip::{Clip, Clips, Left};
 use crate::select::lod::Detail;
 use crate::select::opacity::Opacities;
 use crate::view::View;
@@ -362,6 +363,30 @@ impl Source {
             "OUT.pnti".into()
         };
         format!("`pointillist index {}{more} -o {output} {option}` finds them", files.join(" "))
+    }
+
+    /// Returns a note if clip boxes leave nothing: of files no point, of an index no node.
+    pub fn clipped_away(&self, clips: &Clips) -> Option<String> {
+        let (is_left, bounds) = match self {
+            Source::Files(cloud) => {
+                let is_left = |part: &Part| {
+                    let Columns { x, y, z, .. } = &part.columns;
+                    let place = |i| part.lattice.world([x[i], y[i], z[i]].map(i64::from));
+                    (0..x.len()).any(|i| clips.keep(place(i)))
+                };
+                (cloud.parts.iter().any(is_left), cloud.bounds())
+            }
+            Source::Index(index) => {
+                let is_left = |node| clips.left(index.bounds(node)) != Left::Nothing;
+                let bounds = index.directory.contents.bounds.map(|[low, high]| (low, high));
+                (index.nodes().iter().any(is_left), bounds)
+            }
+        };
+        let (low, high) = bounds.filter(|_| !is_left)?;
+        let [low, high] = [low, high]
+            .map(|corner| self.reference().digits.round(corner).to_array().map(number).join(" "));
+        let points = grouped(self.points());
+        Some(format!("--clip leaves none of {points} points; they lie in {low} to {high}"))
     }
 
     /// Tests whether points need their kind on the device for a filter.
