@@ -150,7 +150,8 @@ pub fn start(
           -> Result<LoadedCloud> {
         source.find(color, progress)?;
         let (mut shown, why_shown) = source.shown(color)?;
-        let (categories, subject) = (Categories::of(&source), Subject::of(source.core_points()));
+        let (categories, subject) =
+            (Categories::of(&source), Subject::of(source.core_points(), source.up().axis()));
         let further = if let Source::Index(_) = source { further } else { of_files };
         shown.further =
             ExtraAttributes { normal: source.has_normals(), light: source.has_light(), ..further };

@@ -5,6 +5,7 @@ use crate::cloud::attribute::{Attribute, DisplayAttribute, ExtraAttributes};
 use crate::cloud::rgb_range::RgbRange;
 use crate::cloud::strays::Treatment;
 use crate::cloud::table::{Columns, Delimiter, TextOptions};
+use crate::cloud::up::UpOption;
 use crate::cloud::{ColumnSet, ReadOptions};
 use crate::config;
 use crate::error::{Error, Result};
@@ -51,6 +52,9 @@ pub struct PictureOptions {
     /// Where to look from if no --camera is given
     #[arg(long, value_enum, default_value_t = Preset::Fit)]
     pub view: Preset,
+    /// Axis of the coordinates that points up
+    #[arg(long, value_enum, default_value_t = UpOption::Auto)]
+    pub up: UpOption,
     /// What the points show [default: rgb if the files have it, else intensity if it varies, else
     /// elevation]
     #[arg(long, value_enum)]
@@ -314,6 +318,7 @@ impl PictureOptions {
             text: self.text.options(),
             rgb_range: self.colors.rgb_range,
             strays: self.strays,
+            up: self.up,
             ..ReadOptions::new(self.wanted(), strict)
         }
     }
@@ -347,7 +352,13 @@ impl PictureOptions {
     pub fn view(&self, source: &Source) -> Result<View> {
         let camera = match self.camera()? {
             Some(camera) => camera,
-            None => Camera::framing(self.view, &source.core_points(), self.size.0),
+            None => Camera::framing_beside(
+                self.view,
+                &source.framed_points(&self.clips()),
+                self.size.0,
+                0.0,
+                source.up().axis(),
+            ),
         };
         View::new(camera, self.size.0)
     }

@@ -1,6 +1,7 @@
 //! Displayed attributes: one 32-bit word per point, the range of its colour ramp, and further words
 //! that effects need.
 
+use super::up::Up;
 use super::{Cloud, ColumnSet, Part, Station, octahedral};
 use std::str::FromStr;
 
@@ -79,6 +80,8 @@ pub struct DisplayAttribute {
     pub attribute: Attribute,
     /// World heights of the whole cloud without strays, for elevation `[m]`.
     heights: [f64; 2],
+    /// The axis along which elevations count.
+    pub up: Up,
     /// The words at both ends of the ramp.
     pub stretch: [u32; 2],
     /// Whether the highest byte of a colour is its station ([`station_code`]).
@@ -176,6 +179,7 @@ impl DisplayAttribute {
         let shown = DisplayAttribute {
             attribute,
             heights,
+            up: cloud.up,
             stretch: [0, 255],
             coded,
             further: ExtraAttributes::default(),
@@ -202,6 +206,7 @@ impl DisplayAttribute {
         DisplayAttribute {
             attribute,
             heights,
+            up: Up::Z,
             stretch,
             coded: false,
             further: ExtraAttributes::default(),
@@ -313,7 +318,9 @@ impl DisplayAttribute {
                 .as_ref()
                 .map_or(0x7F7F7F, |v| bytes(v[i].map(|c| (c as i16 + 127) as u8))),
             Attribute::Elevation => {
-                self.elevation(part.lattice.offset.z + part.lattice.step.z * columns.z[i] as f64)
+                let (axis, lattice) = (self.up.index(), &part.lattice);
+                let steps = columns.along(axis)[i] as f64;
+                self.elevation(lattice.offset[axis] + lattice.step[axis] * steps)
             }
             Attribute::White => 0,
         }

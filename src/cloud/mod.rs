@@ -33,6 +33,7 @@ pub mod strays;
 pub mod stream;
 pub mod table;
 mod text;
+pub mod up;
 pub mod xyz;
 
 use crate::error::{Error, Result};
@@ -46,6 +47,7 @@ use std::ops::Range;
 use std::path::{Path, PathBuf};
 use strays::Treatment;
 use table::TextOptions;
+use up::{Up, UpOption};
 
 /// The integer grid of a part's points: `world = offset + step * q` per axis, f64, in metres (or
 /// the file's unit).
@@ -101,6 +103,11 @@ impl Columns {
 
     pub fn is_empty(&self) -> bool {
         self.x.is_empty()
+    }
+
+    /// Returns the coordinates along an axis.
+    pub fn along(&self, axis: usize) -> &[i32] {
+        [&self.x, &self.y, &self.z][axis]
     }
 
     /// Returns the box around the points [lattice steps].
@@ -230,6 +237,8 @@ pub struct ReadOptions {
     pub strays: Treatment,
     /// Collect the ranges of attributes without a column ([`Header::extras`]).
     pub extras: bool,
+    /// The axis that points up.
+    pub up: UpOption,
 }
 
 impl ReadOptions {
@@ -242,6 +251,7 @@ impl ReadOptions {
             rgb_range: None,
             strays: Treatment::Show,
             extras: false,
+            up: UpOption::Z,
         }
     }
 }
@@ -344,6 +354,7 @@ pub struct Cloud {
     pub stations: Vec<Station>,
     /// Notes for the user, one line each: wrong headers, unreadable parts, decisions about colours.
     pub notes: Vec<String>,
+    pub up: Up,
 }
 
 impl Cloud {
@@ -451,6 +462,10 @@ pub fn read(paths: &[PathBuf], options: &ReadOptions, progress: &dyn Progress) -
         }
     }
     cloud.notes.extend(crs::differences(cloud.parts.iter().map(|part| &part.header)));
+    let headers = cloud.parts.iter().map(|part| &part.header);
+    let (up, note) = options.up.of(headers, || cloud.core_points());
+    cloud.up = up;
+    cloud.notes.extend(note);
     Ok(cloud)
 }
 

@@ -7,6 +7,7 @@ use crate::cloud::rgb_range::RgbRange;
 use crate::cloud::robust_bounds::without_strays;
 use crate::cloud::strays::{RobustBounds, Strays, Treatment};
 use crate::cloud::stream::FileSummary;
+use crate::cloud::up::Up;
 use crate::cloud::{self, Cloud, ReadOptions, Station};
 use crate::config;
 use crate::error::{Error, Result};
@@ -19,7 +20,7 @@ use crate::index::format::{Index, Plane};
 use crate::index::{self, build};
 use crate::progress::Progress;
 use crate::resident::{CloudUpload, Residency, Resident, streaming::Update};
-use crate::select::clip::{Clip, Clips};
+use crate::select::clip::{Clip, Clips, Left};
 use crate::select::lod::Detail;
 use crate::select::opacity::Opacities;
 use crate::view::View;
@@ -75,6 +76,10 @@ impl OpenOptions {
         index.hidden =
             if self.read.strays == Treatment::Hide { root_samples(&index).1 } else { None };
         index.fault = self.fault;
+        let headers = index.directory.contents.parts.iter().map(|part| &part.header);
+        let (up, note) = self.read.up.of(headers, || core_samples(&index));
+        index.up = up;
+        index.directory.contents.notes.extend(note);
         Ok(Source::Index(Arc::new(index)))
     }
 
@@ -261,12 +266,31 @@ impl Source {
         }
     }
 
+    /// Returns the axis that points up.
+    pub fn up(&self) -> Up {
+        match self {
+            Source::Files(cloud) => cloud.up,
+            Source::Index(index) => index.up,
+        }
+    }
+
     /// Returns the points that a camera should frame.
     pub fn core_points(&self) -> Vec<DVec3> {
         match self {
             Source::Files(cloud) => cloud.core_points(),
             Source::Index(index) => core_samples(index),
         }
+    }
+
+    /// Returns the points that a camera should frame of those that clip boxes leave; of all, if
+    /// they leave none.
+    pub fn framed_points(&self, clips: &Clips) -> Vec<DVec3> {
+        let kept = match self {
+            _ if clips.active() == 0 => Vec::new(),
+            Source::Files(cloud) => cloud.core_points_where(|p| clips.keep(p)),
+            Source::Index(index) => without_strays(samples_left(index, clips)),
+        };
+        if kept.is_empty() { self.core_points() } else { kept }
     }
 
     /// Returns the attribute to display, and the reason.
@@ -470,22 +494,27 @@ pub fn shown(index: &Index, attribute: Attribute) -> DisplayAttribute {
     shown
 }
 
-/// Returns elevation over the heights of all points; if there are strays, over those of the roots'
-/// other samples.
+/// Returns elevation over the heights of all points; if there are strays or y is up, over those of
+/// the roots' other samples.
 fn elevation(index: &Index) -> DisplayAttribute {
     let contents = &index.directory.contents;
     let (samples, core) = root_samples(index);
-    let Some(core) = core else {
+    let axis = index.up.index();
+    if core.is_none() && index.up == Up::Z {
         let heights = contents.bounds.map_or([0.0, 0.0], |[lo, hi]| [lo.z, hi.z]);
         return DisplayAttribute::indexed(
             Attribute::Elevation,
             heights,
             contents.elevation_stretch,
         );
-    };
-    let heights =
-        samples.into_iter().filter(|(p, _)| core.has(*p)).map(|(p, weight)| (p.z, weight as u64));
-    DisplayAttribute::of_heights(heights.collect())
+    }
+    let heights = samples
+        .into_iter()
+        .filter(|(p, _)| core.is_none_or(|core| core.has(*p)))
+        .map(|(p, weight)| (p[axis], weight as u64));
+    let mut shown = DisplayAttribute::of_heights(heights.collect());
+    shown.up = index.up;
+    shown
 }
 
 /// Returns samples of the roots with the number of points each stands for, and the box without
@@ -517,6 +546,36 @@ pub fn strays(index: &Index) -> Strays {
 /// Returns the points to frame as [`Cloud::core_points`], from the roots' samples.
 fn core_samples(index: &Index) -> Vec<DVec3> {
     without_strays(root_samples(index).0)
+}
+
+/// Samples that describe what clip boxes leave of an index, if there are as many; and most nodes
+/// that are read for them.
+const FRAMED_SAMPLES: usize = 1000;
+const FRAMED_NODES: usize = 64;
+
+/// Returns samples that clip boxes leave: of the roots, or of nodes below while these leave few.
+fn samples_left(index: &Index, clips: &Clips) -> Vec<(DVec3, u32)> {
+    let meets = |&node: &usize| clips.left(index.bounds(&index.nodes()[node])) != Left::Nothing;
+    let mut nodes: Vec<usize> = (0..index.directory.roots as usize).filter(meets).collect();
+    loop {
+        let kept: Vec<(DVec3, u32)> = nodes
+            .iter()
+            .flat_map(|&node| index.samples(node).unwrap_or_default())
+            .filter(|(p, _)| clips.keep(*p))
+            .collect();
+        let below: Vec<usize> = nodes
+            .iter()
+            .flat_map(|&node| match index.nodes()[node].children() {
+                children if children.is_empty() => node..node + 1,
+                children => children,
+            })
+            .filter(meets)
+            .collect();
+        if kept.len() >= FRAMED_SAMPLES || below.len() > FRAMED_NODES || below == nodes {
+            return kept;
+        }
+        nodes = below;
+    }
 }
 
 /// A cloud in device memory.

@@ -27,6 +27,7 @@ mod faults;
 mod guide;
 mod hosts;
 mod indexed;
+mod pictures;
 mod saved_shadows;
 mod stations;
 mod strays;

@@ -43,7 +43,7 @@ fn scene() -> Cloud {
         name: format!("{part} {source}"),
         points: count(part, source),
     });
-    Cloud { parts, stations: stations.to_vec(), notes: Vec::new() }
+    Cloud { parts, stations: stations.to_vec(), ..Cloud::default() }
 }
 
 /// Returns the same cloud with colours of 8 bits that have one exposure.

@@ -328,7 +328,7 @@ mod tests {
                 points: 20_000,
             })
             .to_vec();
-        let found = exposures(&Cloud { parts: vec![part], stations, notes: Vec::new() }).unwrap();
+        let found = exposures(&Cloud { parts: vec![part], stations, ..Cloud::default() }).unwrap();
         assert_eq!(found.values, [Some(188.0), Some(137.0)]);
         let Balance { gains, uneven } = found.balance.clone().unwrap();
         assert!(
