@@ -11,6 +11,7 @@ use super::render_thread::Loading;
 use super::{clip_box_widget, legend, light_widget};
 use crate::cloud::Station;
 use crate::cloud::attribute::{Attribute, DisplayAttribute, class_name};
+use crate::cloud::colormap::{ColorScale, Ramp};
 use crate::passes::{Choice, EffectDecisions, Listed, Setting, Switch, Value};
 use crate::present::overlay::Overlay;
 use crate::render::scene::Scene;
@@ -449,11 +450,52 @@ fn color(ui: &mut Ui, state: &UiState, scene: &mut Scene) {
         combo.response.on_hover_text(format!("because {}", state.why_shown));
     }
     if let Some(shown) = &state.shown {
-        legend::ramp(ui, shown, &state.categories.reference);
+        let mut shown = *shown;
+        shown.scale = scene.scale;
+        legend::ramp(ui, &shown, &state.categories.reference);
+        scale(ui, &shown, &mut scene.scale);
     }
     ui.horizontal(|ui| {
         ui.color_edit_button_srgb(&mut scene.settings.background);
         ui.label("background");
+    });
+}
+
+/// Edits how numbers and channels become colours.
+fn scale(ui: &mut Ui, shown: &DisplayAttribute, scale: &mut ColorScale) {
+    if let Some(mut ends) = shown.ends() {
+        let [lo, hi] = ends;
+        let speed = ((hi - lo) / 200.0).max(1e-6);
+        ui.horizontal(|ui| {
+            let [low, high] = &mut ends;
+            ui.add(DragValue::new(low).range(f64::MIN..=hi.next_down()).speed(speed));
+            ui.add(DragValue::new(high).range(lo.next_up()..=f64::MAX).speed(speed));
+            if ends != [lo, hi] {
+                scale.range = Some(ends);
+            }
+            if scale.range.is_some() && ui.button("auto").clicked() {
+                scale.range = None;
+            }
+            let name = |ramp: Ramp| format!("{ramp:?}").to_lowercase();
+            ComboBox::from_id_salt("ramp")
+                .selected_text(name(scale.ramp_of(shown.attribute)))
+                .show_ui(ui, |ui| {
+                    for &ramp in Ramp::value_variants() {
+                        ui.selectable_value(&mut scale.ramp, Some(ramp), name(ramp));
+                    }
+                });
+        });
+    }
+    if shown.attribute.is_label() {
+        return;
+    }
+    CollapsingHeader::new("brightness").show(ui, |ui| {
+        ui.add(Slider::new(&mut scale.brightness, -1.0..=1.0).text("brightness"));
+        ui.add(Slider::new(&mut scale.contrast, 0.0..=4.0).text("contrast"));
+        ui.add(Slider::new(&mut scale.gamma, 0.2..=5.0).logarithmic(true).text("gamma"));
+        if ui.button("reset").clicked() {
+            *scale = ColorScale { ramp: scale.ramp, range: scale.range, ..ColorScale::default() };
+        }
     });
 }
 

@@ -2,15 +2,17 @@
 
 use super::units::{Bytes, Size};
 use crate::cloud::attribute::{Attribute, DisplayAttribute, ExtraAttributes};
+use crate::cloud::colormap::{ColorScale, Ramp};
 use crate::cloud::rgb_range::RgbRange;
 use crate::cloud::strays::Treatment;
 use crate::cloud::table::{Columns, Delimiter, TextOptions};
-use crate::cloud::up::UpOption;
+use crate::cloud::up::{Up, UpOption};
 use crate::cloud::{ColumnSet, ReadOptions};
 use crate::config;
 use crate::error::{Error, Result};
 use crate::gpu;
 use crate::index::cache;
+use crate::output::annotations::{Annotations, Shown};
 use crate::passes::phong::Normals;
 use crate::passes::project::Precision;
 use crate::passes::{Effects, Switch};
@@ -35,6 +37,85 @@ pub struct ColorOptions {
     pub rgb_range: Option<RgbRange>,
 }
 
+/// How numbers and channels of colours become colours.
+#[derive(clap::Args, Clone, Copy, Debug)]
+#[command(next_help_heading = "Colours")]
+pub struct ScaleOptions {
+    /// Colours of heights and intensities [default: terrain for heights, grey for intensities]
+    #[arg(long, value_enum)]
+    pub ramp: Option<Ramp>,
+    /// Values at the ends of the ramp: heights in metres, intensities, or channels of colours up to
+    /// 255 [default: the 2nd and 98th percentile; of colours 0 and 255, if they are not all dark]
+    #[arg(long, value_name = "LOW,HIGH", value_parser = range, allow_hyphen_values = true)]
+    pub range: Option<Range>,
+    /// Added to colours and places on the ramp, -1 to 1
+    #[arg(long, value_name = "NUMBER", default_value_t = 0.0, allow_hyphen_values = true)]
+    pub brightness: f64,
+    /// Slope of colours about the middle grey
+    #[arg(long, value_name = "NUMBER", default_value_t = 1.0)]
+    pub contrast: f64,
+    /// Above 1 brightens what is dark, and keeps black and white
+    #[arg(long, value_name = "NUMBER", default_value_t = 1.0)]
+    pub gamma: f64,
+}
+
+/// What a report needs in a picture; never in --exr.
+#[derive(clap::Args, Clone, Debug, Default)]
+#[command(next_help_heading = "In the picture, for reports")]
+pub struct ReportOptions {
+    /// Title at the top
+    #[arg(long, value_name = "TEXT")]
+    pub title: Option<String>,
+    /// Colours of the numbers or labels that points show
+    #[arg(long)]
+    pub legend: bool,
+    /// Bar of a round length; with perspective, at the depth of the centre
+    #[arg(long)]
+    pub scale_bar: bool,
+    /// Arrow to the north
+    #[arg(long)]
+    pub north_arrow: bool,
+    /// Coordinates along the edges of maps and elevations, the three axes in other views
+    #[arg(long)]
+    pub axes: bool,
+}
+
+impl ReportOptions {
+    pub fn annotations(&self) -> Annotations {
+        let ReportOptions { title, legend, scale_bar, north_arrow, axes } = self.clone();
+        Annotations { title, legend, scale_bar, north_arrow, axes }
+    }
+}
+
+/// The ends of a ramp.
+#[derive(Clone, Copy, Debug)]
+pub struct Range(pub [f64; 2]);
+
+fn range(text: &str) -> std::result::Result<Range, String> {
+    let numbers: Option<Vec<f64>> =
+        text.split(',').map(|number| number.trim().parse().ok()).collect();
+    match numbers.as_deref() {
+        Some(&[lo, hi]) if lo < hi && (hi - lo).is_finite() => Ok(Range([lo, hi])),
+        _ => Err(format!("{text:?} is not a range; give a smaller and a larger number: 20,30")),
+    }
+}
+
+impl ScaleOptions {
+    pub fn scale(&self) -> Result<ColorScale> {
+        let ScaleOptions { ramp, range, brightness, contrast, gamma } = *self;
+        let range = range.map(|Range(ends)| ends);
+        let scale = ColorScale { ramp, range, brightness, contrast, gamma };
+        scale.checked().map_err(|why| Error::Request(format!("--{why}")))
+    }
+}
+
+impl From<ColorScale> for ScaleOptions {
+    fn from(scale: ColorScale) -> ScaleOptions {
+        let ColorScale { ramp, range, brightness, contrast, gamma } = scale;
+        ScaleOptions { ramp, range: range.map(Range), brightness, contrast, gamma }
+    }
+}
+
 #[derive(clap::Args, Clone, Debug)]
 #[command(next_help_heading = "Picture")]
 pub struct PictureOptions {
@@ -47,7 +128,7 @@ pub struct PictureOptions {
     pub camera: Option<PathBuf>,
     /// Scene file, as the window saves it: camera, color, effects, opacity, clip boxes, light,
     /// background
-    #[arg(long, value_name = "SCENE.json", conflicts_with_all = ["camera", "view", "color", "effect", "style", "light", "layer", "opacity", "clip", "background"])]
+    #[arg(long, value_name = "SCENE.json", conflicts_with_all = ["camera", "view", "color", "effect", "style", "light", "layer", "opacity", "clip", "background", "ramp", "range", "brightness", "contrast", "gamma"])]
     pub scene: Option<PathBuf>,
     /// Where to look from if no --camera is given
     #[arg(long, value_enum, default_value_t = Preset::Fit)]
@@ -99,6 +180,10 @@ pub struct PictureOptions {
     pub abuffer_memory: Option<Bytes>,
     #[command(flatten)]
     pub colors: ColorOptions,
+    #[command(flatten)]
+    pub scale: ScaleOptions,
+    #[command(flatten)]
+    pub report: ReportOptions,
     #[command(flatten)]
     pub detail: DetailOptions,
     #[command(flatten)]
@@ -233,7 +318,7 @@ impl PictureOptions {
     /// Returns the options with those that `--scene` holds in their place.
     pub fn with_scene(&self) -> Result<PictureOptions> {
         let Some(path) = &self.scene else { return Ok(self.clone()) };
-        let Scene { camera, color, settings, opacities, clips, lod } = Scene::read(path)?;
+        let Scene { camera, color, scale, settings, opacities, clips, lod } = Scene::read(path)?;
         let effect = settings.effects.clone().list().iter().map(ToString::to_string).collect();
         let (light, background, layer) = (
             settings.light,
@@ -250,6 +335,7 @@ impl PictureOptions {
         Ok(PictureOptions {
             saved_camera: Some(camera),
             color,
+            scale: scale.into(),
             effect,
             light,
             background,
@@ -346,6 +432,25 @@ impl PictureOptions {
     /// Returns the camera of `--camera` or `--scene`; None if neither is given.
     pub fn camera(&self) -> Result<Option<Camera>> {
         self.camera.as_deref().map(read_camera).transpose().map(|read| read.or(self.saved_camera))
+    }
+
+    /// Returns what annotations name of a picture.
+    pub fn named(&self, source: &Source, mut attribute: DisplayAttribute) -> Result<Shown> {
+        let up = source.up();
+        if self.report.north_arrow && up != Up::Z {
+            return Err(Error::Request(
+                "--north-arrow: y points up, so north is unknown; leave it out, or give --up z"
+                    .into(),
+            ));
+        }
+        attribute.scale = self.scale.scale()?;
+        Ok(Shown {
+            attribute,
+            reference: source.reference(),
+            up,
+            counts: source.counts().unwrap_or_default(),
+            stations: source.stations().to_vec(),
+        })
     }
 
     /// Returns the view: from the given camera, or one that frames the cloud.

@@ -7,6 +7,7 @@ use crate::atomic_file::AtomicFile;
 use crate::error::{Error, Result};
 use crate::graph::{CompletedSubmission, Gpu};
 use crate::output::export::Downloads;
+use crate::output::overlay::Overlay;
 use crate::output::tiled::{self, PictureRequest};
 use crate::passes::phong::{self, Backfaces};
 use crate::passes::tile_stats::{self, Counts};
@@ -113,6 +114,8 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
     stages.done("read");
     let view = picture.view(&source)?;
     let (shown, why_shown) = picture.shown(&source)?;
+    let named = picture.named(&source, shown)?;
+    let over = picture.report.annotations().overlay(&view, &named);
     let mut facts = Facts {
         points: source.points(),
         files: arguments.files.len(),
@@ -129,9 +132,10 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
     stages.done("open device");
     let mut cloud = source.upload(&mut gpu, shown, picture.detail.pool_bytes(), progress)?;
     cloud.set_filters(picture.opacities(), picture.clips());
+    cloud.set_scale(picture.scale.scale()?);
     stages.done("organise");
     if arguments.tile.is_some() || tiled::needs_pieces(&gpu, view.size, arguments.piece) {
-        return in_pieces(arguments, &picture, &view, &mut gpu, cloud, progress);
+        return in_pieces(arguments, &picture, &view, over, &mut gpu, cloud, progress);
     }
     facts.taken = cloud.wait_until_resident(
         &mut gpu,
@@ -163,7 +167,8 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
     let (downloads, counts, statistics) = asked;
     stages.done("draw");
     notes.iter().for_each(|note| eprintln!("pointillist: note: {note}"));
-    downloads.write(&frame, view.size, arguments.output.as_deref(), arguments.exr.as_deref())?;
+    let [png, exr] = [&arguments.output, &arguments.exr].map(Option::as_deref);
+    downloads.write(&frame, view.size, png, exr, over)?;
     stages.done("write");
 
     if let Some(counts) = counts {
@@ -192,6 +197,7 @@ fn in_pieces(
     arguments: &Arguments,
     picture: &PictureOptions,
     view: &View,
+    over: Overlay,
     gpu: &mut Gpu,
     mut cloud: GpuCloud,
     progress: &dyn Progress,
@@ -210,6 +216,7 @@ fn in_pieces(
         lod: picture.detail.lod(),
         piece: arguments.piece,
         tile: arguments.tile,
+        over,
     };
     for note in tiled::write(gpu, &mut cloud, wanted, output, progress)? {
         eprintln!("pointillist: note: {note}");

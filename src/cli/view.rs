@@ -90,6 +90,7 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
     let scene = Scene {
         camera: here,
         color: picture.color,
+        scale: picture.scale.scale()?,
         settings: picture.settings()?,
         opacities: picture.opacities(),
         clips: picture.clips(),

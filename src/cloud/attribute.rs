@@ -1,6 +1,7 @@
 //! Displayed attributes: one 32-bit word per point, the range of its colour ramp, and further words
 //! that effects need.
 
+use super::colormap::{ColorScale, Ramp};
 use super::up::Up;
 use super::{Cloud, ColumnSet, Part, Station, octahedral};
 use std::str::FromStr;
@@ -82,8 +83,9 @@ pub struct DisplayAttribute {
     heights: [f64; 2],
     /// The axis along which elevations count.
     pub up: Up,
-    /// The words at both ends of the ramp.
+    /// The words at both ends of the ramp; of colours, the values of channels.
     pub stretch: [u32; 2],
+    pub scale: ColorScale,
     /// Whether the highest byte of a colour is its station ([`station_code`]).
     pub coded: bool,
     pub further: ExtraAttributes,
@@ -181,6 +183,7 @@ impl DisplayAttribute {
             heights,
             up: cloud.up,
             stretch: [0, 255],
+            scale: ColorScale::default(),
             coded,
             further: ExtraAttributes::default(),
         };
@@ -208,6 +211,7 @@ impl DisplayAttribute {
             heights,
             up: Up::Z,
             stretch,
+            scale: ColorScale::default(),
             coded: false,
             further: ExtraAttributes::default(),
         }
@@ -330,11 +334,40 @@ impl DisplayAttribute {
     pub fn ends(&self) -> Option<[f64; 2]> {
         let [bottom, top] = self.heights;
         match self.attribute {
-            Attribute::Elevation => Some(
+            Attribute::Elevation => Some(self.scale.range.unwrap_or(
                 self.stretch.map(|word| bottom + (top - bottom) * word as f64 / ELEVATION_LEVELS),
-            ),
-            Attribute::Intensity => Some(self.stretch.map(f64::from)),
+            )),
+            Attribute::Intensity => Some(self.scale.range.unwrap_or(self.stretch.map(f64::from))),
             _ => None,
+        }
+    }
+
+    /// Tests whether it is a number on a ramp that is not grey.
+    pub fn is_ramped(&self) -> bool {
+        matches!(self.attribute, Attribute::Intensity | Attribute::Elevation)
+            && self.scale.ramp_of(self.attribute) != Ramp::Grey
+    }
+
+    /// Returns the words at the ends of the ramp, which need not be whole or occur.
+    pub fn ramp_words(&self) -> [f64; 2] {
+        let [bottom, top] = self.heights;
+        match (self.scale.range, self.attribute) {
+            (Some(range), Attribute::Elevation) if top > bottom => {
+                range.map(|height| (height - bottom) / (top - bottom) * ELEVATION_LEVELS)
+            }
+            (Some(range), Attribute::Intensity | Attribute::Rgb | Attribute::Corrected) => range,
+            _ => self.stretch.map(f64::from),
+        }
+    }
+
+    /// Stretches colours of which nearly all are in the lower half of the channels' range. Black
+    /// stays black.
+    pub fn brighten(&mut self, colors: impl Iterator<Item = [u8; 3]>) {
+        let mut counts = vec![0u64; 256];
+        colors.for_each(|[r, g, b]| counts[r.max(g).max(b) as usize] += 1);
+        let [_, most] = percentiles(&counts);
+        if self.attribute == Attribute::Rgb && (1..128).contains(&most) {
+            self.stretch = [0, most];
         }
     }
 

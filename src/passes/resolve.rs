@@ -102,7 +102,7 @@ impl Default for ColorRequest {
 }
 
 pub fn paint(g: &mut Graph, resident: &Resident, request: &ColorRequest) -> Result<ColorLookup> {
-    let DisplayAttribute { attribute, stretch: [lo, hi], .. } = resident.shown;
+    let (attribute, [lo, hi]) = (resident.shown.attribute, resident.shown.ramp_words());
     let mode = mode(attribute);
     let shown = g.upload("shown", &resident.addresses(0))?;
     let transparent = resident.is_transparent();
@@ -116,8 +116,11 @@ pub fn paint(g: &mut Graph, resident: &Resident, request: &ColorRequest) -> Resu
         .map(|word| g.upload("kinds", &resident.addresses(word)))
         .transpose()?;
     let gains = request.gains.clone();
-    let table = g.upload("table", &table(attribute, &gains))?;
-    let levels = request.averaged.then(|| g.upload("levels", &levels(&gains))).transpose()?;
+    let table = g.upload("table", &table(&resident.shown, &gains))?;
+    let levels = request
+        .averaged
+        .then(|| g.upload("levels", &levels(&resident.shown, &gains)))
+        .transpose()?;
     Ok(ColorLookup {
         shown,
         kinds,
@@ -221,27 +224,41 @@ pub fn spacing_px(view: &View, resident: &Resident) -> [f64; 2] {
 }
 
 /// Returns the 256 linear colours of the table; for colour channels 256 for each station.
-fn table(attribute: Attribute, gains: &[f64]) -> Vec<[f32; 4]> {
-    if attribute == Attribute::Rgb {
-        return linear(gains).map(|v| [v as f32, v as f32, v as f32, 1.0]).collect();
+fn table(shown: &DisplayAttribute, gains: &[f64]) -> Vec<[f32; 4]> {
+    if mode(shown.attribute) == RGB {
+        return linear(shown, gains).map(|v| [v as f32, v as f32, v as f32, 1.0]).collect();
     }
     let color = |i| {
-        let [r, g, b] = colormap::entry(attribute, i).map(|channel| srgb_to_linear(channel) as f32);
+        let [r, g, b] = colormap::entry(shown.attribute, &shown.scale, i)
+            .map(|channel| srgb_to_linear(channel) as f32);
         [r, g, b, 1.0]
     };
     (0..256).map(color).collect()
 }
 
-/// Returns 256 linear values for each gain.
-pub fn linear(gains: &[f64]) -> impl Iterator<Item = f64> + '_ {
-    gains
-        .iter()
-        .flat_map(|gain| (0..256).map(move |v| (gain * srgb_to_linear(v as f64 / 255.0)).min(1.0)))
+/// Returns 256 linear values of channels, or of greys, for each gain. The stretch of channels comes
+/// first, since the gain is one on the light.
+pub fn linear<'g>(
+    shown: &DisplayAttribute,
+    gains: &'g [f64],
+) -> impl Iterator<Item = f64> + use<'g> {
+    let [lo, hi] = if mode(shown.attribute) == RGB { shown.ramp_words() } else { [0.0, 255.0] };
+    let (attribute, scale) = (shown.attribute, shown.scale);
+    gains.iter().flat_map(move |gain| {
+        (0..256).map(move |v| {
+            let place = ((v as f64 - lo) / (hi - lo).max(1.0)).clamp(0.0, 1.0);
+            let channel = match attribute {
+                Attribute::Intensity => scale.ramp_of(attribute).color(scale.toned(place))[0],
+                _ => scale.toned(place),
+            };
+            (gain * srgb_to_linear(channel)).min(1.0)
+        })
+    })
 }
 
 /// Returns the same as 8-bit sRGB values.
-pub fn levels(gains: &[f64]) -> Vec<u32> {
-    linear(gains).map(|linear| (255.0 * linear_to_srgb(linear)).round() as u32).collect()
+pub fn levels(shown: &DisplayAttribute, gains: &[f64]) -> Vec<u32> {
+    linear(shown, gains).map(|linear| (255.0 * linear_to_srgb(linear)).round() as u32).collect()
 }
 
 #[cfg(test)]
@@ -250,7 +267,14 @@ mod tests {
 
     #[test]
     fn a_factor_of_one_changes_nothing_and_values_grow_with_light() {
-        let levels = levels(&[1.0, 0.5, 16.0]);
+        let mut shown = DisplayAttribute::indexed(Attribute::Rgb, [0.0; 2], [0, 255]);
+        let levels = |shown: &DisplayAttribute| super::levels(shown, &[1.0, 0.5, 16.0]);
+        let dark = levels(&DisplayAttribute::indexed(Attribute::Rgb, [0.0; 2], [0, 51]));
+        assert_eq!([dark[10], dark[51], dark[200]], [50, 255, 255]);
+        shown.scale.range = Some([100.0, 200.0]);
+        assert_eq!([99, 150, 200].map(|v| levels(&shown)[v]), [0, 128, 255]);
+        shown.scale.range = None;
+        let levels = levels(&shown);
         assert!((0..256).all(|v| levels[v] == v as u32));
         assert!(levels[256..].chunks(256).all(|row| row.is_sorted()));
         assert_eq!((levels[256 + 255], levels[512 + 255], levels[512 + 100]), (188, 255, 255));

@@ -5,6 +5,7 @@
 
 use crate::atomic_file::write_atomically;
 use crate::cloud::attribute::Attribute;
+use crate::cloud::colormap::ColorScale;
 use crate::error::{Error, Result};
 use crate::passes::Effects;
 use crate::render::settings::{Background, RenderSettings};
@@ -22,6 +23,8 @@ pub struct Scene {
     /// Attribute to show; chosen by the points' attributes if `None`.
     pub color: Option<Attribute>,
     pub settings: RenderSettings,
+    /// How numbers and channels become colours.
+    pub scale: ColorScale,
     pub opacities: Opacities,
     pub clips: Clips,
     /// LOD limits, for an index.
@@ -35,6 +38,9 @@ struct Words {
     camera: Camera,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     color: Option<String>,
+    /// Ramp, range, brightness, contrast and gamma; those not named have their defaults.
+    #[serde(default, skip_serializing_if = "ColorScale::is_neutral")]
+    scale: ColorScale,
     /// Effects as after `--effect`; those not named have their defaults.
     #[serde(default)]
     effects: Vec<String>,
@@ -62,6 +68,7 @@ impl Scene {
         let words = Words {
             camera: self.camera,
             color: self.color.map(Attribute::name),
+            scale: self.scale,
             effects: self.settings.effects.clone().list().iter().map(ToString::to_string).collect(),
             opacity: self.opacities.0.iter().map(ToString::to_string).collect(),
             clip: self.clips.0.iter().map(ToString::to_string).collect(),
@@ -121,6 +128,7 @@ impl Scene {
         Ok(Scene {
             camera: words.camera,
             color: color.transpose()?,
+            scale: words.scale.checked()?,
             settings,
             opacities: Opacities(rules),
             clips: Clips(clips),
@@ -132,6 +140,7 @@ impl Scene {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::cloud::colormap::Ramp;
     use crate::view::Preset;
 
     #[test]
@@ -163,6 +172,12 @@ mod tests {
         let scene = Scene {
             camera: Camera::framing(Preset::Fit, &corners, [640, 480]),
             color: Some(Attribute::Class),
+            scale: ColorScale {
+                ramp: Some(Ramp::Viridis),
+                range: Some([0.1, 1.0 / 3.0]),
+                gamma: 1.1,
+                ..ColorScale::default()
+            },
             settings,
             opacities,
             clips,
@@ -178,5 +193,11 @@ mod tests {
         )
         .unwrap();
         assert!(Scene::read(&path).unwrap_err().to_string().contains("edl=perhaps"));
+        std::fs::write(
+            &path,
+            "{\"camera\": {\"eye\": [0,0,1], \"target\": [0,0,0]}, \"scale\": {\"gamma\": 0}}",
+        )
+        .unwrap();
+        assert!(Scene::read(&path).unwrap_err().to_string().contains("gamma"));
     }
 }

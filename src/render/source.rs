@@ -1,6 +1,7 @@
 //! Sources of points: files read whole, or an index read on demand, through one interface.
 
 use crate::cloud::attribute::{Attribute, DisplayAttribute, ExtraAttributes};
+use crate::cloud::colormap::ColorScale;
 use crate::cloud::crs::Reference;
 use crate::cloud::histograms::Histograms;
 use crate::cloud::rgb_range::RgbRange;
@@ -296,7 +297,8 @@ impl Source {
     /// Returns the attribute to display, and the reason.
     pub fn shown(&self, asked: Option<Attribute>) -> Result<(DisplayAttribute, String)> {
         let Some(attribute) = asked else {
-            let (shown, why) = self.automatic();
+            let (mut shown, why) = self.automatic();
+            self.brighten(&mut shown);
             return Ok((shown, why.to_string()));
         };
         if self.points() > 0 && !self.has(attribute) {
@@ -305,11 +307,35 @@ impl Source {
                 "--color {name}: the points do not have it; {how}"
             )));
         }
-        let shown = match self {
+        let mut shown = match self {
             Source::Files(cloud) => DisplayAttribute::new(attribute, cloud),
             Source::Index(index) => shown(index, attribute),
         };
+        self.brighten(&mut shown);
         Ok((shown, format!("requested with --color {}", attribute.name())))
+    }
+
+    /// Stretches dark colours: of all points of files, or of an index of the roots' samples.
+    fn brighten(&self, shown: &mut DisplayAttribute) {
+        match self {
+            _ if shown.attribute != Attribute::Rgb => {}
+            Source::Files(cloud) => {
+                let colors = cloud.parts.iter().filter_map(|part| part.columns.rgb.as_ref());
+                shown.brighten(colors.flatten().copied());
+            }
+            Source::Index(index) => {
+                let roots = &index.nodes()[..index.directory.roots as usize];
+                let mut colors = Vec::new();
+                for (node, root) in roots.iter().enumerate().filter(|(_, r)| r.has(Plane::Rgb)) {
+                    let mut bytes = vec![0; root.unpacked_bytes(Plane::Rgb) as usize];
+                    // An unreadable root is reported when drawn.
+                    if index.read(node, Plane::Rgb, &mut bytes).is_ok() {
+                        colors.extend_from_slice(bytes.as_chunks().0);
+                    }
+                }
+                shown.brighten(colors.into_iter());
+            }
+        }
     }
 
     /// Computes corrected colours of a cloud in memory if displayed; they replace its own.
@@ -643,6 +669,14 @@ impl GpuCloud {
         match self {
             GpuCloud::Whole(resident) => resident,
             GpuCloud::Parts(residency) => residency.resident(),
+        }
+    }
+
+    /// Sets how numbers and channels become colours.
+    pub fn set_scale(&mut self, scale: ColorScale) {
+        match self {
+            GpuCloud::Whole(resident) => resident.shown.scale = scale,
+            GpuCloud::Parts(residency) => residency.resident_mut().shown.scale = scale,
         }
     }
 

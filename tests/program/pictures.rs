@@ -1,7 +1,7 @@
 //! Pictures at first sight: the right way up, framed, bright enough, and with what a report needs.
 
 use crate::png_file::{Png, read_png};
-use crate::program::{render, succeeded};
+use crate::program::{render, succeeded, text};
 use std::path::{Path, PathBuf};
 
 /// Writes points as an ASCII PLY file, grey where no colour is given.
@@ -75,4 +75,87 @@ fn a_view_frames_what_clip_boxes_leave() {
         "--background 000000 --view top --up y --clip box:-0.3,-1,-0.3,0.3,0.5,0.3 --lod 0.5",
     );
     assert!(part > whole / 2 && indexed > whole / 2, "{whole} {part} {indexed}");
+}
+
+/// Mean of the pixels that are not background, of 255.
+fn mean(png: &Png) -> f64 {
+    let drawn: Vec<f64> = png
+        .pixels
+        .iter()
+        .filter(|pixel| **pixel != [0, 0, 0])
+        .map(|pixel| pixel.iter().map(|&channel| channel as f64).sum::<f64>() / 3.0)
+        .collect();
+    drawn.iter().sum::<f64>() / drawn.len() as f64
+}
+
+#[test]
+fn dark_colours_are_brightened_and_the_scale_is_what_is_asked_for() {
+    let folder = tempfile::tempdir().unwrap();
+    let cloud = ply(folder.path(), "dark.ply", &cone([40, 30, 20]));
+    let drawn = |line: &str| draw(&cloud, &format!("--style points --background 000000 {line}")).0;
+    let (auto, full) = (drawn(""), drawn("--range 0,255"));
+    assert!(mean(&auto) > 4.0 * mean(&full), "{} {}", mean(&auto), mean(&full));
+    // From an index too, from the samples of its roots.
+    assert!((mean(&drawn("--lod 0.5")) / mean(&auto) - 1.0).abs() < 0.2);
+    assert!(mean(&drawn("--range 0,255 --gamma 2")) > 1.5 * mean(&full));
+    assert!(mean(&drawn("--range 0,255 --brightness 0.3")) > 1.5 * mean(&full));
+    assert!(mean(&drawn("--contrast 0.1 --brightness -0.4")) < mean(&auto));
+    let bright = ply(folder.path(), "bright.ply", &cone([200, 30, 20]));
+    let same = ["", "--range 0,255"].map(|line| draw(&bright, line).0);
+    assert_eq!(difference(&same[0], &same[1]), 0);
+}
+
+#[test]
+fn heights_have_the_ramp_and_the_range_that_are_asked_for() {
+    let folder = tempfile::tempdir().unwrap();
+    let cloud = ply(folder.path(), "cone.ply", &cone([9, 9, 9]));
+    let line = "--color elevation --style points --effect edl=off --background 000000";
+    let drawn = |more: &str| draw(&cloud, &format!("{line} {more}")).0;
+    let ramp = |ramp| drawn(&format!("--ramp {ramp}"));
+    assert!(difference(&ramp("viridis"), &drawn("")) > 1000);
+    assert!(ramp("grey").pixels.iter().all(|[r, g, b]| r == g && g == b));
+    // All of the cone is above the range, so it has the ramp's last colour.
+    let above = drawn("--ramp viridis --range -9,-8");
+    let last = |pixel: &[u8; 3]| pixel.iter().zip([253, 231, 37]).all(|(a, b)| a.abs_diff(b) < 3);
+    assert!(above.pixels.iter().filter(|pixel| last(pixel)).count() > 1000);
+    let scene = folder.path().join("scene.json");
+    std::fs::write(
+        &scene,
+        r#"{"camera": {"eye": [3, 4, 5], "target": [0, 1, 0], "up": [0, 1, 0]}, "scale": {"ramp": "viridis", "range": [-9, -8]}, "color": "elevation"}"#,
+    )
+    .unwrap();
+    let (saved, _) = draw(&cloud, &format!("--scene {}", scene.display()));
+    assert!(saved.pixels.iter().any(|[r, g, b]| r > b && g > b));
+    for (wrong, said) in
+        [("--gamma 0", "gamma"), ("--range 3,2", "3,2"), ("--contrast -1", "contrast")]
+    {
+        let output = render(&cloud, &format!("-o {}.png {wrong}", cloud.display()));
+        assert!(!output.status.success() && text(&output.stderr).contains(said), "{wrong}");
+    }
+}
+
+#[test]
+fn annotations_are_drawn_the_same_whole_and_in_pieces_and_not_into_layers() {
+    let folder = tempfile::tempdir().unwrap();
+    let cloud = ply(folder.path(), "cone.ply", &cone([200, 180, 160]));
+    let all = "--up z --title A_cone --legend --scale-bar --north-arrow --axes --color elevation";
+    let plain = "--up z --color elevation";
+    let sized = |line: &str| draw(&cloud, &format!("{line} --size 320x240")).0;
+    let (whole, bare) = (sized(all), sized(plain));
+    let pieces = sized(&format!("{all} --piece 64"));
+    assert_eq!(difference(&whole, &pieces), 0);
+    let part = difference(&whole, &bare) as f64 / (320.0 * 240.0);
+    assert!((0.05..0.5).contains(&part), "{part}");
+    // A map has coordinates along its edges.
+    let [map, bare] =
+        ["--axes", ""].map(|axes| sized(&format!("--up z --view top --color elevation {axes}")));
+    assert!(map.pixels[0] != bare.pixels[0]);
+    let layers = [all, plain].map(|line| {
+        let exr = folder.path().join("layers.exr");
+        succeeded(&render(&cloud, &format!("--exr {} --size 64x64 {line}", exr.display())));
+        std::fs::read(exr).unwrap()
+    });
+    assert!(layers[0] == layers[1]);
+    let output = render(&cloud, &format!("-o {}.png --up y --north-arrow", cloud.display()));
+    assert!(text(&output.stderr).contains("--north-arrow"));
 }
