@@ -5,6 +5,7 @@ use super::navigation::Subject;
 use crate::cloud::attribute::{Attribute, DisplayAttribute, ExtraAttributes};
 use crate::cloud::crs::Reference;
 use crate::cloud::histograms::Histograms;
+use crate::cloud::up::Up;
 use crate::cloud::{ColumnSet, ReadOptions, Station};
 use crate::error::{Error, Result};
 use crate::index::attributes::strokes::StrokeCache;
@@ -54,6 +55,8 @@ pub struct Categories {
     pub stations: Vec<Station>,
     /// Coordinate system and units.
     pub reference: Reference,
+    /// The axis that points up.
+    pub up: Up,
 }
 
 impl Categories {
@@ -64,6 +67,7 @@ impl Categories {
             returns,
             stations: source.stations().to_vec(),
             reference: source.reference(),
+            up: source.up(),
         }
     }
 }

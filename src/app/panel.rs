@@ -12,6 +12,8 @@ use super::{clip_box_widget, legend, light_widget};
 use crate::cloud::Station;
 use crate::cloud::attribute::{Attribute, DisplayAttribute, class_name};
 use crate::cloud::colormap::{ColorScale, Ramp};
+use crate::cloud::histograms::Histograms;
+use crate::output::annotations::{Annotations, Shown};
 use crate::passes::{Choice, EffectDecisions, Listed, Setting, Switch, Value};
 use crate::present::overlay::Overlay;
 use crate::render::scene::Scene;
@@ -34,6 +36,8 @@ use winit::window::Window;
 /// State that the panel shows and edits, besides the scene.
 #[derive(Default)]
 pub struct UiState {
+    /// What is drawn in the picture.
+    pub annotations: Annotations,
     /// Names of the open files.
     pub title: String,
     /// Work in progress, or its last result.
@@ -234,6 +238,10 @@ impl Panel {
         let output = context.run_ui(input, |ui| {
             if let Some(view) = view {
                 measure_overlay(ui, &state.measure, view);
+                if let Some(named) = state.named(scene).filter(|_| !state.annotations.is_empty()) {
+                    let painter = ui.ctx().layer_painter(egui::LayerId::background());
+                    state.annotations.draw(&painter, ui.ctx().content_rect(), view, &named);
+                }
             }
             let tall = ui.ctx().content_rect().height() - 60.0;
             if let Some(view) = view.filter(|_| !state.hidden) {
@@ -318,6 +326,7 @@ fn contents(
     });
     picked(ui, state, actions);
     color(ui, state, scene);
+    annotations(ui, &mut state.annotations);
     filters(ui, state, &mut scene.opacities);
     let mut added = false;
     clip_box_widget::list(ui, &mut scene.clips, &mut added);
@@ -458,6 +467,35 @@ fn color(ui: &mut Ui, state: &UiState, scene: &mut Scene) {
     ui.horizontal(|ui| {
         ui.color_edit_button_srgb(&mut scene.settings.background);
         ui.label("background");
+    });
+}
+
+impl UiState {
+    /// Returns what annotations name of the displayed cloud, if there is one.
+    pub fn named(&self, scene: &Scene) -> Option<Shown> {
+        let mut attribute = self.shown?;
+        attribute.scale = scene.scale;
+        let Categories { classes, returns, stations, reference, up } = self.categories.clone();
+        let counts = Histograms { classes, returns };
+        Some(Shown { attribute, reference, up, counts, stations })
+    }
+}
+
+/// Chooses what is drawn in the picture, as `--title` and its like do.
+fn annotations(ui: &mut Ui, own: &mut Annotations) {
+    CollapsingHeader::new("in the picture").show(ui, |ui| {
+        ui.horizontal(|ui| {
+            let mut title = own.title.take().unwrap_or_default();
+            ui.label("title");
+            ui.text_edit_singleline(&mut title);
+            own.title = Some(title).filter(|title| !title.is_empty());
+        });
+        ui.horizontal_wrapped(|ui| {
+            ui.checkbox(&mut own.legend, "legend");
+            ui.checkbox(&mut own.scale_bar, "scale bar");
+            ui.checkbox(&mut own.north_arrow, "north arrow");
+            ui.checkbox(&mut own.axes, "axes");
+        });
     });
 }
 

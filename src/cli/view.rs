@@ -104,6 +104,7 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
         },
         further: picture.further(),
         scene,
+        annotations: picture.report.annotations(),
         preset: picture.view,
         camera,
         size: picture.size.0,

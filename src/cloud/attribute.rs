@@ -86,7 +86,7 @@ pub struct DisplayAttribute {
     /// The words at both ends of the ramp; of colours, the values of channels.
     pub stretch: [u32; 2],
     pub scale: ColorScale,
-    /// Whether the highest byte of a colour is its station ([`station_code`]).
+    /// Whether the highest byte of a colour or an intensity is its station ([`station_code`]).
     pub coded: bool,
     pub further: ExtraAttributes,
 }
@@ -177,7 +177,8 @@ impl DisplayAttribute {
             _ => None,
         };
         let heights = heights.unwrap_or_default();
-        let coded = attribute == Attribute::Rgb && cloud.stations.len() > 1;
+        let coded =
+            matches!(attribute, Attribute::Rgb | Attribute::Intensity) && cloud.stations.len() > 1;
         let shown = DisplayAttribute {
             attribute,
             heights,
@@ -340,6 +341,11 @@ impl DisplayAttribute {
             Attribute::Intensity => Some(self.scale.range.unwrap_or(self.stretch.map(f64::from))),
             _ => None,
         }
+    }
+
+    /// Returns the colour at a place on the ramp of numbers, 0..=1, sRGB.
+    pub fn ramp_at(&self, place: f64) -> [f64; 3] {
+        self.scale.ramp_of(self.attribute).color(self.scale.toned(place))
     }
 
     /// Tests whether it is a number on a ramp that is not grey.

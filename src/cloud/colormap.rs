@@ -175,7 +175,10 @@ pub fn color_of(shown: &DisplayAttribute, word: u32) -> [u8; 3] {
         Attribute::Normal => [0, 1, 2].map(|axis| {
             (255.0 * (byte(axis) as f64 / 254.0).clamp(0.0, 1.0).powf(1.0 / 2.2)) as u8
         }),
-        Attribute::Intensity | Attribute::Elevation => ramp_color(shown, word as f64),
+        Attribute::Intensity | Attribute::Elevation => {
+            // Without the station.
+            ramp_color(shown, (word & 0xFF_FFFF) as f64)
+        }
         Attribute::Class | Attribute::Source | Attribute::Return => {
             code_color(shown.attribute, byte(0))
         }

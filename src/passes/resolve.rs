@@ -4,7 +4,7 @@
 use super::project::{Keys, Strip};
 use super::{GBuffer, TileLists};
 use crate::cloud::attribute::{Attribute, DisplayAttribute};
-use crate::cloud::colormap::{self, linear_to_srgb, srgb_to_linear};
+use crate::cloud::colormap::{self, ColorScale, linear_to_srgb, srgb_to_linear};
 use crate::error::Result;
 use crate::graph::{Buffer, Dispatch, Graph, Image, Kind};
 use crate::resident::Resident;
@@ -36,6 +36,7 @@ pub struct ColorLookup {
     pub(super) table: Buffer,
     /// Gains of its rows.
     pub(super) gains: Vec<f64>,
+    pub(super) scale: ColorScale,
     /// 8-bit values at one exposure, row by row as in the table, if colours are averaged: a later
     /// pass then makes the colours.
     pub(super) levels: Option<Buffer>,
@@ -102,8 +103,8 @@ impl Default for ColorRequest {
 }
 
 pub fn paint(g: &mut Graph, resident: &Resident, request: &ColorRequest) -> Result<ColorLookup> {
-    let (attribute, [lo, hi]) = (resident.shown.attribute, resident.shown.ramp_words());
-    let mode = mode(attribute);
+    let mode = mode(resident.shown.attribute);
+    let [lo, hi] = row_words(&resident.shown, &request.gains);
     let shown = g.upload("shown", &resident.addresses(0))?;
     let transparent = resident.is_transparent();
     let opacities = transparent
@@ -127,6 +128,7 @@ pub fn paint(g: &mut Graph, resident: &Resident, request: &ColorRequest) -> Resu
         opacities,
         table,
         gains,
+        scale: resident.shown.scale,
         levels,
         mode,
         ramp: [lo as f32, 255.0 / (hi as f32 - lo as f32).max(1.0)],
@@ -223,37 +225,55 @@ pub fn spacing_px(view: &View, resident: &Resident) -> [f64; 2] {
     all.map_or([0.0; 2], |range| range.map(|px| if px.is_nan() { 0.0 } else { px }))
 }
 
-/// Returns the 256 linear colours of the table; for colour channels 256 for each station.
-fn table(shown: &DisplayAttribute, gains: &[f64]) -> Vec<[f32; 4]> {
-    if mode(shown.attribute) == RGB {
-        return linear(shown, gains).map(|v| [v as f32, v as f32, v as f32, 1.0]).collect();
-    }
-    let color = |i| {
-        let [r, g, b] = colormap::entry(shown.attribute, &shown.scale, i)
-            .map(|channel| srgb_to_linear(channel) as f32);
-        [r, g, b, 1.0]
-    };
-    (0..256).map(color).collect()
+/// Returns the words at the ends of the table's rows: those of the ramp, or farther apart if a gain
+/// brings words from beyond it.
+fn row_words(shown: &DisplayAttribute, gains: &[f64]) -> [f64; 2] {
+    let [lo, hi] = shown.ramp_words();
+    [lo, (hi / gains.iter().copied().fold(1.0, f64::min)).max(hi)]
 }
 
-/// Returns 256 linear values of channels, or of greys, for each gain. The stretch of channels comes
-/// first, since the gain is one on the light.
-pub fn linear<'g>(
-    shown: &DisplayAttribute,
-    gains: &'g [f64],
-) -> impl Iterator<Item = f64> + use<'g> {
-    let [lo, hi] = if mode(shown.attribute) == RGB { shown.ramp_words() } else { [0.0, 255.0] };
-    let (attribute, scale) = (shown.attribute, shown.scale);
-    gains.iter().flat_map(move |gain| {
-        (0..256).map(move |v| {
-            let place = ((v as f64 - lo) / (hi - lo).max(1.0)).clamp(0.0, 1.0);
-            let channel = match attribute {
-                Attribute::Intensity => scale.ramp_of(attribute).color(scale.toned(place))[0],
-                _ => scale.toned(place),
-            };
-            (gain * srgb_to_linear(channel)).min(1.0)
+/// Returns the linear colours of the table: 256, and if the attribute depends on the station 256
+/// for each.
+fn table(shown: &DisplayAttribute, gains: &[f64]) -> Vec<[f32; 4]> {
+    let color = |[r, g, b]: [f64; 3]| [r as f32, g as f32, b as f32, 1.0];
+    match mode(shown.attribute) {
+        RGB => linear(shown, gains).map(|v| color([v; 3])).collect(),
+        RAMP => places(shown, gains)
+            .map(|place| color(shown.ramp_at(place).map(srgb_to_linear)))
+            .collect(),
+        _ => (0..256)
+            .map(|i| color(colormap::entry(shown.attribute, &shown.scale, i).map(srgb_to_linear)))
+            .collect(),
+    }
+}
+
+/// Returns where each entry of the rows of numbers lies on the ramp, 0..=1, times its gain.
+fn places(shown: &DisplayAttribute, gains: &[f64]) -> impl Iterator<Item = f64> + use<> {
+    let ([lo, hi], [_, end]) = (shown.ramp_words(), row_words(shown, gains));
+    let is_neutral = gains.iter().all(|gain| *gain == 1.0);
+    gains.to_vec().into_iter().flat_map(move |gain| {
+        (0..256).map(move |i| {
+            let share = i as f64 / 255.0;
+            let word = gain * (lo + (end - lo) * share);
+            if is_neutral { share } else { ((word - lo) / (hi - lo).max(1.0)).clamp(0.0, 1.0) }
         })
     })
+}
+
+/// Returns 256 linear values of channels, or of the greys of numbers, for each gain. The stretch of
+/// channels comes first, since the gain is one on the light.
+pub fn linear(shown: &DisplayAttribute, gains: &[f64]) -> impl Iterator<Item = f64> + use<> {
+    let ([lo, hi], shown) = (shown.ramp_words(), *shown);
+    let is_ramp = mode(shown.attribute) == RAMP;
+    let channels = gains.to_vec().into_iter().flat_map(move |gain| {
+        (0..256).map(move |v| {
+            let place = ((v as f64 - lo) / (hi - lo).max(1.0)).clamp(0.0, 1.0);
+            (gain * srgb_to_linear(shown.scale.toned(place))).min(1.0)
+        })
+    });
+    let greys = places(&shown, gains).map(move |place| srgb_to_linear(shown.ramp_at(place)[0]));
+    let (channels, greys) = if is_ramp { (None, Some(greys)) } else { (Some(channels), None) };
+    channels.into_iter().flatten().chain(greys.into_iter().flatten())
 }
 
 /// Returns the same as 8-bit sRGB values.
@@ -278,5 +298,22 @@ mod tests {
         assert!((0..256).all(|v| levels[v] == v as u32));
         assert!(levels[256..].chunks(256).all(|row| row.is_sorted()));
         assert_eq!((levels[256 + 255], levels[512 + 255], levels[512 + 100]), (188, 255, 255));
+    }
+
+    #[test]
+    fn a_gain_on_intensities_moves_them_along_the_ramp() {
+        let shown = DisplayAttribute::indexed(Attribute::Intensity, [0.0; 2], [100, 1100]);
+        let gains = [1.0, 0.5, 2.0];
+        let [lo, hi] = row_words(&shown, &gains);
+        assert_eq!([lo, hi], [100.0, 2200.0]);
+        let places: Vec<f64> = places(&shown, &gains).collect();
+        let place =
+            |row: usize, word: f64| places[256 * row + ((word - lo) * 255.0 / (hi - lo)) as usize];
+        for (row, word, seen) in
+            [(0, 600.0, 0.5), (1, 1200.0, 0.5), (2, 300.0, 0.5), (1, 2200.0, 1.0)]
+        {
+            assert!((place(row, word) - seen).abs() < 0.02, "{row} {word} {}", place(row, word));
+        }
+        assert_eq!((place(0, 2000.0), place(2, 1000.0)), (1.0, 1.0));
     }
 }

@@ -70,7 +70,13 @@ impl PendingSave {
 
 impl RenderLoop {
     /// Queues a picture, or saves it at once if that is quick.
-    pub(super) fn save(&mut self, path: PathBuf, size: [u32; 2], layers: bool) -> Result<()> {
+    pub(super) fn save(
+        &mut self,
+        path: PathBuf,
+        size: [u32; 2],
+        layers: bool,
+        over: Overlay,
+    ) -> Result<()> {
         let (Some(scene), Some(cloud)) = (&self.scene, &self.cloud) else {
             (self.report)(RenderEvent::SaveFailed(
                 path,
@@ -86,7 +92,7 @@ impl RenderLoop {
             lod: scene.lod,
             piece: None,
             tile: Some(TILE),
-            over: Overlay::default(),
+            over,
         };
         // If the window shows everything, there is nothing to wait for.
         let is_there = self.schedule.redraw == Redraw::Nothing
