@@ -41,11 +41,10 @@ pub struct ColorOptions {
 #[derive(clap::Args, Clone, Copy, Debug)]
 #[command(next_help_heading = "Colours")]
 pub struct ScaleOptions {
-    /// Colours of heights and intensities [default: terrain for heights, grey for intensities]
+    /// Ramp of heights and intensities [default: terrain, grey]
     #[arg(long, value_enum)]
     pub ramp: Option<Ramp>,
-    /// Values at the ends of the ramp: heights in metres, intensities, or channels of colours up to
-    /// 255 [default: the 2nd and 98th percentile; of colours 0 and 255, if they are not all dark]
+    /// Values at its ends, or of channels up to 255 [default: the 2nd and 98th percentile]
     #[arg(long, value_name = "LOW,HIGH", value_parser = range, allow_hyphen_values = true)]
     pub range: Option<Range>,
     /// Added to colours and places on the ramp, -1 to 1
@@ -69,13 +68,13 @@ pub struct ReportOptions {
     /// Colours of the numbers or labels that points show
     #[arg(long)]
     pub legend: bool,
-    /// Bar of a round length; with perspective, at the depth of the centre
+    /// Bar of a round length, at the depth of the centre
     #[arg(long)]
     pub scale_bar: bool,
     /// Arrow to the north
     #[arg(long)]
     pub north_arrow: bool,
-    /// Coordinates along the edges of maps and elevations, the three axes in other views
+    /// Coordinates along the edges of maps, in other views the axes
     #[arg(long)]
     pub axes: bool,
 }
@@ -126,8 +125,7 @@ pub struct PictureOptions {
     /// ortho_height
     #[arg(long, value_name = "CAM.json", conflicts_with = "view")]
     pub camera: Option<PathBuf>,
-    /// Scene file, as the window saves it: camera, color, effects, opacity, clip boxes, light,
-    /// background
+    /// Scene file, as the window saves it, in place of --camera and of looks
     #[arg(long, value_name = "SCENE.json", conflicts_with_all = ["camera", "view", "color", "effect", "style", "light", "layer", "opacity", "clip", "background", "ramp", "range", "brightness", "contrast", "gamma"])]
     pub scene: Option<PathBuf>,
     /// Where to look from if no --camera is given
@@ -149,33 +147,29 @@ pub struct PictureOptions {
     /// Light: headlight; direction:X,Y,Z in which it travels; position:X,Y,Z in metres; world coordinates
     #[arg(long, value_name = "KIND[:X,Y,Z]", default_value_t, allow_hyphen_values = true)]
     pub light: Light,
-    /// Layer distance: surfaces nearer to each other than this are one surface, for
-    /// fill=method=mask, transparency and shadows [default: four point spacings, or four pixels if
-    /// those are wider; shadows: the least that keeps a surface from shading itself]
+    /// Layer distance: surfaces nearer to each other are one, for fill=method=mask, transparency and
+    /// shadows [default: four spacings of points or pixels]
     #[arg(long, value_name = "METRES", value_parser = metres, allow_hyphen_values = true)]
     pub layer: Option<f64>,
-    /// Opacity, 0 to 1, of all points or of those of a class, return number, station (its name,
-    /// `source N`, or its number in the list of `info`) or file; opacities of a point multiply; 0
-    /// hides it. Repeatable
+    /// Opacity, 0 to 1, of all points or those of a class, return number, station (as in `info`) or
+    /// file; they multiply, and 0 hides. Repeatable
     #[arg(
         long,
         value_name = "[class:N|return:N|station:S|file:F=]OPACITY",
         allow_hyphen_values = true
     )]
     pub opacity: Vec<Rule>,
-    /// Clip box, by two opposite corners in the world: draws what lies inside a `box`, or in one of
-    /// several, and outside of every `outside` box. Faces belong to a box; inf is a number.
-    /// Repeatable
+    /// Draw what is inside a `box` (two opposite corners; inf is a number), or in one of several, and
+    /// outside of every `outside` box. Repeatable
     #[arg(long, value_name = "box|outside|off:X0,Y0,Z0,X1,Y1,Z1", allow_hyphen_values = true)]
     pub clip: Vec<Clip>,
-    /// Whether to draw points far outside of all others; they never change bounds or spacings
+    /// Whether to draw points far outside of all others
     #[arg(long, value_enum, default_value_t)]
     pub strays: Treatment,
     /// Colour behind the points, sRGB
     #[arg(long, value_name = "RRGGBB", default_value_t = Background(config::BACKGROUND))]
     pub background: Background,
-    /// Memory for lists and fragments of strokes [default: 512MiB];
-    /// a picture that needs more is painted in parts, with a note
+    /// Memory for fragments of strokes [default: 512MiB]; beyond it a picture is painted in parts
     #[arg(long, value_name = "BYTES", value_parser = abuffer)]
     pub abuffer_memory: Option<Bytes>,
     #[command(flatten)]
@@ -197,20 +191,17 @@ pub struct PictureOptions {
 #[derive(clap::Args, Clone, Debug)]
 #[command(next_help_heading = "Large clouds")]
 pub struct DetailOptions {
-    /// Most points to draw [default: 4 a pixel, at least a million]; beyond it, nodes are drawn
-    /// coarser, starting where it shows least
+    /// Most points to draw [default: 4 a pixel, at least a million]; beyond it, nodes are coarser
     #[arg(long, alias = "budget", value_name = "POINTS")]
     pub point_budget: Option<u64>,
     /// Refine until samples are this near to each other [default: 1]; 0 draws all points within
-    /// --point-budget, 4 a sixteenth as many, with gaps
+    /// --point-budget
     #[arg(long, value_name = "PIXELS", value_parser = pixels)]
     pub lod: Option<f64>,
-    /// Device memory for nodes of an index [default: 1GiB]; a picture that needs more is drawn
-    /// coarser, with a note
+    /// Device memory for nodes of an index [default: 1GiB]; beyond it a picture is coarser
     #[arg(long, alias = "pool", value_name = "BYTES")]
     pub gpu_memory: Option<Bytes>,
-    /// Folder for indexes of files that are too large to be drawn whole, or are drawn with
-    /// --point-budget or --lod [default: pointillist in the user's cache folder]
+    /// Folder for indexes of large files [default: pointillist in the user's cache folder]
     #[arg(long, value_name = "FOLDER")]
     pub cache_dir: Option<PathBuf>,
     /// Keep no index; build it again each time

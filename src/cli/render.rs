@@ -24,16 +24,14 @@ use std::time::Instant;
 const EXAMPLES: &str = "\
 Examples:
   pointillist render scan.laz -o out.png
-  pointillist render north.laz south.laz -o both.png --color source --view top
   pointillist render scan.e57 -o out.png --camera cam.json --size 3840x2160 --exr out.exr
   pointillist render scan.laz -o out.png --effect edl=on,strength=0.5,radius=2 --background ffffff
   pointillist render scan.laz -o out.png --opacity class:6=0.3 --opacity class:5=0    glass roofs, no trees
   pointillist render scan.laz -o out.png --clip box:10,-5,0,14,5,3 --clip outside:11,-1,0,12,1,3    a room, without its table
-  pointillist render scan.laz -o out.png --explain --timings
+  pointillist render scan.laz -o map.png --view top --color elevation --legend --scale-bar --axes
   pointillist render scan.laz -o poster.png --size 40000x20000    in tiles, without seams
   pointillist render scan.laz -o out.png --scene scene.json  a scene saved by the window
   pointillist render scan.laz -o tour.png --path tour.json   tour-0001.png and so on, along a camera path
-  pointillist render site.pnti -o out.png --lod 2          an index: coarser, and reads less
   pointillist render huge.las -o out.png                   indexed first; the index is kept";
 
 #[derive(clap::Args, Clone, Debug)]
@@ -49,8 +47,7 @@ pub struct Arguments {
     /// lit.V, raw.Z
     #[arg(long, value_name = "OUT.exr")]
     pub exr: Option<PathBuf>,
-    /// Draw every frame of a camera path that the window saved: OUT-0001.png, OUT-0001.exr and so
-    /// on
+    /// Draw every frame of a camera path: OUT-0001.png, OUT-0001.exr and so on
     #[arg(long, value_name = "PATH.json", conflicts_with_all = ["camera", "view", "explain", "timings"])]
     pub path: Option<PathBuf>,
     /// Keep frames of --path that exist already; a note counts them

@@ -16,6 +16,8 @@ pub enum Attribute {
     Class,
     Source,
     Return,
+    /// GPS time of files; an index has none
+    Time,
     Normal,
     /// Colours whose luminance is averaged over neighbours
     Corrected,
@@ -36,6 +38,11 @@ impl Attribute {
         matches!(self, Attribute::Class | Attribute::Source | Attribute::Return)
     }
 
+    /// Tests whether values are numbers on a ramp.
+    pub fn is_number(self) -> bool {
+        matches!(self, Attribute::Intensity | Attribute::Elevation | Attribute::Time)
+    }
+
     /// Returns the name as in `--color`.
     pub fn name(self) -> String {
         format!("{self:?}").to_lowercase()
@@ -47,6 +54,7 @@ impl Attribute {
         match self {
             Attribute::Rgb | Attribute::Corrected => wanted.rgb = true,
             Attribute::Intensity => wanted.intensity = true,
+            Attribute::Time => wanted.gps_time = true,
             Attribute::Class => wanted.class = true,
             Attribute::Source => wanted.source = true,
             Attribute::Return => wanted.returns = true,
@@ -66,6 +74,7 @@ impl Attribute {
         cloud.parts.iter().any(|part| match self {
             Attribute::Rgb | Attribute::Corrected => part.columns.rgb.is_some(),
             Attribute::Intensity => part.columns.intensity.is_some(),
+            Attribute::Time => part.columns.gps_time.is_some(),
             Attribute::Class => part.columns.class.is_some(),
             Attribute::Source => part.columns.source.is_some(),
             Attribute::Return => part.columns.returns.is_some(),
@@ -79,7 +88,7 @@ impl Attribute {
 #[derive(Clone, Copy, Debug)]
 pub struct DisplayAttribute {
     pub attribute: Attribute,
-    /// World heights of the whole cloud without strays, for elevation `[m]`.
+    /// World heights of the whole cloud without strays, for elevation `[m]`; or its times `[s]`.
     heights: [f64; 2],
     /// The axis along which elevations count.
     pub up: Up,
@@ -170,10 +179,18 @@ pub const CODE_SHIFT: u32 = 24;
 /// indexes have.
 pub type Words = [u32; 5];
 
+/// Returns the earliest and the latest time of the points.
+fn times(cloud: &Cloud) -> Option<[f64; 2]> {
+    let times = cloud.parts.iter().filter_map(|part| part.columns.gps_time.as_ref()).flatten();
+    let finite = times.copied().filter(|time| time.is_finite()).map(|time| [time, time]);
+    finite.reduce(|[lo, hi], [a, b]| [lo.min(a), hi.max(b)])
+}
+
 impl DisplayAttribute {
     pub fn new(attribute: Attribute, cloud: &Cloud) -> DisplayAttribute {
         let heights = match attribute {
             Attribute::Elevation => cloud.heights(),
+            Attribute::Time => times(cloud),
             _ => None,
         };
         let heights = heights.unwrap_or_default();
@@ -315,6 +332,7 @@ impl DisplayAttribute {
                 columns.rgb.as_ref().map_or(0xFFFFFF, |rgb| bytes(rgb[i]))
             }
             Attribute::Intensity => columns.intensity.as_ref().map_or(0, |v| v[i] as u32),
+            Attribute::Time => columns.gps_time.as_ref().map_or(0, |v| self.elevation(v[i])),
             Attribute::Class => columns.class.as_ref().map_or(0, |v| v[i] as u32),
             Attribute::Source => columns.source.as_ref().map_or(0, |v| v[i] as u32),
             Attribute::Return => columns.returns.as_ref().map_or(0, |v| (v[i] & 15) as u32),
@@ -331,11 +349,12 @@ impl DisplayAttribute {
         }
     }
 
-    /// Returns the values at the ends of the ramp, if any: heights `[m]` or 16-bit intensities.
+    /// Returns the values at the ends of the ramp, if any: heights `[m]`, times `[s]` or 16-bit
+    /// intensities.
     pub fn ends(&self) -> Option<[f64; 2]> {
         let [bottom, top] = self.heights;
         match self.attribute {
-            Attribute::Elevation => Some(self.scale.range.unwrap_or(
+            Attribute::Elevation | Attribute::Time => Some(self.scale.range.unwrap_or(
                 self.stretch.map(|word| bottom + (top - bottom) * word as f64 / ELEVATION_LEVELS),
             )),
             Attribute::Intensity => Some(self.scale.range.unwrap_or(self.stretch.map(f64::from))),
@@ -350,15 +369,14 @@ impl DisplayAttribute {
 
     /// Tests whether it is a number on a ramp that is not grey.
     pub fn is_ramped(&self) -> bool {
-        matches!(self.attribute, Attribute::Intensity | Attribute::Elevation)
-            && self.scale.ramp_of(self.attribute) != Ramp::Grey
+        self.attribute.is_number() && self.scale.ramp_of(self.attribute) != Ramp::Grey
     }
 
     /// Returns the words at the ends of the ramp, which need not be whole or occur.
     pub fn ramp_words(&self) -> [f64; 2] {
         let [bottom, top] = self.heights;
         match (self.scale.range, self.attribute) {
-            (Some(range), Attribute::Elevation) if top > bottom => {
+            (Some(range), Attribute::Elevation | Attribute::Time) if top > bottom => {
                 range.map(|height| (height - bottom) / (top - bottom) * ELEVATION_LEVELS)
             }
             (Some(range), Attribute::Intensity | Attribute::Rgb | Attribute::Corrected) => range,
@@ -377,7 +395,7 @@ impl DisplayAttribute {
         }
     }
 
-    /// Returns the word of a world height.
+    /// Returns the word of a world height, or of a time.
     pub fn elevation(&self, height: f64) -> u32 {
         let [lo, hi] = self.heights;
         if hi > lo {
@@ -390,7 +408,7 @@ impl DisplayAttribute {
     /// Computes the words at the 2nd and 98th percentile by counting every point.
     fn stretched(&self, cloud: &Cloud) -> [u32; 2] {
         use rayon::prelude::*;
-        if !matches!(self.attribute, Attribute::Intensity | Attribute::Elevation) {
+        if !self.attribute.is_number() {
             return [0, 255];
         }
         let mut counts = vec![0u64; 1 << 16];

@@ -71,7 +71,7 @@ impl Ramp {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct ColorScale {
-    /// Ramp of numbers; if `None`, grey for intensities and terrain for elevations.
+    /// Ramp of numbers; if `None`, grey for intensities, terrain for elevations, viridis for times.
     pub ramp: Option<Ramp>,
     /// Values at its ends: heights `[m]`, intensities, or 8-bit channels; if `None`, percentiles.
     pub range: Option<[f64; 2]>,
@@ -116,6 +116,7 @@ impl ColorScale {
     pub fn ramp_of(&self, attribute: Attribute) -> Ramp {
         self.ramp.unwrap_or(match attribute {
             Attribute::Elevation => Ramp::Terrain,
+            Attribute::Time => Ramp::Viridis,
             _ => Ramp::Grey,
         })
     }
@@ -136,7 +137,7 @@ pub fn entry(attribute: Attribute, scale: &ColorScale, i: usize) -> [f64; 3] {
     let t = i as f64 / 255.0;
     match attribute {
         Attribute::Rgb | Attribute::Corrected => [scale.toned(t); 3],
-        Attribute::Intensity | Attribute::Elevation => {
+        Attribute::Intensity | Attribute::Elevation | Attribute::Time => {
             scale.ramp_of(attribute).color(scale.toned(t))
         }
         Attribute::Class => class_color(i),
@@ -175,7 +176,7 @@ pub fn color_of(shown: &DisplayAttribute, word: u32) -> [u8; 3] {
         Attribute::Normal => [0, 1, 2].map(|axis| {
             (255.0 * (byte(axis) as f64 / 254.0).clamp(0.0, 1.0).powf(1.0 / 2.2)) as u8
         }),
-        Attribute::Intensity | Attribute::Elevation => {
+        Attribute::Intensity | Attribute::Elevation | Attribute::Time => {
             // Without the station.
             ramp_color(shown, (word & 0xFF_FFFF) as f64)
         }

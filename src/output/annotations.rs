@@ -239,6 +239,7 @@ impl Sheet<'_> {
             Attribute::Elevation => {
                 format!("elevation [{}]", self.shown.reference.height_unit().symbol())
             }
+            Attribute::Time => "GPS time [s]".into(),
             other => other.name(),
         };
         let step = round_above((hi - lo) / 6.0);

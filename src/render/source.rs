@@ -358,6 +358,9 @@ impl Source {
             (Source::Index(index), Attribute::Corrected) if index.has(Plane::Rgb) => {
                 (indexed_files(index), "--luminance")
             }
+            (Source::Index(_), Attribute::Time) => {
+                return "draw the files themselves, since an index does not keep them".into();
+            }
             _ => return "`pointillist info` lists their attributes".into(),
         };
         self.index_again(files, option)
@@ -392,7 +395,9 @@ impl Source {
             Source::Files(cloud) => attribute.is_in(cloud),
             Source::Index(index) => {
                 let planes = Plane::of(attribute);
-                planes.is_empty() || planes.iter().any(|&plane| index.has(plane))
+                // Times are not kept.
+                planes.is_empty() && attribute != Attribute::Time
+                    || planes.iter().any(|&plane| index.has(plane))
             }
         }
     }

@@ -159,3 +159,57 @@ fn annotations_are_drawn_the_same_whole_and_in_pieces_and_not_into_layers() {
     let output = render(&cloud, &format!("-o {}.png --up y --north-arrow", cloud.display()));
     assert!(text(&output.stderr).contains("--north-arrow"));
 }
+
+/// Writes two strips of a plane that overlap in the middle: the second sees half of the light. Times
+/// grow along x.
+fn strips(path: &Path) {
+    let mut builder = las::Builder::from((1, 4));
+    builder.point_format = las::point::Format::new(6).unwrap();
+    let axis = las::Transform { scale: 0.001, offset: 0.0 };
+    builder.transforms = las::Vector { x: axis, y: axis, z: axis };
+    let mut writer = las::Writer::from_path(path, builder.into_header().unwrap()).unwrap();
+    for i in 0..80_000u32 {
+        let (strip, place) = (i % 2, i / 2);
+        let x = (place % 200) as f64 / 200.0 * 6.0 + 4.0 * strip as f64;
+        let y = (place / 200) as f64 / 200.0 * 4.0;
+        let light = 20_000 + (place * 7919 % 2000) as u16;
+        writer
+            .write_point(las::Point {
+                x,
+                y,
+                intensity: if strip == 0 { light } else { light / 2 },
+                point_source_id: 1 + strip as u16,
+                gps_time: Some(1000.0 + x),
+                return_number: 1,
+                number_of_returns: 1,
+                ..las::Point::default()
+            })
+            .unwrap();
+    }
+    writer.close().unwrap();
+}
+
+/// Mean of the drawn pixels in the left and in the right third of a picture.
+fn sides(png: &Png) -> [f64; 2] {
+    let width = png.size[0] as usize;
+    [0..width / 3, 2 * width / 3..width].map(|columns| {
+        let pixels = png.pixels.iter().enumerate();
+        let within = pixels.filter(|(i, _)| columns.contains(&(i % width)));
+        mean(&Png { size: png.size, pixels: within.map(|(_, pixel)| *pixel).collect() })
+    })
+}
+
+#[test]
+fn strips_of_different_intensity_are_evened_and_times_grow_along_the_flight() {
+    let folder = tempfile::tempdir().unwrap();
+    let cloud = folder.path().join("strips.las");
+    strips(&cloud);
+    let line = "--style points --effect edl=off --view top --background 000000";
+    let drawn = |more: &str| draw(&cloud, &format!("{line} {more}"));
+    let [left, right] = sides(&drawn("--color intensity --range 0,30000 --effect exposure=off").0);
+    assert!(left > 1.4 * right, "{left} {right}");
+    let [left, right] = sides(&drawn("--color intensity --range 0,30000").0);
+    assert!((left / right - 1.0).abs() < 0.03, "{left} {right}");
+    let [left, right] = sides(&drawn("--color time --ramp grey").0);
+    assert!(right > 1.5 * left, "{left} {right}");
+}
