@@ -51,10 +51,10 @@ pub struct ScaleOptions {
     #[arg(long, value_name = "NUMBER", default_value_t = 0.0, allow_hyphen_values = true)]
     pub brightness: f64,
     /// Slope of colours about the middle grey
-    #[arg(long, value_name = "NUMBER", default_value_t = 1.0)]
+    #[arg(long, value_name = "NUMBER", default_value_t = 1.0, allow_hyphen_values = true)]
     pub contrast: f64,
     /// Above 1 brightens what is dark, and keeps black and white
-    #[arg(long, value_name = "NUMBER", default_value_t = 1.0)]
+    #[arg(long, value_name = "NUMBER", default_value_t = 1.0, allow_hyphen_values = true)]
     pub gamma: f64,
 }
 
@@ -339,6 +339,8 @@ impl PictureOptions {
     }
 
     pub fn settings(&self) -> Result<RenderSettings> {
+        // Wrong numbers are refused before anything is read.
+        self.scale.scale()?;
         let mut effects = Effects::of(self.style);
         for text in &self.effect {
             effects.set(text).map_err(|why| Error::Request(format!("--effect {text}: {why}")))?;

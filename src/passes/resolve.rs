@@ -260,25 +260,39 @@ fn places(shown: &DisplayAttribute, gains: &[f64]) -> impl Iterator<Item = f64> 
     })
 }
 
-/// Returns 256 linear values of channels, or of the greys of numbers, for each gain. The stretch of
-/// channels comes first, since the gain is one on the light.
-pub fn linear(shown: &DisplayAttribute, gains: &[f64]) -> impl Iterator<Item = f64> + use<> {
-    let ([lo, hi], shown) = (shown.ramp_words(), *shown);
-    let is_ramp = mode(shown.attribute) == RAMP;
-    let channels = gains.to_vec().into_iter().flat_map(move |gain| {
+/// Returns 256 linear values of channels for each gain. The gain is one on the light that was
+/// measured, and comes before stretch and tone.
+fn linear(shown: &DisplayAttribute, gains: &[f64]) -> impl Iterator<Item = f64> + use<> {
+    let ([lo, hi], scale) = (shown.ramp_words().map(|end| end / 255.0), shown.scale);
+    let is_plain = [lo, hi] == [0.0, 1.0] && (scale.toned(0.25), scale.toned(0.75)) == (0.25, 0.75);
+    gains.to_vec().into_iter().flat_map(move |gain| {
         (0..256).map(move |v| {
-            let place = ((v as f64 - lo) / (hi - lo).max(1.0)).clamp(0.0, 1.0);
-            (gain * srgb_to_linear(shown.scale.toned(place))).min(1.0)
+            let light = (gain * srgb_to_linear(v as f64 / 255.0)).min(1.0);
+            if is_plain {
+                return light;
+            }
+            let channel = if gain == 1.0 { v as f64 / 255.0 } else { linear_to_srgb(light) };
+            let place = ((channel - lo) / (hi - lo).max(1.0 / 255.0)).clamp(0.0, 1.0);
+            srgb_to_linear(scale.toned(place))
         })
-    });
-    let greys = places(&shown, gains).map(move |place| srgb_to_linear(shown.ramp_at(place)[0]));
-    let (channels, greys) = if is_ramp { (None, Some(greys)) } else { (Some(channels), None) };
-    channels.into_iter().flatten().chain(greys.into_iter().flatten())
+    })
 }
 
-/// Returns the same as 8-bit sRGB values.
+/// Returns for each entry of every row the entry of the first row that shows the same: 8-bit sRGB
+/// values at one exposure, before stretch and tone.
 pub fn levels(shown: &DisplayAttribute, gains: &[f64]) -> Vec<u32> {
-    linear(shown, gains).map(|linear| (255.0 * linear_to_srgb(linear)).round() as u32).collect()
+    let [lo, end] = row_words(shown, gains);
+    let is_ramp = mode(shown.attribute) == RAMP;
+    let level = |gain: f64, v: usize| {
+        let share = v as f64 / 255.0;
+        let evened = match is_ramp {
+            _ if gain == 1.0 => share,
+            true => (gain * (lo + (end - lo) * share) - lo) / (end - lo).max(1.0),
+            false => linear_to_srgb((gain * srgb_to_linear(share)).min(1.0)),
+        };
+        (255.0 * evened.clamp(0.0, 1.0)).round() as u32
+    };
+    gains.iter().flat_map(|&gain| (0..256).map(move |v| level(gain, v))).collect()
 }
 
 #[cfg(test)]
@@ -288,12 +302,22 @@ mod tests {
     #[test]
     fn a_factor_of_one_changes_nothing_and_values_grow_with_light() {
         let mut shown = DisplayAttribute::indexed(Attribute::Rgb, [0.0; 2], [0, 255]);
-        let levels = |shown: &DisplayAttribute| super::levels(shown, &[1.0, 0.5, 16.0]);
-        let dark = levels(&DisplayAttribute::indexed(Attribute::Rgb, [0.0; 2], [0, 51]));
-        assert_eq!([dark[10], dark[51], dark[200]], [50, 255, 255]);
+        let at = |shown: &DisplayAttribute, v: usize| {
+            let linear: Vec<f64> = linear(shown, &[1.0, 0.5]).collect();
+            [linear[v], linear[256 + v]].map(|light| (255.0 * linear_to_srgb(light)).round())
+        };
+        let dark = DisplayAttribute::indexed(Attribute::Rgb, [0.0; 2], [0, 51]);
+        assert_eq!([10, 51, 200].map(|v| at(&dark, v)[0]), [50.0, 255.0, 255.0]);
+        // A gain is one on the light before it is stretched.
+        assert!(at(&dark, 51)[1] < 255.0 && at(&dark, 200)[1] == 255.0);
         shown.scale.range = Some([100.0, 200.0]);
-        assert_eq!([99, 150, 200].map(|v| levels(&shown)[v]), [0, 128, 255]);
-        shown.scale.range = None;
+        assert_eq!([99, 150, 200].map(|v| at(&shown, v)[0]), [0.0, 128.0, 255.0]);
+        // Averages are made before stretch and tone, which the first row adds.
+        let levels = |shown: &DisplayAttribute| super::levels(shown, &[1.0, 0.5, 16.0]);
+        assert!(
+            levels(&shown)
+                == levels(&DisplayAttribute::indexed(Attribute::Rgb, [0.0; 2], [0, 255]))
+        );
         let levels = levels(&shown);
         assert!((0..256).all(|v| levels[v] == v as u32));
         assert!(levels[256..].chunks(256).all(|row| row.is_sorted()));
