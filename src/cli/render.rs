@@ -7,6 +7,7 @@ use crate::atomic_file::AtomicFile;
 use crate::error::{Error, Result};
 use crate::graph::{CompletedSubmission, Gpu, Graph};
 use crate::output::export::Downloads;
+use crate::output::overlay::Overlay;
 use crate::output::tiled::{self, PictureRequest};
 use crate::passes::phong::{self, Backfaces};
 use crate::passes::project::{self, Statistics};
@@ -24,18 +25,16 @@ use std::time::Instant;
 const EXAMPLES: &str = "\
 Examples:
   pointillist render scan.laz -o out.png
-  pointillist render north.laz south.laz -o both.png --color source --view top
   pointillist render scan.e57 -o out.png --camera cam.json --size 3840x2160 --exr out.exr
   pointillist render scan.laz -o out.png --effect edl=on,strength=0.5,radius=2 --background ffffff
   pointillist render scan.laz -o out.png --opacity class:6=0.3 --opacity class:5=0    glass roofs, no trees
   pointillist render scan.laz -o out.png --clip box:10,-5,0,14,5,3 --clip outside:11,-1,0,12,1,3    a room, without its table
   pointillist render scan.laz -o out.png --only ground       also building, class=2,6, return=last, z=10..20
   pointillist render scan.laz -o out.png --not noise --where intensity=100..2000
-  pointillist render scan.laz -o out.png --explain --timings
+  pointillist render scan.laz -o map.png --view top --color elevation --legend --scale-bar --axes
   pointillist render scan.laz -o poster.png --size 40000x20000    in tiles, without seams
   pointillist render scan.laz -o out.png --scene scene.json  a scene saved by the window
   pointillist render scan.laz -o tour.png --path tour.json   tour-0001.png and so on, along a camera path
-  pointillist render site.pnti -o out.png --lod 2          an index: coarser, and reads less
   pointillist render huge.las -o out.png                   indexed first; the index is kept";
 
 #[derive(clap::Args, Clone, Debug)]
@@ -51,8 +50,7 @@ pub struct Arguments {
     /// lit.V, raw.Z
     #[arg(long, value_name = "OUT.exr")]
     pub exr: Option<PathBuf>,
-    /// Draw every frame of a camera path that the window saved: OUT-0001.png, OUT-0001.exr and so
-    /// on
+    /// Draw every frame of a camera path: OUT-0001.png, OUT-0001.exr and so on
     #[arg(long, value_name = "PATH.json", conflicts_with_all = ["camera", "view", "explain", "timings"])]
     pub path: Option<PathBuf>,
     /// Keep frames of --path that exist already; a note counts them
@@ -118,6 +116,8 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
     stages.done("read");
     let view = picture.view(&source)?;
     let (shown, why_shown) = picture.shown(&source)?;
+    let named = picture.named(&source, shown)?;
+    let over = picture.report.annotations().overlay(&view, &named);
     let mut facts = Facts {
         points: source.points(),
         files: arguments.files.len(),
@@ -135,9 +135,10 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
     stages.done("open device");
     let mut cloud = source.upload(&mut gpu, shown, picture.detail.pool_bytes(), progress)?;
     cloud.set_filters(picture.opacities(), picture.clips());
+    cloud.set_scale(picture.scale.scale()?);
     stages.done("organise");
     if arguments.tile.is_some() || tiled::needs_pieces(&gpu, view.size, arguments.piece) {
-        return in_pieces(arguments, &picture, &view, &mut gpu, cloud, progress);
+        return in_pieces(arguments, &picture, &view, over, &mut gpu, cloud, progress);
     }
     facts.taken = cloud.wait_until_resident(
         &mut gpu,
@@ -169,7 +170,8 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
     let (downloads, counts, statistics) = asked;
     stages.done("draw");
     notes.iter().for_each(|note| eprintln!("pointillist: note: {note}"));
-    downloads.write(&frame, view.size, arguments.output.as_deref(), arguments.exr.as_deref())?;
+    let [png, exr] = [&arguments.output, &arguments.exr].map(Option::as_deref);
+    downloads.write(&frame, view.size, png, exr, over)?;
     stages.done("write");
 
     if let Some(counts) = counts {
@@ -218,6 +220,7 @@ fn in_pieces(
     arguments: &Arguments,
     picture: &PictureOptions,
     view: &View,
+    over: Overlay,
     gpu: &mut Gpu,
     mut cloud: GpuCloud,
     progress: &dyn Progress,
@@ -236,6 +239,7 @@ fn in_pieces(
         lod: picture.detail.lod(),
         piece: arguments.piece,
         tile: arguments.tile,
+        over,
     };
     for note in tiled::write(gpu, &mut cloud, wanted, output, progress)? {
         eprintln!("pointillist: note: {note}");
