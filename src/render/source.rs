@@ -2,12 +2,14 @@
 
 use crate::cloud::attribute::{Attribute, DisplayAttribute, ExtraAttributes};
 use crate::cloud::crs::Reference;
+use crate::cloud::digits::number;
+use crate::cloud::filter::{Filter, grouped};
 use crate::cloud::histograms::Histograms;
 use crate::cloud::rgb_range::RgbRange;
 use crate::cloud::robust_bounds::without_strays;
 use crate::cloud::strays::{RobustBounds, Strays, Treatment};
 use crate::cloud::stream::FileSummary;
-use crate::cloud::{self, Cloud, ReadOptions, Station};
+use crate::cloud::{self, Cloud, Columns, Part, ReadOptions, Station};
 use crate::config;
 use crate::error::{Error, Result};
 use crate::graph::Gpu;
@@ -19,7 +21,7 @@ use crate::index::format::{Index, Plane};
 use crate::index::{self, build};
 use crate::progress::Progress;
 use crate::resident::{CloudUpload, Residency, Resident, streaming::Update};
-use crate::select::clip::{Clip, Clips};
+use crate::select::clip::{Clip, Clips, Left};
 use crate::select::lod::Detail;
 use crate::select::opacity::Opacities;
 use crate::view::View;
@@ -33,6 +35,8 @@ use std::time::{Duration, Instant};
 #[derive(Clone, Debug)]
 pub struct OpenOptions {
     pub read: ReadOptions,
+    /// Filter of the points.
+    pub filter: Filter,
     /// Reason to index files first, regardless of their number of points.
     pub index: Option<&'static str>,
     /// Where indexes are cached; the default location if `None`.
@@ -75,7 +79,33 @@ impl OpenOptions {
         index.hidden =
             if self.read.strays == Treatment::Hide { root_samples(&index).1 } else { None };
         index.fault = self.fault;
+        if !self.filter.is_empty() {
+            let compiled = index.compile(&self.filter)?;
+            let (points, counts) =
+                (index.directory.contents.points, &index.directory.contents.counts);
+            if let Some(Histograms { classes, returns }) = counts
+                && self.filter.leaves_none_of(classes, returns)
+            {
+                let listed = |kinds: &[(u8, u64)]| {
+                    let numbers: Vec<_> = kinds.iter().map(|(kind, _)| kind.to_string()).collect();
+                    numbers.join(", ")
+                };
+                return Err(Error::Request(format!(
+                    "{} leaves none of {} points; classes present: {}; returns present: {}",
+                    self.filter.words(),
+                    grouped(points),
+                    listed(classes),
+                    listed(returns)
+                )));
+            }
+            index.filter = Some(compiled);
+        }
         Ok(Source::Index(Arc::new(index)))
+    }
+
+    /// Returns how files are read, with the columns that the filter looks at.
+    fn reading(&self) -> ReadOptions {
+        ReadOptions { wanted: self.read.wanted.and(self.filter.wanted()), ..self.read }
     }
 
     fn place(&self) -> Result<cache::CacheLocation> {
@@ -134,9 +164,11 @@ impl Source {
                     path.display()
                 )));
             }
-            return Ok(Source::Files(cloud::read(paths, &opening.read, progress)?));
+            let mut cloud = cloud::read(paths, &opening.reading(), progress)?;
+            cloud.filter(&opening.filter)?;
+            return Ok(Source::Files(cloud));
         };
-        let (place, build) = (opening.place()?, build::Options::reading(&opening.read));
+        let (place, build) = (opening.place()?, build::Options::reading(&opening.reading()));
         let Cached { index, made } = cache::find_or_build(paths, &place, &build, progress)?;
         match made {
             Some(made) => progress.note(&format!(
@@ -161,7 +193,11 @@ impl Source {
         let FileSummary { points, compressed } = cloud::stream::summary(paths)?;
         let (soon, some) = match opening.needs_index(paths)? {
             Some(_) => (
-                cache::is_there(paths, &opening.place()?, &build::Options::reading(&opening.read))?,
+                cache::is_there(
+                    paths,
+                    &opening.place()?,
+                    &build::Options::reading(&opening.reading()),
+                )?,
                 points,
             ),
             None => (
@@ -173,8 +209,10 @@ impl Source {
             return Ok(None);
         }
         let some = some.min(config::PREVIEW_POINTS);
-        let sample = cloud::sample(paths, &opening.read, some, progress)?;
-        Ok(sample.map(|cloud| Preview { source: Source::Files(cloud), points }))
+        let sample = cloud::sample(paths, &opening.reading(), some, progress)?;
+        // A sample may have none of the points that are left.
+        let left = sample.and_then(|mut cloud| cloud.filter(&opening.filter).ok().map(|()| cloud));
+        Ok(left.map(|cloud| Preview { source: Source::Files(cloud), points }))
     }
 
     /// Returns notes on the files, and on requested attributes that the index lacks.
@@ -325,6 +363,35 @@ impl Source {
             "OUT.pnti".into()
         };
         format!("`pointillist index {}{more} -o {output} {option}` finds them", files.join(" "))
+    }
+
+    /// Returns a note if clip boxes leave nothing: of files no point, of an index no node.
+    pub fn clipped_away(&self, clips: &Clips) -> Option<String> {
+        let (is_left, bounds) = match self {
+            Source::Files(cloud) => {
+                let is_left = |part: &Part| {
+                    let Columns { x, y, z, .. } = &part.columns;
+                    let place = |i| part.lattice.world([x[i], y[i], z[i]].map(i64::from));
+                    (0..x.len()).any(|i| clips.keep(place(i)))
+                };
+                (cloud.parts.iter().any(is_left), cloud.bounds())
+            }
+            Source::Index(index) => {
+                let is_left = |node| clips.left(index.bounds(node)) != Left::Nothing;
+                let bounds = index.directory.contents.bounds.map(|[low, high]| (low, high));
+                (index.nodes().iter().any(is_left), bounds)
+            }
+        };
+        let (low, high) = bounds.filter(|_| !is_left)?;
+        let [low, high] = [low, high]
+            .map(|corner| self.reference().digits.round(corner).to_array().map(number).join(" "));
+        let points = grouped(self.points());
+        Some(format!("--clip leaves none of {points} points; they lie in {low} to {high}"))
+    }
+
+    /// Tests whether points need their kind on the device for a filter.
+    pub fn is_filtered(&self) -> bool {
+        matches!(self, Source::Index(index) if index.filter.is_some())
     }
 
     /// Tests whether all points have saved visibility of a light.
@@ -494,13 +561,23 @@ fn root_samples(index: &Index) -> (Vec<(DVec3, u32)>, Option<RobustBounds>) {
     let mut samples = Vec::new();
     for root in 0..index.directory.roots as usize {
         // An unreadable root is reported when drawn; until then its box is used.
-        samples.extend(index.samples(root).unwrap_or_else(|_| {
+        samples.extend(left_samples(index, root).unwrap_or_else(|_| {
             let (lo, hi) = index.bounds(&index.nodes()[root]);
             vec![(lo, 1), (hi, 1)]
         }));
     }
     let core = RobustBounds::of(samples.len(), |i| samples[i].0);
     (samples, core)
+}
+
+/// Returns the samples of a root that the index's filter leaves; all if it leaves none.
+fn left_samples(index: &Index, root: usize) -> Result<Vec<(DVec3, u32)>> {
+    let samples = index.samples(root)?;
+    let Some(filter) = &index.filter else { return Ok(samples) };
+    let left = index.left(root, filter)?;
+    let some = samples.iter().zip(left).filter(|(_, left)| *left).map(|(sample, _)| *sample);
+    let some: Vec<_> = some.collect();
+    Ok(if some.is_empty() { samples } else { some })
 }
 
 /// Returns the strays of an index among the samples of its roots.
