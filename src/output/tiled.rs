@@ -1,4 +1,4 @@
-//! Pictures of any size as PNG, drawn in pieces if larger than a device's images or its safe load.
+//! Pictures of any size, drawn in pieces if larger than a device's images or its safe load.
 //!
 //! ```text
 //!     whole picture -> rows of pieces -> window around each, wider by what its pixels depend on
@@ -128,12 +128,17 @@ pub struct PictureRequest {
     pub over: Overlay,
 }
 
-/// A picture being written to a file, which exists after [`TiledPicture::finish`]. Dropped before,
-/// it leaves no file.
+/// A picture being written to a PNG file, which exists after [`TiledPicture::finish`]. Dropped
+/// before, it leaves no file.
 pub struct TiledPicture {
-    request: PictureRequest,
+    drawing: Drawing,
     path: PathBuf,
     rows: PngRows,
+}
+
+/// A picture being drawn.
+struct Drawing {
+    request: PictureRequest,
     plan: Option<Plan>,
     /// The pixels of one row of tiles.
     pixels: Vec<u8>,
@@ -164,14 +169,7 @@ impl TiledPicture {
     /// Creates the file; draws nothing yet.
     pub fn begin(request: PictureRequest, path: &Path) -> Result<TiledPicture> {
         let rows = PngRows::create(path, request.view.size, request.over.clone())?;
-        Ok(TiledPicture {
-            request,
-            path: path.to_owned(),
-            rows,
-            plan: None,
-            pixels: Vec::new(),
-            notes: Vec::new(),
-        })
+        Ok(TiledPicture { drawing: Drawing::new(request), path: path.to_owned(), rows })
     }
 
     pub fn path(&self) -> &Path {
@@ -180,7 +178,7 @@ impl TiledPicture {
 
     /// Returns the number of drawn tiles and of all tiles; `None` before the first.
     pub fn so_far(&self) -> Option<(usize, usize)> {
-        self.plan.as_ref().map(|plan| (plan.done, plan.tiles.len()))
+        self.drawing.plan.as_ref().map(|plan| (plan.done, plan.tiles.len()))
     }
 
     /// Draws one more tile. Returns whether it was the last. If `progress` cancels it, the call has
@@ -191,20 +189,39 @@ impl TiledPicture {
         cloud: &mut GpuCloud,
         progress: &dyn Progress,
     ) -> Result<bool> {
-        let mut plan = match self.plan.take() {
-            Some(plan) => plan,
-            None => self.plan(gpu, cloud, progress)?,
-        };
-        let drawn = self.draw_next(&mut plan, gpu, cloud, progress);
-        let is_whole = plan.done == plan.tiles.len();
-        self.plan = Some(plan);
-        drawn.map(|()| is_whole)
+        self.drawing.step(gpu, cloud, progress, &mut |pixels| self.rows.write(pixels))
     }
 
     /// Completes the file and returns the warnings.
     pub fn finish(self) -> Result<Vec<String>> {
         self.rows.finish()?;
-        Ok(self.notes)
+        Ok(self.drawing.notes)
+    }
+}
+
+/// Takes whole rows of pixels, from the top down.
+type Put<'p> = dyn FnMut(&[u8]) -> Result<()> + 'p;
+
+impl Drawing {
+    fn new(request: PictureRequest) -> Drawing {
+        Drawing { request, plan: None, pixels: Vec::new(), notes: Vec::new() }
+    }
+
+    fn step(
+        &mut self,
+        gpu: &mut Gpu,
+        cloud: &mut GpuCloud,
+        progress: &dyn Progress,
+        put: &mut Put,
+    ) -> Result<bool> {
+        let mut plan = match self.plan.take() {
+            Some(plan) => plan,
+            None => self.plan(gpu, cloud, progress)?,
+        };
+        let drawn = self.draw_next(&mut plan, gpu, cloud, progress, put);
+        let is_whole = plan.done == plan.tiles.len();
+        self.plan = Some(plan);
+        drawn.map(|()| is_whole)
     }
 
     fn plan(
@@ -236,6 +253,7 @@ impl TiledPicture {
         gpu: &mut Gpu,
         cloud: &mut GpuCloud,
         progress: &dyn Progress,
+        put: &mut Put,
     ) -> Result<()> {
         let Tile { part, loaded, row: [top, height], is_last } = plan.tiles[plan.done];
         let PictureRequest { view, lod, .. } = &self.request;
@@ -258,7 +276,7 @@ impl TiledPicture {
         self.note(notes_of(taken));
         self.note(done.notes);
         if is_last {
-            self.rows.write(&self.pixels)?;
+            put(&self.pixels)?;
             self.pixels.clear();
         }
         plan.done += 1;
@@ -315,7 +333,20 @@ fn row_of_tiles(view: &View, row: &[Piece], side_and_border: Option<(u32, u32)>)
     tiles
 }
 
-/// Draws a picture into a file. Returns warnings.
+/// Draws a picture, 8-bit RGB, and gives its rows to `put`. Returns warnings.
+pub fn draw(
+    gpu: &mut Gpu,
+    cloud: &mut GpuCloud,
+    request: PictureRequest,
+    progress: &dyn Progress,
+    put: &mut Put,
+) -> Result<Vec<String>> {
+    let mut drawing = Drawing::new(request);
+    while !drawing.step(gpu, cloud, progress, put)? {}
+    Ok(drawing.notes)
+}
+
+/// Draws a picture into a PNG file. Returns warnings.
 pub fn write(
     gpu: &mut Gpu,
     cloud: &mut GpuCloud,
