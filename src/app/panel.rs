@@ -14,9 +14,10 @@ use crate::cloud::attribute::{Attribute, DisplayAttribute, class_name};
 use crate::cloud::colormap::{ColorScale, Ramp};
 use crate::cloud::histograms::Histograms;
 use crate::output::annotations::{Annotations, Shown};
-use crate::passes::{Choice, EffectDecisions, Listed, Setting, Switch, Value};
+use crate::passes::{Choice, EffectDecisions, Effects, Listed, Setting, Switch, Value};
 use crate::present::overlay::Overlay;
 use crate::render::scene::Scene;
+use crate::render::settings::Style;
 use crate::select::lod::LodOptions;
 use crate::select::opacity::{Opacities, Rule, What};
 use crate::view::View;
@@ -324,6 +325,7 @@ fn contents(
             actions.push(Action::Help);
         }
     });
+    style(ui, &mut scene.settings.effects);
     picked(ui, state, actions);
     color(ui, state, scene);
     annotations(ui, &mut state.annotations);
@@ -385,6 +387,22 @@ fn contents(
             .clicked()
         {
             actions.push(Action::LoadScene);
+        }
+    });
+}
+
+/// Chooses how points are drawn. Strokes need what is computed while a cloud is loaded, so they are
+/// offered only where they are drawn.
+fn style(ui: &mut Ui, effects: &mut Effects) {
+    ui.horizontal(|ui| {
+        let current = effects.style();
+        for &style in Style::value_variants() {
+            let is_offered = style != Style::Strokes || current == Some(Style::Strokes);
+            let name = style.to_possible_value().expect("no style is hidden");
+            if is_offered && ui.selectable_label(current == Some(style), name.get_name()).clicked()
+            {
+                effects.set_style(style);
+            }
         }
     });
 }

@@ -285,25 +285,20 @@ const MAPS: [&str; 3] = ["tif", "tiff", "png"];
 impl Arguments {
     /// Errors if a map lacks what makes it one.
     fn check_map(&self) -> Result<()> {
-        let is_geotiff = |output: &PathBuf| {
-            let ending = output.extension().unwrap_or_default();
-            ["tif", "tiff"].iter().any(|own| ending.eq_ignore_ascii_case(own))
-        };
-        if self.output.as_ref().is_some_and(is_geotiff)
-            && !self.picture.report.annotations().is_empty()
-        {
-            return Err(Error::Request(
-                "a GeoTIFF has pixels of the map alone: leave --title, --legend, --scale-bar, --north-arrow and --axes out, or write a .png".into(),
-            ));
-        }
         let is_tiff = |path: &PathBuf| {
             path.extension()
                 .is_some_and(|own| MAPS[..2].iter().any(|tif| own.eq_ignore_ascii_case(tif)))
         };
+        let is_geotiff = self.output.as_ref().is_some_and(is_tiff);
+        if is_geotiff && !self.picture.report.annotations().is_empty() {
+            return Err(Error::Request(
+                "a GeoTIFF has pixels of the map alone: leave --title, --legend, --scale-bar, --north-arrow and --axes out, or write a .png".into(),
+            ));
+        }
         if self.resolution.is_some() && self.picture.view != Preset::Top {
             return Err(Error::Request("--resolution draws a map; give --view top with it".into()));
         }
-        if self.resolution.is_none() && self.output.as_ref().is_some_and(is_tiff) {
+        if self.resolution.is_none() && is_geotiff {
             return Err(Error::Request(
                 "a GeoTIFF is a map; give --view top and --resolution with it, or name a .png"
                     .into(),
