@@ -2,7 +2,7 @@
 
 use super::units::{Bytes, Size};
 use crate::cloud::attribute::{Attribute, DisplayAttribute, ExtraAttributes};
-use crate::cloud::colormap::{ColorScale, Ramp};
+use crate::cloud::color_scale::{ColorScale, Ramp};
 use crate::cloud::rgb_range::RgbRange;
 use crate::cloud::strays::Treatment;
 use crate::cloud::table::{Columns, Delimiter, TextOptions};
