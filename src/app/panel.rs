@@ -11,7 +11,7 @@ use super::render_thread::Loading;
 use super::{clip_box_widget, legend, light_widget};
 use crate::cloud::Station;
 use crate::cloud::attribute::{Attribute, DisplayAttribute, class_name};
-use crate::cloud::colormap::{ColorScale, Ramp};
+use crate::cloud::color_scale::{ColorScale, Ramp};
 use crate::cloud::histograms::Histograms;
 use crate::output::annotations::{Annotations, Shown};
 use crate::passes::{Choice, EffectDecisions, Effects, Listed, Setting, Switch, Value};
@@ -533,13 +533,11 @@ fn scale(ui: &mut Ui, shown: &DisplayAttribute, scale: &mut ColorScale) {
                 scale.range = None;
             }
             let name = |ramp: Ramp| format!("{ramp:?}").to_lowercase();
-            ComboBox::from_id_salt("ramp")
-                .selected_text(name(scale.ramp_of(shown.attribute)))
-                .show_ui(ui, |ui| {
-                    for &ramp in Ramp::value_variants() {
-                        ui.selectable_value(&mut scale.ramp, Some(ramp), name(ramp));
-                    }
-                });
+            ComboBox::from_id_salt("ramp").selected_text(name(shown.ramp())).show_ui(ui, |ui| {
+                for &ramp in Ramp::value_variants() {
+                    ui.selectable_value(&mut scale.ramp, Some(ramp), name(ramp));
+                }
+            });
         });
     }
     if shown.attribute.is_label() {

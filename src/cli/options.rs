@@ -3,7 +3,7 @@
 use super::filters::{ClipOptions, FilterOptions};
 use super::units::{Bytes, Size};
 use crate::cloud::attribute::{Attribute, DisplayAttribute, ExtraAttributes};
-use crate::cloud::colormap::{ColorScale, Ramp};
+use crate::cloud::color_scale::{ColorScale, Ramp};
 use crate::cloud::filter::Filter;
 use crate::cloud::rgb_range::RgbRange;
 use crate::cloud::strays::Treatment;

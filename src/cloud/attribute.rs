@@ -1,7 +1,7 @@
 //! Displayed attributes: one 32-bit word per point, the range of its colour ramp, and further words
 //! that effects need.
 
-use super::colormap::{ColorScale, Ramp};
+use super::color_scale::{ColorScale, Ramp};
 use super::up::Up;
 use super::{Cloud, ColumnSet, Part, Station, octahedral};
 use std::str::FromStr;
@@ -41,6 +41,15 @@ impl Attribute {
     /// Tests whether values are numbers on a ramp.
     pub fn is_number(self) -> bool {
         matches!(self, Attribute::Intensity | Attribute::Elevation | Attribute::Time)
+    }
+
+    /// Returns the ramp of numbers if none is asked for.
+    pub fn ramp(self) -> Ramp {
+        match self {
+            Attribute::Elevation => Ramp::Terrain,
+            Attribute::Time => Ramp::Viridis,
+            _ => Ramp::Grey,
+        }
     }
 
     /// Returns the name as in `--color`.
@@ -368,14 +377,19 @@ impl DisplayAttribute {
         }
     }
 
+    /// Returns the ramp of numbers.
+    pub fn ramp(&self) -> Ramp {
+        self.scale.ramp.unwrap_or(self.attribute.ramp())
+    }
+
     /// Returns the colour at a place on the ramp of numbers, 0..=1, sRGB.
     pub fn ramp_at(&self, place: f64) -> [f64; 3] {
-        self.scale.ramp_of(self.attribute).color(self.scale.toned(place))
+        self.ramp().color(self.scale.toned(place))
     }
 
     /// Tests whether it is a number on a ramp that is not grey.
     pub fn is_ramped(&self) -> bool {
-        self.attribute.is_number() && self.scale.ramp_of(self.attribute) != Ramp::Grey
+        self.attribute.is_number() && self.ramp() != Ramp::Grey
     }
 
     /// Returns the words at the ends of the ramp, which need not be whole or occur.

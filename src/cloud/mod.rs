@@ -10,6 +10,7 @@
 pub mod attribute;
 mod axis;
 mod catch_panic;
+pub mod color_scale;
 pub mod colormap;
 pub mod crs;
 pub mod digits;

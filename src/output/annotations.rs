@@ -512,7 +512,7 @@ mod tests {
         let axes = Annotations { axes: true, ..Annotations::default() };
         let map = changed(&axes, [640, 480], Preset::Top);
         assert!(map.contains(&[1, 1]) && map.contains(&[638, 478]) && !map.contains(&[400, 200]));
-        let shares = [[320, 240], [1280, 960]]
+        let shares = [[640, 480], [1280, 960]]
             .map(|size| changed(&all, size, Preset::Fit).len() as f64 / (size[0] * size[1]) as f64);
         assert!((shares[0] / shares[1] - 1.0).abs() < 0.5, "{shares:?}");
     }

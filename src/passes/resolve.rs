@@ -4,7 +4,8 @@
 use super::project::{Keys, Strip};
 use super::{GBuffer, TileLists};
 use crate::cloud::attribute::{Attribute, DisplayAttribute};
-use crate::cloud::colormap::{self, ColorScale, linear_to_srgb, srgb_to_linear};
+use crate::cloud::color_scale::ColorScale;
+use crate::cloud::colormap::{self, linear_to_srgb, srgb_to_linear};
 use crate::error::Result;
 use crate::graph::{Buffer, Dispatch, Graph, Image, Kind};
 use crate::resident::Resident;
@@ -248,10 +249,10 @@ fn table(shown: &DisplayAttribute, gains: &[f64]) -> Vec<[f32; 4]> {
 }
 
 /// Returns where each entry of the rows of numbers lies on the ramp, 0..=1, times its gain.
-fn places(shown: &DisplayAttribute, gains: &[f64]) -> impl Iterator<Item = f64> + use<> {
+fn places<'g>(shown: &DisplayAttribute, gains: &'g [f64]) -> impl Iterator<Item = f64> + use<'g> {
     let ([lo, hi], [_, end]) = (shown.ramp_words(), row_words(shown, gains));
     let is_neutral = gains.iter().all(|gain| *gain == 1.0);
-    gains.to_vec().into_iter().flat_map(move |gain| {
+    gains.iter().flat_map(move |&gain| {
         (0..256).map(move |i| {
             let share = i as f64 / 255.0;
             let word = gain * (lo + (end - lo) * share);
@@ -262,10 +263,10 @@ fn places(shown: &DisplayAttribute, gains: &[f64]) -> impl Iterator<Item = f64> 
 
 /// Returns 256 linear values of channels for each gain. The gain is one on the light that was
 /// measured, and comes before stretch and tone.
-fn linear(shown: &DisplayAttribute, gains: &[f64]) -> impl Iterator<Item = f64> + use<> {
+fn linear<'g>(shown: &DisplayAttribute, gains: &'g [f64]) -> impl Iterator<Item = f64> + use<'g> {
     let ([lo, hi], scale) = (shown.ramp_words().map(|end| end / 255.0), shown.scale);
     let is_plain = [lo, hi] == [0.0, 1.0] && (scale.toned(0.25), scale.toned(0.75)) == (0.25, 0.75);
-    gains.to_vec().into_iter().flat_map(move |gain| {
+    gains.iter().flat_map(move |&gain| {
         (0..256).map(move |v| {
             let light = (gain * srgb_to_linear(v as f64 / 255.0)).min(1.0);
             if is_plain {

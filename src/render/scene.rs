@@ -5,7 +5,7 @@
 
 use crate::atomic_file::write_atomically;
 use crate::cloud::attribute::Attribute;
-use crate::cloud::colormap::ColorScale;
+use crate::cloud::color_scale::ColorScale;
 use crate::cloud::filter::{Condition, Filter};
 use crate::error::{Error, Result};
 use crate::passes::Effects;
@@ -157,7 +157,7 @@ impl Scene {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::cloud::colormap::Ramp;
+    use crate::cloud::color_scale::Ramp;
     use crate::view::Preset;
 
     #[test]

@@ -1,7 +1,7 @@
 //! Sources of points: files read whole, or an index read on demand, through one interface.
 
 use crate::cloud::attribute::{Attribute, DisplayAttribute, ExtraAttributes};
-use crate::cloud::colormap::ColorScale;
+use crate::cloud::color_scale::ColorScale;
 use crate::cloud::crs::Reference;
 use crate::cloud::digits::number;
 use crate::cloud::filter::{Filter, grouped};

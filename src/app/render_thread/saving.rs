@@ -10,7 +10,7 @@
 use super::draw_frame::settings;
 use super::{Redraw, RenderEvent, RenderLoop};
 use crate::app::warn;
-use crate::cloud::colormap::ColorScale;
+use crate::cloud::color_scale::ColorScale;
 use crate::error::{Error, Result};
 use crate::output::export;
 use crate::output::overlay::Overlay;
