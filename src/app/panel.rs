@@ -11,6 +11,9 @@ use super::render_thread::Loading;
 use super::{clip_box_widget, legend, light_widget};
 use crate::cloud::Station;
 use crate::cloud::attribute::{Attribute, DisplayAttribute, class_name};
+use crate::cloud::colormap::{ColorScale, Ramp};
+use crate::cloud::histograms::Histograms;
+use crate::output::annotations::{Annotations, Shown};
 use crate::passes::{Choice, EffectDecisions, Listed, Setting, Switch, Value};
 use crate::present::overlay::Overlay;
 use crate::render::scene::Scene;
@@ -33,6 +36,8 @@ use winit::window::Window;
 /// State that the panel shows and edits, besides the scene.
 #[derive(Default)]
 pub struct UiState {
+    /// What is drawn in the picture.
+    pub annotations: Annotations,
     /// Names of the open files.
     pub title: String,
     /// Work in progress, or its last result.
@@ -233,6 +238,10 @@ impl Panel {
         let output = context.run_ui(input, |ui| {
             if let Some(view) = view {
                 measure_overlay(ui, &state.measure, view);
+                if let Some(named) = state.named(scene).filter(|_| !state.annotations.is_empty()) {
+                    let painter = ui.ctx().layer_painter(egui::LayerId::background());
+                    state.annotations.draw(&painter, ui.ctx().content_rect(), view, &named);
+                }
             }
             let tall = ui.ctx().content_rect().height() - 60.0;
             if let Some(view) = view.filter(|_| !state.hidden) {
@@ -317,6 +326,7 @@ fn contents(
     });
     picked(ui, state, actions);
     color(ui, state, scene);
+    annotations(ui, &mut state.annotations);
     filters(ui, state, &mut scene.opacities);
     let mut added = false;
     clip_box_widget::list(ui, &mut scene.clips, &mut added);
@@ -449,11 +459,81 @@ fn color(ui: &mut Ui, state: &UiState, scene: &mut Scene) {
         combo.response.on_hover_text(format!("because {}", state.why_shown));
     }
     if let Some(shown) = &state.shown {
-        legend::ramp(ui, shown, &state.categories.reference);
+        let mut shown = *shown;
+        shown.scale = scene.scale;
+        legend::ramp(ui, &shown, &state.categories.reference);
+        scale(ui, &shown, &mut scene.scale);
     }
     ui.horizontal(|ui| {
         ui.color_edit_button_srgb(&mut scene.settings.background);
         ui.label("background");
+    });
+}
+
+impl UiState {
+    /// Returns what annotations name of the displayed cloud, if there is one.
+    pub fn named(&self, scene: &Scene) -> Option<Shown> {
+        let mut attribute = self.shown?;
+        attribute.scale = scene.scale;
+        let Categories { classes, returns, stations, reference, up } = self.categories.clone();
+        let counts = Histograms { classes, returns };
+        Some(Shown { attribute, reference, up, counts, stations })
+    }
+}
+
+/// Chooses what is drawn in the picture, as `--title` and its like do.
+fn annotations(ui: &mut Ui, own: &mut Annotations) {
+    CollapsingHeader::new("in the picture").show(ui, |ui| {
+        ui.horizontal(|ui| {
+            let mut title = own.title.take().unwrap_or_default();
+            ui.label("title");
+            ui.text_edit_singleline(&mut title);
+            own.title = Some(title).filter(|title| !title.is_empty());
+        });
+        ui.horizontal_wrapped(|ui| {
+            ui.checkbox(&mut own.legend, "legend");
+            ui.checkbox(&mut own.scale_bar, "scale bar");
+            ui.checkbox(&mut own.north_arrow, "north arrow");
+            ui.checkbox(&mut own.axes, "axes");
+        });
+    });
+}
+
+/// Edits how numbers and channels become colours.
+fn scale(ui: &mut Ui, shown: &DisplayAttribute, scale: &mut ColorScale) {
+    if let Some(mut ends) = shown.ends() {
+        let [lo, hi] = ends;
+        let speed = ((hi - lo) / 200.0).max(1e-6);
+        ui.horizontal(|ui| {
+            let [low, high] = &mut ends;
+            ui.add(DragValue::new(low).range(f64::MIN..=hi.next_down()).speed(speed));
+            ui.add(DragValue::new(high).range(lo.next_up()..=f64::MAX).speed(speed));
+            if ends != [lo, hi] {
+                scale.range = Some(ends);
+            }
+            if scale.range.is_some() && ui.button("auto").clicked() {
+                scale.range = None;
+            }
+            let name = |ramp: Ramp| format!("{ramp:?}").to_lowercase();
+            ComboBox::from_id_salt("ramp")
+                .selected_text(name(scale.ramp_of(shown.attribute)))
+                .show_ui(ui, |ui| {
+                    for &ramp in Ramp::value_variants() {
+                        ui.selectable_value(&mut scale.ramp, Some(ramp), name(ramp));
+                    }
+                });
+        });
+    }
+    if shown.attribute.is_label() {
+        return;
+    }
+    CollapsingHeader::new("brightness").show(ui, |ui| {
+        ui.add(Slider::new(&mut scale.brightness, -1.0..=1.0).text("brightness"));
+        ui.add(Slider::new(&mut scale.contrast, 0.0..=4.0).text("contrast"));
+        ui.add(Slider::new(&mut scale.gamma, 0.2..=5.0).logarithmic(true).text("gamma"));
+        if ui.button("reset").clicked() {
+            *scale = ColorScale { ramp: scale.ramp, range: scale.range, ..ColorScale::default() };
+        }
     });
 }
 

@@ -58,9 +58,11 @@ pub fn run(arguments: &Arguments, path: &Path, progress: &dyn Progress) -> Resul
         .chain(source.clipped_away(&options.clips()))
         .for_each(|note| eprintln!("pointillist: note: {note}"));
     let (shown, _) = options.shown(&source)?;
+    let (named, annotations) = (options.named(&source, shown)?, options.report.annotations());
     let mut gpu = Gpu::open(&arguments.device.to_options())?;
     let mut cloud = source.upload(&mut gpu, shown, options.detail.pool_bytes(), progress)?;
     cloud.set_filters(options.opacities(), options.clips());
+    cloud.set_scale(options.scale.scale()?);
     let mut said = Vec::new();
     for number in missing {
         let frames = Whole { progress, doing: "drawing frames", done: number, total };
@@ -91,7 +93,9 @@ pub fn run(arguments: &Arguments, path: &Path, progress: &dyn Progress) -> Resul
                 Downloads::ask(g, outcome, picture, layers)
             })?;
         done.notes.into_iter().for_each(&mut say);
-        done.asked.write(&done.frame, size, png(number).as_deref(), exr(number).as_deref())?;
+        let (png, exr) = (png(number), exr(number));
+        let over = annotations.overlay(&view, &named);
+        done.asked.write(&done.frame, size, png.as_deref(), exr.as_deref(), over)?;
     }
     progress.tick("drawing frames", total, total)?;
     Ok(())

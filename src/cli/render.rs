@@ -7,10 +7,12 @@ use super::raster::note_system;
 use super::units::LARGEST_SIDE;
 use crate::atomic_file::AtomicFile;
 use crate::cloud::crs::Crs;
+use crate::cloud::up::Up;
 use crate::error::{Error, Result};
 use crate::graph::{CompletedSubmission, Gpu, Graph};
 use crate::output::export::Downloads;
 use crate::output::geotiff::{self, Map, Sample};
+use crate::output::overlay::Overlay;
 use crate::output::tiled::{self, PictureRequest};
 use crate::output::world_file;
 use crate::passes::phong::{self, Backfaces};
@@ -31,18 +33,16 @@ use std::time::Instant;
 const EXAMPLES: &str = "\
 Examples:
   pointillist render scan.laz -o out.png
-  pointillist render north.laz south.laz -o both.png --color source --view top
   pointillist render scan.e57 -o out.png --camera cam.json --size 3840x2160 --exr out.exr
   pointillist render scan.laz -o out.png --effect edl=on,strength=0.5,radius=2 --background ffffff
   pointillist render scan.laz -o out.png --opacity class:6=0.3 --opacity class:5=0    glass roofs, no trees
   pointillist render scan.laz -o out.png --clip box:10,-5,0,14,5,3 --clip outside:11,-1,0,12,1,3    a room, without its table
   pointillist render scan.laz -o out.png --only ground       also building, class=2,6, return=last, z=10..20
   pointillist render scan.laz -o out.png --not noise --where intensity=100..2000
-  pointillist render scan.laz -o out.png --explain --timings
+  pointillist render scan.laz -o map.png --view top --color elevation --legend --scale-bar --axes
   pointillist render scan.laz -o poster.png --size 40000x20000    in tiles, without seams
   pointillist render scan.laz -o out.png --scene scene.json  a scene saved by the window
   pointillist render scan.laz -o tour.png --path tour.json   tour-0001.png and so on, along a camera path
-  pointillist render site.pnti -o out.png --lod 2          an index: coarser, and reads less
   pointillist render scan.laz -o map.tif --view top --resolution 0.25    a map, GeoTIFF or PNG with map.pgw; heights: raster
   pointillist render huge.las -o out.png                   indexed first; the index is kept";
 
@@ -59,8 +59,7 @@ pub struct Arguments {
     /// lit.V, raw.Z
     #[arg(long, value_name = "OUT.exr")]
     pub exr: Option<PathBuf>,
-    /// Draw every frame of a camera path that the window saved: OUT-0001.png, OUT-0001.exr and so
-    /// on
+    /// Draw every frame of a camera path: OUT-0001.png, OUT-0001.exr and so on
     #[arg(long, value_name = "PATH.json", conflicts_with_all = ["camera", "view", "explain", "timings"])]
     pub path: Option<PathBuf>,
     /// Keep frames of --path that exist already; a note counts them
@@ -135,13 +134,15 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
         .chain(source.clipped_away(&picture.clips()))
         .for_each(|note| eprintln!("pointillist: note: {note}"));
     stages.done("read");
-    let grid = arguments.grid(&source)?;
+    let grid = arguments.grid(&picture, &source)?;
     let view = match &grid {
-        Some(grid) => grid.view(heights(&source))?,
+        Some(grid) => grid.view(heights(&picture, &source))?,
         None => picture.view(&source)?,
     };
     let placed = grid.map(|grid| Placed::new(grid, &source));
     let (shown, why_shown) = picture.shown(&source)?;
+    let named = picture.named(&source, shown)?;
+    let over = picture.report.annotations().overlay(&view, &named);
     let mut facts = Facts {
         points: source.points(),
         files: arguments.files.len(),
@@ -159,12 +160,13 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
     stages.done("open device");
     let mut cloud = source.upload(&mut gpu, shown, picture.detail.pool_bytes(), progress)?;
     cloud.set_filters(picture.opacities(), picture.clips());
+    cloud.set_scale(picture.scale.scale()?);
     stages.done("organise");
     if placed.is_some()
         || arguments.tile.is_some()
         || tiled::needs_pieces(&gpu, view.size, arguments.piece)
     {
-        return in_pieces(arguments, &picture, &view, placed, &mut gpu, cloud, progress);
+        return in_pieces(arguments, &picture, &view, placed, over, &mut gpu, cloud, progress);
     }
     facts.taken = cloud.wait_until_resident(
         &mut gpu,
@@ -196,7 +198,8 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
     let (downloads, counts, statistics) = asked;
     stages.done("draw");
     notes.iter().for_each(|note| eprintln!("pointillist: note: {note}"));
-    downloads.write(&frame, view.size, arguments.output.as_deref(), arguments.exr.as_deref())?;
+    let [png, exr] = [&arguments.output, &arguments.exr].map(Option::as_deref);
+    downloads.write(&frame, view.size, png, exr, over)?;
     stages.done("write");
 
     if let Some(counts) = counts {
@@ -246,6 +249,7 @@ fn in_pieces(
     picture: &PictureOptions,
     view: &View,
     placed: Option<Placed>,
+    over: Overlay,
     gpu: &mut Gpu,
     mut cloud: GpuCloud,
     progress: &dyn Progress,
@@ -264,6 +268,7 @@ fn in_pieces(
         lod: picture.detail.lod(),
         piece: arguments.piece,
         tile: arguments.tile,
+        over,
     };
     let notes = match placed {
         None => tiled::write(gpu, &mut cloud, wanted, output, progress)?,
@@ -298,9 +303,14 @@ impl Arguments {
     }
 
     /// Returns the pixels of a map; `None` if the picture is none.
-    fn grid(&self, source: &Source) -> Result<Option<MapGrid>> {
+    fn grid(&self, picture: &PictureOptions, source: &Source) -> Result<Option<MapGrid>> {
         let Some(resolution) = self.resolution else { return Ok(None) };
-        let points = source.core_points();
+        if source.up() != Up::Z {
+            return Err(Error::Request(
+                "--resolution draws maps, and these files have y up; give --up z with it".into(),
+            ));
+        }
+        let points = source.framed_points(&picture.clips());
         let grid = match (self.extent, points.first()) {
             (Some(extent), _) => MapGrid::covering(extent, resolution, LARGEST_SIDE)?,
             (None, None) => return Err(Error::Request("there are no points to map".into())),
@@ -315,8 +325,8 @@ impl Arguments {
 }
 
 /// Returns the least and the greatest height of points that a camera should frame.
-fn heights(source: &Source) -> [f64; 2] {
-    let heights = source.core_points().into_iter().map(|p| p.z);
+fn heights(picture: &PictureOptions, source: &Source) -> [f64; 2] {
+    let heights = source.framed_points(&picture.clips()).into_iter().map(|p| p.z);
     let [low, high] = heights
         .fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], z| [low.min(z), high.max(z)]);
     if low <= high { [low, high] } else { [0.0, 0.0] }

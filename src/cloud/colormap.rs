@@ -1,6 +1,7 @@
 //! Colour maps of attributes, and the sRGB transfer function.
 
 use super::attribute::{Attribute, DisplayAttribute};
+use serde::{Deserialize, Serialize};
 
 /// Decodes an sRGB value in 0..=1 to linear light (IEC 61966-2-1).
 pub fn srgb_to_linear(encoded: f64) -> f64 {
@@ -12,12 +13,133 @@ pub fn linear_to_srgb(linear: f64) -> f64 {
     if linear <= 0.0031308 { linear * 12.92 } else { 1.055 * linear.powf(1.0 / 2.4) - 0.055 }
 }
 
-/// Returns entry `i` of the 256 of an attribute's colour table, sRGB in 0..=1.
-pub fn entry(attribute: Attribute, i: usize) -> [f64; 3] {
+/// Colour ramps of numbers, as in `--ramp`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Ramp {
+    /// Dark grey to white
+    Grey,
+    /// Blue, green, sand and white
+    Terrain,
+    Viridis,
+    /// Alike for all kinds of colour vision
+    Cividis,
+    /// The rainbow, with the most colours to tell apart
+    Turbo,
+}
+
+/// Grey of the lowest number: black would be darker than the background.
+const DARKEST: f64 = 0.2;
+
+impl Ramp {
+    /// Returns the colour at a place in 0..=1, sRGB.
+    pub fn color(self, t: f64) -> [f64; 3] {
+        // The colours at every 15th of 255 steps; between them the error is at most 11 / 255.
+        const VIRIDIS: [u32; 18] = [
+            0x440154, 0x481769, 0x472a7a, 0x433d84, 0x3d4e8a, 0x355e8d, 0x2e6d8e, 0x297b8e,
+            0x23898e, 0x1f978b, 0x21a585, 0x2eb37c, 0x46c06f, 0x65cb5e, 0x89d548, 0xb0dd2f,
+            0xd8e219, 0xfde725,
+        ];
+        const CIVIDIS: [u32; 18] = [
+            0x00224e, 0x002d68, 0x163770, 0x2e416d, 0x3f4c6c, 0x4e566c, 0x5c616e, 0x696b71,
+            0x767676, 0x838179, 0x928c78, 0xa09875, 0xafa471, 0xbfb06b, 0xcfbd62, 0xdfca57,
+            0xf0d846, 0xfee838,
+        ];
+        const TURBO: [u32; 18] = [
+            0x30123b, 0x3f3e9c, 0x4666dd, 0x458cfd, 0x2fb2f4, 0x1ad4d0, 0x22ebaa, 0x52fa7a,
+            0x8bff4b, 0xb7f735, 0xdbe236, 0xf5c53a, 0xfea130, 0xf9751d, 0xe84b0c, 0xce2d04,
+            0xa91601, 0x7a0403,
+        ];
+        let stops = |stops: &[u32]| {
+            let stops: Vec<[f64; 3]> = stops
+                .iter()
+                .map(|&rgb| [16, 8, 0].map(|shift| (rgb >> shift & 255) as f64 / 255.0))
+                .collect();
+            between(&stops, t)
+        };
+        match self {
+            Ramp::Grey => [DARKEST + (1.0 - DARKEST) * t; 3],
+            Ramp::Terrain => between(&TERRAIN, t),
+            Ramp::Viridis => stops(&VIRIDIS),
+            Ramp::Cividis => stops(&CIVIDIS),
+            Ramp::Turbo => stops(&TURBO),
+        }
+    }
+}
+
+/// How numbers and channels of colours become colours. Labels keep theirs.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct ColorScale {
+    /// Ramp of numbers; if `None`, grey for intensities, terrain for elevations, viridis for times.
+    pub ramp: Option<Ramp>,
+    /// Values at its ends: heights `[m]`, intensities, or 8-bit channels; if `None`, percentiles.
+    pub range: Option<[f64; 2]>,
+    /// Added to places in 0..=1.
+    pub brightness: f64,
+    /// Slope about the middle.
+    pub contrast: f64,
+    /// Places are raised to the power of its inverse: above 1 is brighter in the middle.
+    pub gamma: f64,
+}
+
+impl Default for ColorScale {
+    fn default() -> ColorScale {
+        ColorScale { ramp: None, range: None, brightness: 0.0, contrast: 1.0, gamma: 1.0 }
+    }
+}
+
+impl ColorScale {
+    pub fn is_neutral(&self) -> bool {
+        *self == ColorScale::default()
+    }
+
+    /// Returns the scale if its numbers have a meaning; otherwise says which has none.
+    pub fn checked(self) -> Result<ColorScale, String> {
+        let ColorScale { range, brightness, contrast, gamma, .. } = self;
+        match () {
+            () if !(-1.0..=1.0).contains(&brightness) => {
+                Err("brightness must be from -1 to 1".into())
+            }
+            () if !(0.0..=100.0).contains(&contrast) => {
+                Err("contrast must be from 0 to 100".into())
+            }
+            () if !(0.01..=100.0).contains(&gamma) => Err("gamma must be from 0.01 to 100".into()),
+            () if range.is_some_and(|[lo, hi]| !(lo < hi && (hi - lo).is_finite())) => {
+                Err("range must be a smaller and a larger number".into())
+            }
+            () => Ok(self),
+        }
+    }
+
+    /// Returns the ramp of an attribute.
+    pub fn ramp_of(&self, attribute: Attribute) -> Ramp {
+        self.ramp.unwrap_or(match attribute {
+            Attribute::Elevation => Ramp::Terrain,
+            Attribute::Time => Ramp::Viridis,
+            _ => Ramp::Grey,
+        })
+    }
+
+    /// Applies gamma, contrast and brightness to a place in 0..=1.
+    pub fn toned(&self, t: f64) -> f64 {
+        let ColorScale { brightness, contrast, gamma, .. } = *self;
+        if (brightness, contrast, gamma) == (0.0, 1.0, 1.0) {
+            return t;
+        }
+        ((t.powf(1.0 / gamma) - 0.5) * contrast + 0.5 + brightness).clamp(0.0, 1.0)
+    }
+}
+
+/// Returns entry `i` of the 256 of an attribute's colour table, sRGB in 0..=1. For colours it is
+/// that of a channel.
+pub fn entry(attribute: Attribute, scale: &ColorScale, i: usize) -> [f64; 3] {
     let t = i as f64 / 255.0;
     match attribute {
-        Attribute::Rgb | Attribute::Corrected | Attribute::Intensity => [t; 3],
-        Attribute::Elevation => height_ramp(t),
+        Attribute::Rgb | Attribute::Corrected => [scale.toned(t); 3],
+        Attribute::Intensity | Attribute::Elevation | Attribute::Time => {
+            scale.ramp_of(attribute).color(scale.toned(t))
+        }
         Attribute::Class => class_color(i),
         // The golden angle keeps neighbouring numbers far apart in hue.
         Attribute::Source | Attribute::Return => hue(i as f64 * 0.381_966),
@@ -27,21 +149,36 @@ pub fn entry(attribute: Attribute, i: usize) -> [f64; 3] {
 
 /// Returns the 8-bit sRGB colour of a class, return number or source.
 pub fn code_color(attribute: Attribute, code: u8) -> [u8; 3] {
-    entry(attribute, code as usize).map(|channel| (255.0 * channel).round() as u8)
+    bytes(entry(attribute, &ColorScale::default(), code as usize))
+}
+
+fn bytes(color: [f64; 3]) -> [u8; 3] {
+    color.map(|channel| (255.0 * channel).round() as u8)
+}
+
+/// Returns the 8-bit sRGB colour of a number on a ramp, given as a word that need not be whole.
+pub fn ramp_color(shown: &DisplayAttribute, word: f64) -> [u8; 3] {
+    let [lo, hi] = shown.ramp_words();
+    let place = ((word - lo) * 255.0 / (hi - lo).max(1.0)).clamp(0.0, 255.0);
+    bytes(entry(shown.attribute, &shown.scale, place as usize))
 }
 
 /// Returns the 8-bit sRGB colour of a point's word, without shading.
 pub fn color_of(shown: &DisplayAttribute, word: u32) -> [u8; 3] {
-    let [lo, hi] = shown.stretch.map(|end| end as f64);
+    let [lo, hi] = shown.ramp_words();
+    let place = |word: f64| ((word - lo) * 255.0 / (hi - lo).max(1.0)).clamp(0.0, 255.0);
     let byte = |channel: u32| (word >> (8 * channel) & 255) as u8;
     match shown.attribute {
-        Attribute::Rgb | Attribute::Corrected => [0, 1, 2].map(byte),
+        Attribute::Rgb | Attribute::Corrected => [0, 1, 2].map(|channel| {
+            let t = place(byte(channel) as f64) / 255.0;
+            (255.0 * shown.scale.toned(t)).round() as u8
+        }),
         Attribute::Normal => [0, 1, 2].map(|axis| {
             (255.0 * (byte(axis) as f64 / 254.0).clamp(0.0, 1.0).powf(1.0 / 2.2)) as u8
         }),
-        Attribute::Intensity | Attribute::Elevation => {
-            let t = (word as f64 - lo) * 255.0 / (hi - lo).max(1.0);
-            code_color(shown.attribute, t.clamp(0.0, 255.0) as u8)
+        Attribute::Intensity | Attribute::Elevation | Attribute::Time => {
+            // Without the station.
+            ramp_color(shown, (word & 0xFF_FFFF) as f64)
         }
         Attribute::Class | Attribute::Source | Attribute::Return => {
             code_color(shown.attribute, byte(0))
@@ -50,20 +187,22 @@ pub fn color_of(shown: &DisplayAttribute, word: u32) -> [u8; 3] {
     }
 }
 
-/// Maps 0..=1 to deep blue, green, sand and white. Lightness rises throughout, so that the ramp
-/// also reads in grey.
-fn height_ramp(t: f64) -> [f64; 3] {
-    const STOPS: [[f64; 3]; 6] = [
-        [0.16, 0.22, 0.42],
-        [0.13, 0.42, 0.52],
-        [0.25, 0.58, 0.44],
-        [0.58, 0.70, 0.39],
-        [0.90, 0.79, 0.53],
-        [0.98, 0.96, 0.92],
-    ];
-    let at = t * (STOPS.len() - 1) as f64;
-    let k = (at as usize).min(STOPS.len() - 2);
-    std::array::from_fn(|c| STOPS[k][c] + (STOPS[k + 1][c] - STOPS[k][c]) * (at - k as f64))
+/// Deep blue, green, sand and white. Lightness rises throughout, so that the ramp also reads in
+/// grey.
+const TERRAIN: [[f64; 3]; 6] = [
+    [0.16, 0.22, 0.42],
+    [0.13, 0.42, 0.52],
+    [0.25, 0.58, 0.44],
+    [0.58, 0.70, 0.39],
+    [0.90, 0.79, 0.53],
+    [0.98, 0.96, 0.92],
+];
+
+/// Interpolates evenly spaced colours.
+fn between(stops: &[[f64; 3]], t: f64) -> [f64; 3] {
+    let at = t * (stops.len() - 1) as f64;
+    let k = (at as usize).min(stops.len() - 2);
+    std::array::from_fn(|c| stops[k][c] + (stops[k + 1][c] - stops[k][c]) * (at - k as f64))
 }
 
 /// Returns the customary colour of an ASPRS standard class (LAS 1.4 R15, table 17): ground brown,
@@ -89,4 +228,34 @@ fn class_color(class: usize) -> [f64; 3] {
 fn hue(turns: f64) -> [f64; 3] {
     [0.0, 1.0 / 3.0, 2.0 / 3.0]
         .map(|shift| 0.62 + 0.3 * ((turns - shift) * std::f64::consts::TAU).cos())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn ramps_grow_lighter_and_none_but_turbo_is_darker_than_the_background() {
+        let lightness = |[r, g, b]: [f64; 3]| {
+            let [r, g, b] = [r, g, b].map(srgb_to_linear);
+            0.2126 * r + 0.7152 * g + 0.0722 * b
+        };
+        for ramp in [Ramp::Grey, Ramp::Terrain, Ramp::Viridis, Ramp::Cividis] {
+            let all: Vec<f64> = (0..256).map(|i| lightness(ramp.color(i as f64 / 255.0))).collect();
+            assert!(all.is_sorted(), "{ramp:?}");
+            assert!(all[255] > 0.6);
+        }
+        let background = crate::config::BACKGROUND.map(|channel| channel as f64 / 255.0);
+        assert!(lightness(Ramp::Grey.color(0.0)) > 2.0 * lightness(background));
+    }
+
+    #[test]
+    fn a_neutral_scale_changes_nothing_and_others_stay_within_the_ramp() {
+        let neutral = ColorScale::default();
+        assert!((0..256).all(|i| neutral.toned(i as f64 / 255.0) == i as f64 / 255.0));
+        let scale = ColorScale { gamma: 2.0, contrast: 1.5, brightness: 0.1, ..neutral };
+        let toned: Vec<f64> = (0..256).map(|i| scale.toned(i as f64 / 255.0)).collect();
+        assert!(toned.is_sorted() && toned[0] == 0.0 && toned[255] == 1.0);
+        assert!((scale.toned(0.25) - 0.6).abs() < 1e-12);
+    }
 }

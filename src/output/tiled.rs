@@ -15,6 +15,7 @@
 use crate::error::{Error, Result};
 use crate::graph::Gpu;
 use crate::output::image_io::PngRows;
+use crate::output::overlay::Overlay;
 use crate::passes::{BLOCK_PX, encode, visibility};
 use crate::progress::{Progress, Whole};
 use crate::render::frame;
@@ -123,6 +124,8 @@ pub struct PictureRequest {
     /// Most pixels per side of a tile, to return to the caller between tiles. The picture stays the
     /// same, bit by bit.
     pub tile: Option<u32>,
+    /// Drawn over the picture.
+    pub over: Overlay,
 }
 
 /// A picture being written to a PNG file, which exists after [`TiledPicture::finish`]. Dropped
@@ -165,7 +168,7 @@ struct Tile {
 impl TiledPicture {
     /// Creates the file; draws nothing yet.
     pub fn begin(request: PictureRequest, path: &Path) -> Result<TiledPicture> {
-        let rows = PngRows::create(path, request.view.size)?;
+        let rows = PngRows::create(path, request.view.size, request.over.clone())?;
         Ok(TiledPicture { drawing: Drawing::new(request), path: path.to_owned(), rows })
     }
 
@@ -227,7 +230,7 @@ impl Drawing {
         cloud: &mut GpuCloud,
         progress: &dyn Progress,
     ) -> Result<Plan> {
-        let PictureRequest { view, settings, lod, piece, tile } = self.request.clone();
+        let PictureRequest { view, settings, lod, piece, tile, .. } = self.request.clone();
         // For a picture in pieces, effects are decided by as much of the cloud as shows the whole
         // picture on a screen.
         let overview = if needs_pieces(gpu, view.size, piece) { PIECE } else { view.size };
@@ -338,8 +341,17 @@ pub fn draw(
     progress: &dyn Progress,
     put: &mut Put,
 ) -> Result<Vec<String>> {
+    let (over, width) = (request.over.clone(), request.view.size[0] as usize);
     let mut drawing = Drawing::new(request);
-    while !drawing.step(gpu, cloud, progress, put)? {}
+    let (mut blended, mut rows) = (Vec::new(), 0);
+    let mut put = |pixels: &[u8]| {
+        blended.clear();
+        blended.extend_from_slice(pixels);
+        over.blend(&mut blended, width, rows);
+        rows += pixels.len() / (3 * width);
+        put(&blended)
+    };
+    while !drawing.step(gpu, cloud, progress, &mut put)? {}
     Ok(drawing.notes)
 }
 

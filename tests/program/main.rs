@@ -29,6 +29,7 @@ mod guide;
 mod hosts;
 mod indexed;
 mod maps;
+mod pictures;
 mod python;
 mod saved_shadows;
 mod stations;
