@@ -10,8 +10,8 @@
 
 use ash::vk::{self, Handle};
 use pointillist::renderer::{
-    self, Access, Area, Encoding, Frame, FrameView, Matrices, Picked, Preset, Renderer,
-    RendererOptions, Target, Targets, ViewCamera,
+    self, Access, Area, Frame, FrameView, Matrices, Picked, Preset, Renderer, RendererOptions,
+    Target, Targets, ViewCamera,
 };
 use std::ffi::c_void;
 use std::future::Future;
@@ -223,12 +223,7 @@ impl Host {
                 clear: false,
             })
         };
-        let targets = Targets {
-            color: target(0)?,
-            encoding: Encoding::Srgb,
-            depth: Some(target(1)?),
-            writes_depth: true,
-        };
+        let targets = Targets { depth: Some(target(1)?), ..Targets::of(target(0)?) };
         let frame = Frame { number, safe: number - 1, targets, views: &cameras };
         // An encoder takes commands of wgpu or raw ones, not both.
         let mut raw = encoder();

@@ -7,6 +7,7 @@ use super::raster::note_system;
 use super::units::LARGEST_SIDE;
 use crate::atomic_file::AtomicFile;
 use crate::cloud::crs::Crs;
+use crate::cloud::up::Up;
 use crate::error::{Error, Result};
 use crate::graph::{CompletedSubmission, Gpu, Graph};
 use crate::output::export::Downloads;
@@ -133,9 +134,9 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
         .chain(source.clipped_away(&picture.clips()))
         .for_each(|note| eprintln!("pointillist: note: {note}"));
     stages.done("read");
-    let grid = arguments.grid(&source)?;
+    let grid = arguments.grid(&picture, &source)?;
     let view = match &grid {
-        Some(grid) => grid.view(heights(&source))?,
+        Some(grid) => grid.view(heights(&picture, &source))?,
         None => picture.view(&source)?,
     };
     let placed = grid.map(|grid| Placed::new(grid, &source));
@@ -308,9 +309,14 @@ impl Arguments {
     }
 
     /// Returns the pixels of a map; `None` if the picture is none.
-    fn grid(&self, source: &Source) -> Result<Option<MapGrid>> {
+    fn grid(&self, picture: &PictureOptions, source: &Source) -> Result<Option<MapGrid>> {
         let Some(resolution) = self.resolution else { return Ok(None) };
-        let points = source.core_points();
+        if source.up() != Up::Z {
+            return Err(Error::Request(
+                "--resolution draws maps, and these files have y up; give --up z with it".into(),
+            ));
+        }
+        let points = source.framed_points(&picture.clips());
         let grid = match (self.extent, points.first()) {
             (Some(extent), _) => MapGrid::covering(extent, resolution, LARGEST_SIDE)?,
             (None, None) => return Err(Error::Request("there are no points to map".into())),
@@ -325,8 +331,8 @@ impl Arguments {
 }
 
 /// Returns the least and the greatest height of points that a camera should frame.
-fn heights(source: &Source) -> [f64; 2] {
-    let heights = source.core_points().into_iter().map(|p| p.z);
+fn heights(picture: &PictureOptions, source: &Source) -> [f64; 2] {
+    let heights = source.framed_points(&picture.clips()).into_iter().map(|p| p.z);
     let [low, high] = heights
         .fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], z| [low.min(z), high.max(z)]);
     if low <= high { [low, high] } else { [0.0, 0.0] }

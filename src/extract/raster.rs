@@ -77,6 +77,8 @@ pub struct Filled {
     pub cells: u64,
     /// Points in cells.
     pub points: u64,
+    /// Whether some number is not 0: files without colours may have black ones.
+    has_value: bool,
 }
 
 /// A point in its cell.
@@ -205,6 +207,7 @@ pub fn raster(
         let map = |batch: &Batch| Ok(request.hits(input, batch, &rows));
         let mut take = |hits: Vec<Hit>| {
             filled.points += hits.len() as u64;
+            filled.has_value |= hits.iter().any(|hit| hit.numbers != [0.0; 3]);
             hits.iter().for_each(|hit| request.add(&mut cells, hit));
             Ok(())
         };
@@ -215,12 +218,13 @@ pub fn raster(
             progress.tick("writing rows", rows.start as u64 + row as u64 + 1, height as u64)?;
         }
     }
-    match (filled.points, request.value) {
-        (0, Value::Intensity | Value::Rgb) => Err(Error::Request(
-            "no point of the map has the attribute; `pointillist info` lists those of a file"
-                .into(),
+    match request.value {
+        Value::Intensity | Value::Rgb if !filled.has_value => Err(Error::Request(
+            "no point in the map has the attribute; `pointillist info` lists those of files".into(),
         )),
-        (0, _) => Err(Error::Request("no point is left within --extent".into())),
+        _ if filled.points == 0 => {
+            Err(Error::Request("no point that is left is within --extent".into()))
+        }
         _ => Ok(filled),
     }
 }

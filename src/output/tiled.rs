@@ -341,8 +341,17 @@ pub fn draw(
     progress: &dyn Progress,
     put: &mut Put,
 ) -> Result<Vec<String>> {
+    let (over, width) = (request.over.clone(), request.view.size[0] as usize);
     let mut drawing = Drawing::new(request);
-    while !drawing.step(gpu, cloud, progress, put)? {}
+    let (mut blended, mut rows) = (Vec::new(), 0);
+    let mut put = |pixels: &[u8]| {
+        blended.clear();
+        blended.extend_from_slice(pixels);
+        over.blend(&mut blended, width, rows);
+        rows += pixels.len() / (3 * width);
+        put(&blended)
+    };
+    while !drawing.step(gpu, cloud, progress, &mut put)? {}
     Ok(drawing.notes)
 }
 

@@ -20,7 +20,7 @@ const EDGES: &[(&str, &[&str])] = &[
     ("synth", &["cloud"]),
     ("view", &[]),
     ("select", &["cloud", "index", "view"]),
-    ("extract", &["cloud", "index", "select"]),
+    ("extract", &["cloud", "index", "select", "view"]),
     ("resident", &["cloud", "gpu", "graph", "index", "loader", "select", "view"]),
     ("passes", &["cloud", "gpu", "graph", "index", "resident", "select", "shader", "view"]),
     ("render", &["cloud", "graph", "index", "passes", "resident", "select", "view"]),

@@ -53,7 +53,7 @@ const CAMERA: &str = r#"{"eye": [3, -4, 3], "target": [0, 0, 0], "up": [0, 0, 1]
 
 #[test]
 fn every_command_explains_itself_with_examples() {
-    for command in ["view", "render", "export", "info", "synth", "study", "bench"] {
+    for command in ["view", "render", "export", "raster", "info", "synth", "study", "bench"] {
         let output = run([command, "--help"]);
         succeeded(&output);
         let help = text(&output.stdout);
@@ -648,10 +648,13 @@ fn interrupted_work_leaves_nothing_half_written() {
     let truth = place.line("synth street --truth @cam.json -o @out.exr --size 4000x3000");
     succeeded(&run(place.line("synth street --camera-out @cam.json").split_whitespace()));
     let drawn = place.line("render @street.las -o @out.png --exr @out2.exr --size 1920x1080");
+    // Many rows, written long after the points are read.
+    let map = place.line("raster @street.las -o @map.tif --resolution 0.002");
     let given = names(place.folder.path());
     for (line, waits_ms) in [
         (&synth, &[300, 1500][..]),
         (&laz, &[1000]),
+        (&map, &[300, 1200]),
         (&truth, &[600]),
         (&drawn, &[40, 250, 500, 900, 1400]),
     ] {

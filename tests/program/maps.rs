@@ -1,0 +1,425 @@
+//! Maps as a user types them, with GDAL as witness.
+
+use crate::files::names;
+use crate::index_file::indexed;
+use crate::program::{failed, pointillist, render, succeeded, text};
+use crate::shared::shared;
+use crate::skip::skip;
+use glam::DVec3;
+use pointillist::cloud::las::header::Vlr;
+use pointillist::cloud::las::write::{Head, LasWriter};
+use pointillist::cloud::{self, ColumnSet, Lattice, ReadOptions};
+use pointillist::progress::Silent;
+use serde_json::Value;
+use std::collections::HashMap;
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+
+/// A point in steps of a centimetre from (500000, 5000000, 0).
+#[derive(Clone, Copy)]
+struct Point {
+    steps: [i32; 3],
+    intensity: u16,
+    number: u8,
+    of: u8,
+    rgb: [u8; 3],
+}
+
+const ORIGIN: [i64; 3] = [50_000_000, 500_000_000, 0];
+
+/// Returns points with two returns a pulse, many of them on edges of cells.
+fn points(count: u32) -> Vec<Point> {
+    let mut state = 1u32;
+    let mut next = |below: u32| {
+        state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+        (state >> 8) % below
+    };
+    (0..count)
+        .map(|i| Point {
+            steps: [next(800) as i32 * 5 - 7, next(500) as i32 * 5 + 3, next(3000) as i32],
+            intensity: next(4000) as u16,
+            number: 1 + (i % 2) as u8,
+            of: 2,
+            rgb: [0; 3].map(|_| 1 + next(255) as u8),
+        })
+        .collect()
+}
+
+/// Writes points in a system of GeoTIFF keys: LAS 1.2, format 2.
+fn write(path: &Path, points: &[Point], lattice: Lattice, keys: &[[u16; 4]]) {
+    let header = [1, 1, 0, keys.len() as u16];
+    let words = [header].iter().chain(keys).flatten().copied().collect::<Vec<u16>>();
+    let head = Head {
+        minor: 2,
+        format: 2,
+        extra_bytes: 0,
+        compressed: path.extension().is_some_and(|ending| ending == "laz"),
+        lattice,
+        file_source: 0,
+        global_encoding: 0,
+        system: String::new(),
+        records: vec![Vlr {
+            user: "LASF_Projection".into(),
+            record: 34735,
+            description: String::new(),
+            data: words.iter().flat_map(|word| word.to_le_bytes()).collect(),
+        }],
+    };
+    let mut file = LasWriter::create(path, head).unwrap();
+    for point in points {
+        let mut record = [0; 26];
+        for (axis, steps) in point.steps.iter().enumerate() {
+            record[4 * axis..4 * axis + 4].copy_from_slice(&steps.to_le_bytes());
+        }
+        record[12..14].copy_from_slice(&point.intensity.to_le_bytes());
+        record[14] = point.number | point.of << 3;
+        for (channel, value) in point.rgb.iter().enumerate() {
+            let at = 20 + 2 * channel;
+            record[at..at + 2].copy_from_slice(&(*value as u16 * 257).to_le_bytes());
+        }
+        file.write(&record).unwrap();
+    }
+    file.finish().unwrap();
+}
+
+/// UTM zone 32 on ETRS89, heights in DHHN2016.
+const UTM: &[[u16; 4]] = &[[1024, 0, 1, 1], [3072, 0, 1, 25832], [4096, 0, 1, 7837]];
+
+fn metres() -> Lattice {
+    Lattice { step: DVec3::splat(0.01), offset: DVec3::new(500_000.0, 5_000_000.0, 0.0) }
+}
+
+struct Place {
+    folder: tempfile::TempDir,
+}
+
+impl Place {
+    fn new() -> Place {
+        Place { folder: tempfile::tempdir().unwrap() }
+    }
+
+    fn at(&self, name: &str) -> PathBuf {
+        self.folder.path().join(name)
+    }
+
+    fn scan(&self, points: &[Point]) -> PathBuf {
+        let path = self.at("scan.laz");
+        write(&path, points, metres(), UTM);
+        path
+    }
+}
+
+fn raster(cloud: &Path, output: &Path, line: &str) -> Output {
+    let mut command = pointillist();
+    command.arg("raster").arg(cloud).arg("-o").arg(output).args(line.split_whitespace());
+    command.output().expect("start the program")
+}
+
+/// Runs a program of GDAL. Returns what it prints; `None` if it is missing.
+fn gdal(program: &str, line: &str, files: &[&Path]) -> Option<String> {
+    match Command::new(program).args(line.split_whitespace()).args(files).output() {
+        Err(_) => {
+            skip(&format!("{program} is missing; Debian has it in gdal-bin"));
+            None
+        }
+        Ok(output) => {
+            let said = text(&output.stderr);
+            assert!(output.status.success() && said.is_empty(), "{program} {line}: {said}");
+            Some(text(&output.stdout))
+        }
+    }
+}
+
+fn gdalinfo(path: &Path) -> Option<Value> {
+    gdal("gdalinfo", "-json", &[path]).map(|text| serde_json::from_str(&text).unwrap())
+}
+
+/// Returns the samples of a map as GDAL reads them, band after band.
+fn samples(path: &Path) -> Option<Vec<u8>> {
+    let raw = path.with_extension("raw");
+    gdal("gdal_translate", "-q -of ENVI", &[path, &raw])?;
+    Some(fs::read(raw).unwrap())
+}
+
+fn floats(bytes: &[u8]) -> Vec<f32> {
+    bytes.chunks_exact(4).map(|four| f32::from_le_bytes(four.try_into().unwrap())).collect()
+}
+
+fn numbers(value: &Value) -> Vec<f64> {
+    value.as_array().unwrap().iter().map(|number| number.as_f64().unwrap()).collect()
+}
+
+/// The direct grid: the points of each cell by column from the west and row from the north, in
+/// whole steps. Returns the western and the northern edge in cells, the sides and the cells.
+fn direct(steps: &[[i64; 3]], cell: i64) -> ([i64; 2], [usize; 2], HashMap<usize, Vec<usize>>) {
+    let of = |p: &[i64; 3]| [p[0].div_euclid(cell), p[1].div_euclid(cell)];
+    let ends = |axis: usize| {
+        let all = || steps.iter().map(|p| of(p)[axis]);
+        [all().min().unwrap(), all().max().unwrap()]
+    };
+    let ([west, east], [south, north]) = (ends(0), ends(1));
+    let (width, height) = ((east - west + 1) as usize, (north - south + 1) as usize);
+    let mut cells = HashMap::<usize, Vec<usize>>::new();
+    for (i, p) in steps.iter().enumerate() {
+        let [column, row] = of(p);
+        let at = (north - row) as usize * width + (column - west) as usize;
+        cells.entry(at).or_default().push(i);
+    }
+    ([west, north + 1], [width, height], cells)
+}
+
+fn whole(points: &[Point]) -> Vec<[i64; 3]> {
+    points.iter().map(|p| [0, 1, 2].map(|axis| p.steps[axis] as i64 + ORIGIN[axis])).collect()
+}
+
+/// Checks place and system of a map as GDAL reads them.
+fn check_place(
+    path: &Path,
+    corner: [f64; 2],
+    size: [usize; 2],
+    side: f64,
+    epsg: &str,
+) -> Option<()> {
+    let info = gdalinfo(path)?;
+    assert_eq!(info["size"], serde_json::json!(size), "{info}");
+    let found = numbers(&info["geoTransform"]);
+    let expected = [corner[0], side, 0.0, corner[1], 0.0, -side];
+    assert!(
+        found.iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-9),
+        "{found:?} {expected:?}"
+    );
+    let wkt = info["coordinateSystem"]["wkt"].as_str().unwrap();
+    assert!(wkt.contains(&format!("ID[\"EPSG\",{epsg}]]")), "{wkt}");
+    Some(())
+}
+
+#[test]
+fn gdal_reads_the_direct_grid_of_the_points() {
+    let place = Place::new();
+    let all = points(20_000);
+    let file = place.scan(&all);
+    let index = indexed(&[&file], "");
+    for (line, cell) in [
+        ("--resolution 0.25", 25),
+        ("--resolution 0.3 --only return=last", 30),
+        ("--resolution 1 --only return=first --pick lowest", 100),
+        ("--resolution 0.7 --pick mean", 70),
+        ("--resolution 0.25 --value intensity", 25),
+        ("--resolution 0.5 --value intensity --pick mean", 50),
+    ] {
+        let left: Vec<Point> = all
+            .iter()
+            .filter(|p| !line.contains("last") || p.number == p.of)
+            .filter(|p| !line.contains("first") || p.number == 1)
+            .copied()
+            .collect();
+        let steps = whole(&left);
+        let (corner, size, cells) = direct(&steps, cell);
+        for cloud in [&file, &index] {
+            let output = place.at("map.tif");
+            succeeded(&raster(cloud, &output, line));
+            let side = cell as f64 / 100.0;
+            let at = corner.map(|edge| (edge * cell) as f64 / 100.0);
+            let Some(()) = check_place(&output, at, size, side, "25832") else { return };
+            let info = gdalinfo(&output).unwrap();
+            let band = &info["bands"][0];
+            assert_eq!(
+                (&band["type"], &band["noDataValue"]),
+                (&"Float32".into(), &(-9999.0).into())
+            );
+            let wkt = info["coordinateSystem"]["wkt"].as_str().unwrap();
+            assert_eq!(wkt.contains("7837"), !line.contains("intensity"), "{wkt}");
+            let found = floats(&samples(&output).unwrap());
+            assert_eq!(found.len(), size[0] * size[1]);
+            for (at, value) in found.iter().enumerate() {
+                let Some(own) = cells.get(&at) else {
+                    assert_eq!(*value, -9999.0, "{line}: cell {at} is empty");
+                    continue;
+                };
+                let number = |&i: &usize| match line.contains("intensity") {
+                    true => left[i].intensity as f64,
+                    false => steps[i][2] as f64 / 100.0,
+                };
+                let heights = own.iter().map(|&i| steps[i][2]);
+                let extreme = match line.contains("lowest") {
+                    true => heights.min().unwrap(),
+                    false => heights.max().unwrap(),
+                };
+                let mean = own.iter().map(number).sum::<f64>() / own.len() as f64;
+                // Of equally high points any may come first in an index.
+                let is_right = match line.contains("mean") {
+                    true => (*value as f64 - mean).abs() < 1e-6 * mean.abs().max(1.0),
+                    false => own
+                        .iter()
+                        .filter(|&&i| steps[i][2] == extreme)
+                        .any(|i| *value == number(i) as f32),
+                };
+                assert!(is_right, "{line}: cell {at} is {value}");
+            }
+        }
+    }
+}
+
+#[test]
+fn counts_and_colors_are_those_of_the_points() {
+    let place = Place::new();
+    let all = points(5_000);
+    let (file, output) = (place.scan(&all), place.at("map.tif"));
+    let (_, size, cells) = direct(&whole(&all), 50);
+    succeeded(&raster(&file, &output, "--resolution 0.5 --value count"));
+    let Some(found) = samples(&output) else { return };
+    let counts = found.chunks_exact(4).map(|four| u32::from_le_bytes(four.try_into().unwrap()));
+    let expected = (0..size[0] * size[1]).map(|at| cells.get(&at).map_or(0, Vec::len) as u32);
+    assert!(counts.eq(expected));
+    succeeded(&raster(&file, &output, "--resolution 0.5 --value rgb"));
+    let info = gdalinfo(&output).unwrap();
+    assert_eq!(info["bands"][3]["colorInterpretation"], "Alpha");
+    let found = samples(&output).unwrap();
+    for at in 0..size[0] * size[1] {
+        let color = [0, 1, 2, 3].map(|band| found[band * size[0] * size[1] + at]);
+        let Some(own) = cells.get(&at) else {
+            assert_eq!(color, [0; 4]);
+            continue;
+        };
+        let highest = own.iter().map(|&i| all[i].steps[2]).max().unwrap();
+        let first = own.iter().find(|&&i| all[i].steps[2] == highest).unwrap();
+        let [r, g, b] = all[*first].rgb;
+        assert_eq!(color, [r, g, b, 255]);
+    }
+}
+
+/// In memory for a few rows the file is the same, byte by byte.
+#[test]
+fn maps_larger_than_memory_are_the_same() {
+    let place = Place::new();
+    let file = place.scan(&points(3_000));
+    let (once, often) = (place.at("once.tif"), place.at("often.tif"));
+    for line in ["", "--value rgb --pick mean", "--extent 500001,5000002,500031.3,5000011"] {
+        let line = format!("--resolution 0.05 {line}");
+        succeeded(&raster(&file, &once, &line));
+        succeeded(&raster(&file, &often, &format!("{line} --memory 200KiB")));
+        assert!(fs::read(&once).unwrap() == fs::read(&often).unwrap(), "{line}");
+    }
+    let corner = [500_001.0, 5_000_011.0];
+    check_place(&once, corner, [606, 180], 0.05, "25832");
+}
+
+/// A file of real strips, against its own points as the library reads them.
+#[test]
+fn gdal_reads_the_highest_points_of_a_real_scan() {
+    let Some(file) = shared("data/aerial/ign_2strips.laz") else { return };
+    let place = Place::new();
+    let output = place.at("map.tif");
+    succeeded(&raster(&file, &output, "--resolution 0.5"));
+    let options = ReadOptions::new(ColumnSet::default(), true);
+    let cloud = cloud::read(&[file], &options, &Silent).unwrap();
+    let [part] = &cloud.parts[..] else { panic!("one file is one part") };
+    let centimetres = |q: [i32; 3]| {
+        part.lattice.world(q.map(i64::from)).to_array().map(|v| (v * 100.0).round() as i64)
+    };
+    let columns = &part.columns;
+    let steps: Vec<[i64; 3]> = (0..columns.len())
+        .map(|i| centimetres([columns.x[i], columns.y[i], columns.z[i]]))
+        .collect();
+    let (corner, size, cells) = direct(&steps, 50);
+    let at = corner.map(|edge| edge as f64 / 2.0);
+    let Some(()) = check_place(&output, at, size, 0.5, "2154") else { return };
+    for (at, value) in floats(&samples(&output).unwrap()).into_iter().enumerate() {
+        let highest = cells.get(&at).map(|own| own.iter().map(|&i| steps[i][2]).max().unwrap());
+        assert_eq!(value, highest.map_or(-9999.0, |z| (z as f64 / 100.0) as f32), "cell {at}");
+    }
+}
+
+/// Degrees are drawn on a plane, and the map lies in degrees.
+#[test]
+fn maps_of_degrees_lie_in_degrees() {
+    let place = Place::new();
+    let file = place.at("degrees.las");
+    let lattice =
+        Lattice { step: DVec3::new(1e-7, 1e-7, 0.01), offset: DVec3::new(11.0, 48.0, 0.0) };
+    write(&file, &points(2_000), lattice, &[[1024, 0, 1, 2], [2048, 0, 1, 4326]]);
+    let output = place.at("map.tif");
+    succeeded(&raster(&file, &output, "--resolution 0.5"));
+    let Some(info) = gdalinfo(&output) else { return };
+    assert!(info["coordinateSystem"]["wkt"].as_str().unwrap().contains("ID[\"EPSG\",4326]]"));
+    let place = numbers(&info["geoTransform"]);
+    let size = numbers(&info["size"]);
+    // A metre is 1.34e-5 degrees of longitude at this latitude, and 0.9e-5 of latitude.
+    assert!((place[1] / 0.5 - 1.342e-5).abs() < 1e-8 && (place[5] / 0.5 + 0.899e-5).abs() < 1e-8);
+    let [west, east] = [place[0], place[0] + size[0] * place[1]];
+    let [south, north] = [place[3] + size[1] * place[5], place[3]];
+    assert!(
+        west <= 11.0 && west > 11.0 - 1e-5 && (11.0004..11.0005).contains(&east),
+        "{west} {east}"
+    );
+    assert!(south <= 48.0 && south > 48.0 - 1e-5 && (48.00025..48.0003).contains(&north));
+}
+
+/// Single points are drawn in the pixels that they lie in, whole and in pieces.
+#[test]
+fn pictures_are_maps() {
+    let place = Place::new();
+    let color = |rgb| Point { steps: [0; 3], intensity: 0, number: 1, of: 1, rgb };
+    let few: Vec<Point> = [
+        ([0, 0, 0], [250, 0, 0]),
+        ([2_512, 812, 300], [0, 250, 0]),
+        ([5_099, 1_999, 50], [0, 0, 250]),
+    ]
+    .map(|(steps, rgb)| Point { steps, ..color(rgb) })
+    .into();
+    let file = place.scan(&few);
+    let line = "--view top --style points --effect edl=off --background 000000 --strays show";
+    let [tif, png, pieces] = ["map.tif", "map.png", "pieces.tif"].map(|name| place.at(name));
+    let draw = |output: &Path, more: &str| {
+        succeeded(&render(
+            &file,
+            &format!("-o {} {line} --resolution 0.25 {more}", output.display()),
+        ))
+    };
+    draw(&tif, "");
+    draw(&png, "");
+    draw(&pieces, "--piece 64");
+    let Some(()) = check_place(&tif, [500_000.0, 5_000_020.0], [204, 80], 0.25, "25832") else {
+        return;
+    };
+    let info = gdalinfo(&png).unwrap();
+    assert_eq!(numbers(&info["geoTransform"]), [500_000.0, 0.25, 0.0, 5_000_020.0, 0.0, -0.25]);
+    let bands = samples(&tif).unwrap();
+    assert!(bands == samples(&png).unwrap() && bands == samples(&pieces).unwrap());
+    let lit: Vec<[usize; 2]> = (0..204 * 80)
+        .filter(|at| (0..3).any(|band| bands[band * 204 * 80 + at] > 100))
+        .map(|at| [at % 204, at / 204])
+        .collect();
+    assert_eq!(lit, [[203, 0], [100, 47], [0, 79]]);
+    let extent = place.at("extent.tif");
+    draw(&extent, "--extent 500020,5000000,500030,5000010");
+    check_place(&extent, [500_020.0, 5_000_010.0], [40, 40], 0.25, "25832");
+}
+
+#[test]
+fn what_is_no_map_says_why_and_leaves_nothing() {
+    let place = Place::new();
+    let mut black = points(100);
+    black.iter_mut().for_each(|point| point.rgb = [0; 3]);
+    let file = place.scan(&black);
+    let [tif, png] = ["map.tif", "map.png"].map(|name| place.at(name));
+    let draws = |output: &Path, line: &str, code: i32| {
+        failed(&render(&file, &format!("-o {} {line}", output.display())), code)
+    };
+    assert!(draws(&tif, "", 1).contains("--view top and --resolution"));
+    assert!(draws(&png, "--resolution 1", 1).contains("--view top"));
+    assert!(draws(&png, "--view top --resolution 0", 2).contains("above 0"));
+    draws(&png, "--view top --resolution 1 --size 20x20", 2);
+    assert!(draws(&png, "--view top --resolution 1e-7", 1).contains("larger --resolution"));
+    let fails = |line: &str, code: i32| failed(&raster(&file, &tif, line), code);
+    assert!(fails("--resolution 1 --value rgb", 1).contains("attribute"));
+    assert!(fails("--resolution 1 --only class=9", 1).contains("leaves none of 100 points"));
+    assert!(fails("--resolution 1 --extent 0,0,5,5", 1).contains("--extent"));
+    assert!(fails("--resolution 1e-9", 1).contains("larger --resolution"));
+    assert!(fails("", 2).contains("--resolution"));
+    failed(&raster(&file, &png, "--resolution 1"), 1);
+    assert_eq!(names(place.folder.path()), ["scan.laz"]);
+    let help = pointillist().args(["raster", "--help"]).output().unwrap();
+    assert!(text(&help.stdout).contains("Examples:") && text(&help.stdout).contains("count"));
+}
