@@ -362,7 +362,7 @@ fn pictures_are_maps() {
     let place = Place::new();
     let color = |rgb| Point { steps: [0; 3], intensity: 0, number: 1, of: 1, rgb };
     let few: Vec<Point> = [
-        ([0, 0, 0], [250, 0, 0]),
+        ([3, 3, 0], [250, 0, 0]),
         ([2_512, 812, 300], [0, 250, 0]),
         ([5_099, 1_999, 50], [0, 0, 250]),
     ]
