@@ -103,12 +103,12 @@ impl MapGrid {
         DVec2::new(self.corner[0] as f64, self.corner[1] as f64) * self.resolution
     }
 
-    /// Returns the view from above whose pixels are the cells, up to [`EDGE`], for points between two heights.
+    /// Returns the view from above whose pixels are the cells, up to [`SHIFT`], for points between two heights.
     pub fn view(&self, [low, high]: [f64; 2]) -> Result<View> {
         let sides = DVec2::new(self.size[0] as f64, self.size[1] as f64) * self.resolution;
         let middle = self.north_west() + DVec2::new(sides.x, -sides.y) / 2.0;
         // A point on an edge belongs to the cell east or north of it, after rounding as well.
-        let target = (middle - EDGE * self.resolution).extend((low + high) / 2.0);
+        let target = (middle - SHIFT * self.resolution).extend((low + high) / 2.0);
         let above = (high - low).max(self.resolution);
         let camera = Camera {
             eye: target + DVec3::Z * above,
@@ -123,7 +123,7 @@ impl MapGrid {
 }
 
 /// Distance by which a map's view is shifted to the west and south `[px]`.
-const EDGE: f64 = 1.0 / 256.0;
+const SHIFT: f64 = 1.0 / 256.0;
 
 #[cfg(test)]
 mod tests {
