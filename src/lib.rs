@@ -7,12 +7,13 @@
 //!
 //! The modules follow the data. Each uses only those before it; `tests/cpu/imports.rs` checks that.
 //!
-//! - [`cloud`]: readers of files. Points become columns on the files' own integer lattices.
+//! - [`cloud`]: readers of files, and filters. Points become columns on the files' own lattices.
 //!   [`synth`]: files with known truth, from analytic scenes.
 //! - [`index`]: nodes of at most 65,536 points in Morton order, with bit-plane positions and
 //!   attributes derived from neighbouring points.
 //! - [`view`]: the camera in f64, camera paths, and the light.
 //! - [`select`]: which points are drawn: clip boxes, opacities, and the LOD cut of an index.
+//! - [`extract`]: points that filters, boxes and opacities leave, counted or written to files.
 //! - [`gpu`]: Vulkan without any notion of points. [`graph`]: the render graph, which derives all
 //!   barriers. [`shader`]: Rust structs generated from the shaders' SPIR-V.
 //! - [`loader`]: the thread that reads nodes of an index. [`resident`]: nodes in device memory.
@@ -71,6 +72,7 @@ pub mod cli;
 pub mod cloud;
 pub mod config;
 pub mod error;
+pub mod extract;
 pub mod gpu;
 pub mod graph;
 pub mod guide;

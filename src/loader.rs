@@ -15,7 +15,7 @@
 //! the creator of the destinations closes them.
 
 use crate::cloud::attribute::{
-    Attribute, CODE_SHIFT, DisplayAttribute, STATION_SHIFT, station_code,
+    Attribute, CODE_SHIFT, DisplayAttribute, STATION_SHIFT, station_code, station_left_out,
 };
 use crate::cloud::octahedral;
 use crate::config::{BITS_PER_PLANE, PATIENCE, POINTS_PER_PAGE};
@@ -356,6 +356,15 @@ impl<P: FnMut()> Thread<P> {
             let parts = [(Plane::Class, 0), (Plane::Returns, 8), station, source];
             words.fill(0);
             read.bytes += gather(&index, node, &parts, &mut self.bytes, words)?;
+            if let Some(filter) = &index.filter {
+                let out = station_left_out(index.directory.contents.stations.len());
+                let left = index.left(node, filter)?;
+                words
+                    .iter_mut()
+                    .zip(left)
+                    .filter(|(_, left)| !left)
+                    .for_each(|(word, _)| *word = out << STATION_SHIFT);
+            }
             destination.put(planes + word, words);
         }
         if let Some(word) = self.shown.normal() {

@@ -3,7 +3,8 @@
 
 use clap::{Arg, ArgAction, Command as Clap, CommandFactory, FromArgMatches, Parser};
 use pointillist::cli::{
-    bench, guide, index, info, renamed, render, shadows, study, synth, terminal::Terminal, view,
+    bench, export, guide, index, info, renamed, render, shadows, study, synth, terminal::Terminal,
+    view,
 };
 use pointillist::error::Error;
 use std::io::Write;
@@ -14,6 +15,7 @@ Examples:
   pointillist view scan.laz
   pointillist render scan.laz -o out.png
   pointillist info scan.laz
+  pointillist export scan.laz -o ground.laz --only ground
   pointillist index huge.laz -o huge.pnti
   pointillist synth street -o street.laz --points 2000000
   pointillist COMMAND --help                               options and more examples";
@@ -37,6 +39,8 @@ enum Command {
     Index(index::Arguments),
     /// Save the shadows of all points of an index
     Shadows(shadows::Arguments),
+    /// Write the points that filters and clip boxes leave to a file: LAS, LAZ, PLY, CSV
+    Export(Box<export::Arguments>),
     /// Print what is in a file: counts, bounds and ranges of the points themselves
     Info(info::Arguments),
     /// Simulate scans of analytic scenes, with ground truth
@@ -96,6 +100,7 @@ fn main() -> ExitCode {
         Command::Render(arguments) => render::run(arguments, &progress),
         Command::Index(arguments) => index::run(arguments, &progress),
         Command::Shadows(arguments) => shadows::run(arguments, &progress),
+        Command::Export(arguments) => export::run(arguments, &progress),
         Command::Info(arguments) => info::run(arguments, &progress),
         Command::Synth(arguments) => synth::run(arguments, &progress),
         Command::Study(arguments) => study::run(arguments, &progress),

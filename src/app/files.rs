@@ -86,7 +86,8 @@ impl App {
     /// Draws the changed scene, and loads files again if it shows another attribute or needs
     /// strokes.
     pub(super) fn scene_changed(&mut self, before: &Scene) -> Result<()> {
-        if self.scene.color != before.color {
+        if self.scene.color != before.color || self.scene.filter != before.filter {
+            self.options.opening.filter = self.scene.filter.clone();
             self.ui.error = None;
             self.open()?;
         }

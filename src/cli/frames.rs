@@ -52,11 +52,7 @@ pub fn run(arguments: &Arguments, path: &Path, progress: &dyn Progress) -> Resul
     png(first).iter().chain(&exr(first)).try_for_each(|file| AtomicFile::create(file).map(drop))?;
     let options = arguments.picture.with_scene()?;
     let (size, settings) = (options.size.0, options.settings()?);
-    let source = Source::open(
-        &arguments.files,
-        &options.detail.opening(options.read_options(arguments.strict), options.light),
-        progress,
-    )?;
+    let source = Source::open(&arguments.files, &options.opening(arguments.strict), progress)?;
     source.notes(options.further()).iter().for_each(|note| eprintln!("pointillist: note: {note}"));
     let (shown, _) = options.shown(&source)?;
     let mut gpu = Gpu::open(&arguments.device.to_options())?;

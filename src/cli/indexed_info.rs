@@ -51,14 +51,14 @@ struct Report<'a> {
 
 /// Points with one return number.
 #[derive(Serialize)]
-struct Returned {
+pub struct Returned {
     #[serde(rename = "return")]
     number: u8,
     points: u64,
 }
 
 impl Returned {
-    fn list(counts: &Histograms) -> Vec<Returned> {
+    pub fn list(counts: &Histograms) -> Vec<Returned> {
         counts.returns.iter().map(|&(number, points)| Returned { number, points }).collect()
     }
 }

@@ -18,16 +18,24 @@
 //! `stations` [{`part`, `source`, `name`, `points`}] · `exposures` {`values`, `overlaps`
 //! [{`stations`, `cells`, `step`, `gain`}], `balance` {`gains`, `uneven`}} where two stations have
 //! colours · `notes` [`line`]. An attribute that a part lacks is absent.
+//!
+//! `--count` reads a batch at a time and gives `points` · `of` · `bounds` · `classes` [{`class`,
+//! `points`}] · `returns` [{`return`, `points`}] · `notes` [`line`].
 
-use super::indexed_info;
+use super::export;
+use super::filters::{ClipOptions, FilterOptions};
+use super::indexed_info::{self, Returned};
 use super::options::{ColorOptions, TextArguments};
 use crate::cloud::crs::{Crs, Reference, Unit};
 use crate::cloud::digits::{self, Digits};
+use crate::cloud::filter::grouped;
 use crate::cloud::histograms::Histograms;
 use crate::cloud::rgb_range::Scale;
 use crate::cloud::strays::Strays;
 use crate::cloud::{self, Cloud, ColumnSet, Extra, Header, Part, ReadOptions, Station, spacing};
 use crate::error::{Error, Result};
+use crate::extract::Selection;
+use crate::extract::count::{self, Count};
 use crate::index::attributes::exposure::{Exposures, exposures};
 use crate::index::format::{Balance, Index};
 use crate::progress::Progress;
@@ -43,6 +51,7 @@ use std::path::{Path, PathBuf};
   pointillist info scan.laz                  counts, bounds, attributes, stations, spacing
   pointillist info --json a.las b.e57        both as one cloud, one JSON object
   pointillist info site.pnti                 an index: what went into it, and the tree
+  pointillist info scan.laz --only ground --clip box:0,0,0,10,10,5 --count    exactly how many points
   pointillist info --strict survey.las       exit code 1 if anything is cut off or the header lies")]
 pub struct Arguments {
     /// Point clouds: LAS, LAZ, COPC, PLY, E57, OBJ, XYZ, CSV, TXT, PTS, PTX; or one index, PNTI
@@ -52,6 +61,17 @@ pub struct Arguments {
     /// Print one JSON object
     #[arg(long)]
     pub json: bool,
+
+    /// Only count the points that filters and clip boxes leave, exactly, with their box, classes
+    /// and returns; reads files larger than memory
+    #[arg(long)]
+    pub count: bool,
+
+    #[command(flatten)]
+    pub filters: FilterOptions,
+
+    #[command(flatten)]
+    pub clips: ClipOptions,
 
     /// Refuse a truncated or inconsistent file instead of keeping what is readable
     #[arg(long)]
@@ -65,7 +85,11 @@ pub struct Arguments {
 }
 
 pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
+    let is_index = arguments.files.iter().any(|path| Index::is_one(path));
+    let selects = !arguments.filters.filter().is_empty() || !arguments.clips.clip.is_empty();
     let mut text = match arguments.files.iter().find(|path| Index::is_one(path)) {
+        // An index has no ranges of attributes, of all points or of some.
+        _ if arguments.count || is_index && selects => counted(arguments, progress)?,
         Some(path) if arguments.files.len() == 1 => {
             source::refuse_rgb_range(path, arguments.colors.rgb_range)?;
             indexed_info::report(path, arguments.json)?
@@ -96,7 +120,12 @@ fn of_files(arguments: &Arguments, progress: &dyn Progress) -> Result<String> {
         extras: true,
         ..ReadOptions::new(ColumnSet::ALL, arguments.strict)
     };
-    let cloud = cloud::read(&arguments.files, &options, progress)?;
+    let mut cloud = cloud::read(&arguments.files, &options, progress)?;
+    cloud.filter(&arguments.filters.filter())?;
+    let clips = arguments.clips.clips();
+    if clips.active() > 0 {
+        cloud.keep("--clip", &|place| clips.keep(place))?;
+    }
     let report = Report::new(&cloud);
     if arguments.json {
         return serde_json::to_string_pretty(&report).map_err(|error| {
@@ -104,6 +133,39 @@ fn of_files(arguments: &Arguments, progress: &dyn Progress) -> Result<String> {
         });
     }
     Ok(report.text())
+}
+
+/// Counts the points that are left, a batch at a time.
+fn counted(arguments: &Arguments, progress: &dyn Progress) -> Result<String> {
+    let options = ReadOptions {
+        records: false,
+        ..export::reading(&arguments.text, &arguments.colors, arguments.strict)
+    };
+    let input = export::open(&arguments.files, &options, progress)?;
+    let (filter, clips) = (arguments.filters.filter(), arguments.clips.clips());
+    let selection = Selection { filter, clips, ..Selection::default() };
+    let Count { points, of, bounds, histograms, notes } =
+        count::count(&input, &selection, progress)?;
+    if arguments.json {
+        let report = serde_json::json!({
+            "points": points,
+            "of": of,
+            "bounds": bounds.map(|[min, max]| Bounds { min, max }),
+            "classes": Class::list(&histograms),
+            "returns": Returned::list(&histograms),
+            "notes": notes,
+        });
+        return Ok(format!("{report:#}"));
+    }
+    let mut out = format!("{} of {} points\n", grouped(points), grouped(of));
+    push(&mut out, "bounds", &words(&bounds.map(|[min, max]| Bounds { min, max })));
+    let kinds = [("classes", histograms.classes), ("returns", histograms.returns)];
+    for (what, kinds) in kinds.into_iter().filter(|(_, kinds)| !kinds.is_empty()) {
+        push(&mut out, what, &listed(kinds.into_iter()));
+    }
+    notes.iter().for_each(|note| push(&mut out, "note", note));
+    out.truncate(out.trim_end().len());
+    Ok(out)
 }
 
 const HOW_SPACING: &str = "the root of the area that each of the eight nearest places has, the upper quartile of about 2000 places";

@@ -1,7 +1,9 @@
 //! The program: one file a subcommand, and the options that they share.
 
 pub mod bench;
+pub mod export;
 mod files;
+pub mod filters;
 mod frames;
 pub mod guide;
 pub mod index;

@@ -1,7 +1,9 @@
 //! Options that `view`, `render`, `bench` and `study` share.
 
+use super::filters::{ClipOptions, FilterOptions};
 use super::units::{Bytes, Size};
 use crate::cloud::attribute::{Attribute, DisplayAttribute, ExtraAttributes};
+use crate::cloud::filter::Filter;
 use crate::cloud::rgb_range::RgbRange;
 use crate::cloud::strays::Treatment;
 use crate::cloud::table::{Columns, Delimiter, TextOptions};
@@ -17,7 +19,7 @@ use crate::passes::{Effects, Switch};
 use crate::render::scene::Scene;
 use crate::render::settings::{Background, RenderSettings, Style};
 use crate::render::source::{OpenOptions, Source};
-use crate::select::clip::{Clip, Clips};
+use crate::select::clip::Clips;
 use crate::select::lod::LodOptions;
 use crate::select::opacity::{Opacities, Rule};
 use crate::view::light::Light;
@@ -45,9 +47,9 @@ pub struct PictureOptions {
     /// ortho_height
     #[arg(long, value_name = "CAM.json", conflicts_with = "view")]
     pub camera: Option<PathBuf>,
-    /// Scene file, as the window saves it: camera, color, effects, opacity, clip boxes, light,
-    /// background
-    #[arg(long, value_name = "SCENE.json", conflicts_with_all = ["camera", "view", "color", "effect", "style", "point_size", "light", "layer", "opacity", "clip", "background"])]
+    /// Scene file, as the window saves it: camera, color, effects, opacity, filters, clip
+    /// boxes, light, background
+    #[arg(long, value_name = "SCENE.json", conflicts_with_all = ["camera", "view", "color", "effect", "style", "point_size", "light", "layer", "opacity", "only", "not", "clip", "background"])]
     pub scene: Option<PathBuf>,
     /// Where to look from if no --camera is given
     #[arg(long, value_enum, default_value_t = Preset::Fit)]
@@ -83,11 +85,6 @@ pub struct PictureOptions {
         allow_hyphen_values = true
     )]
     pub opacity: Vec<Rule>,
-    /// Clip box, by two opposite corners in the world: draws what lies inside a `box`, or in one of
-    /// several, and outside of every `outside` box. Faces belong to a box; inf is a number.
-    /// Repeatable
-    #[arg(long, value_name = "box|outside|off:X0,Y0,Z0,X1,Y1,Z1", allow_hyphen_values = true)]
-    pub clip: Vec<Clip>,
     /// Whether to draw points far outside of all others; they never change bounds or spacings
     #[arg(long, value_enum, default_value_t)]
     pub strays: Treatment,
@@ -100,6 +97,10 @@ pub struct PictureOptions {
     pub abuffer_memory: Option<Bytes>,
     #[command(flatten)]
     pub colors: ColorOptions,
+    #[command(flatten)]
+    pub filters: FilterOptions,
+    #[command(flatten)]
+    pub clips: ClipOptions,
     #[command(flatten)]
     pub detail: DetailOptions,
     #[command(flatten)]
@@ -174,7 +175,7 @@ impl DetailOptions {
         self.gpu_memory.map_or(config::POOL_BYTES, |bytes| bytes.0)
     }
 
-    pub fn opening(&self, read: ReadOptions, light: Light) -> OpenOptions {
+    pub fn opening(&self, read: ReadOptions, filter: Filter, light: Light) -> OpenOptions {
         let chosen = self.point_budget.is_some() || self.lod.is_some();
         let index = chosen.then_some("--point-budget and --lod choose among the nodes of an index");
         let place = match &self.cache_dir {
@@ -183,6 +184,7 @@ impl DetailOptions {
         };
         OpenOptions {
             read,
+            filter,
             index,
             place,
             shadows: self.shadows.clone().map(|path| (path, light)),
@@ -234,14 +236,15 @@ impl PictureOptions {
     /// Returns the options with those that `--scene` holds in their place.
     pub fn with_scene(&self) -> Result<PictureOptions> {
         let Some(path) = &self.scene else { return Ok(self.clone()) };
-        let Scene { camera, color, settings, opacities, clips, lod } = Scene::read(path)?;
+        let Scene { camera, color, settings, opacities, filter, clips, lod } = Scene::read(path)?;
         let effect = settings.effects.clone().list().iter().map(ToString::to_string).collect();
         let (light, background, layer) = (
             settings.light,
             Background(settings.background),
             Some(settings.layer_m).filter(|layer| *layer > 0.0),
         );
-        let (opacity, clip) = (opacities.0, clips.0);
+        let (opacity, filters) = (opacities.0, FilterOptions::from(filter));
+        let clips = ClipOptions { clip: clips.0 };
         let own = &self.detail;
         let detail = DetailOptions {
             point_budget: own.point_budget.or(lod.budget),
@@ -256,7 +259,8 @@ impl PictureOptions {
             background,
             layer,
             opacity,
-            clip,
+            filters,
+            clips,
             detail,
             ..self.clone()
         })
@@ -322,7 +326,7 @@ impl PictureOptions {
     }
 
     pub fn clips(&self) -> Clips {
-        Clips(self.clip.clone())
+        self.clips.clips()
     }
 
     pub fn read_options(&self, strict: bool) -> ReadOptions {
@@ -334,13 +338,20 @@ impl PictureOptions {
         }
     }
 
+    /// Returns how files are opened.
+    pub fn opening(&self, strict: bool) -> OpenOptions {
+        self.detail.opening(self.read_options(strict), self.filters.filter(), self.light)
+    }
+
     /// Returns what the points show, and why.
     pub fn shown(&self, source: &Source) -> Result<(DisplayAttribute, String)> {
         if let Some(lost) = self.opacities().lost(source.stations()) {
             return Err(Error::Request(format!("--opacity: {lost}")));
         }
         let (mut shown, why) = source.shown(self.color)?;
-        shown.further = ExtraAttributes { light: source.has_light(), ..self.further() };
+        let further = self.further();
+        let kind = further.kind || source.is_filtered();
+        shown.further = ExtraAttributes { kind, light: source.has_light(), ..further };
         shown.coded &= self.settings()?.effects.exposure.switch != Switch::Off;
         if shown.further.normal && !source.has_normals() {
             if self.settings()?.effects.phong.settings.normals == Normals::File {

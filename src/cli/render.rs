@@ -5,12 +5,13 @@ use super::frames;
 use super::options::{DeviceOptions, PictureOptions};
 use crate::atomic_file::AtomicFile;
 use crate::error::{Error, Result};
-use crate::graph::{CompletedSubmission, Gpu};
+use crate::graph::{CompletedSubmission, Gpu, Graph};
 use crate::output::export::Downloads;
 use crate::output::tiled::{self, PictureRequest};
 use crate::passes::phong::{self, Backfaces};
+use crate::passes::project::{self, Statistics};
 use crate::passes::tile_stats::{self, Counts};
-use crate::passes::{Effect, Effects, project::Statistics, shadows, significant, strokes};
+use crate::passes::{Effect, Effects, count_visible, shadows, significant, strokes};
 use crate::progress::Progress;
 use crate::render::frame::{self, Done};
 use crate::render::settings::FrameConfig;
@@ -28,6 +29,8 @@ Examples:
   pointillist render scan.laz -o out.png --effect edl=on,strength=0.5,radius=2 --background ffffff
   pointillist render scan.laz -o out.png --opacity class:6=0.3 --opacity class:5=0    glass roofs, no trees
   pointillist render scan.laz -o out.png --clip box:10,-5,0,14,5,3 --clip outside:11,-1,0,12,1,3    a room, without its table
+  pointillist render scan.laz -o out.png --only ground       also building, class=2,6, return=last, z=10..20
+  pointillist render scan.laz -o out.png --not noise --where intensity=100..2000
   pointillist render scan.laz -o out.png --explain --timings
   pointillist render scan.laz -o poster.png --size 40000x20000    in tiles, without seams
   pointillist render scan.laz -o out.png --scene scene.json  a scene saved by the window
@@ -106,8 +109,7 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
     }
     let settings = picture.settings()?;
     let mut stages = Stages::new();
-    let opening = picture.detail.opening(picture.read_options(arguments.strict), picture.light);
-    let mut source = Source::open(&arguments.files, &opening, progress)?;
+    let mut source = Source::open(&arguments.files, &picture.opening(arguments.strict), progress)?;
     source.find(picture.color, progress)?;
     source.notes(picture.further()).iter().for_each(|note| eprintln!("pointillist: note: {note}"));
     stages.done("read");
@@ -121,6 +123,7 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
         why_shown,
         view,
         taken: None,
+        left: None,
         shadows: None,
         strokes: None,
     };
@@ -167,6 +170,7 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
     stages.done("write");
 
     if let Some(counts) = counts {
+        facts.left = left(&mut gpu, &view, resident, &config)?;
         let counts = counts.counts(&frame, view.size, &config.effects);
         match arguments.explain.as_deref() {
             Some("json") => println!(
@@ -185,6 +189,25 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
         stages.print(&frame);
     }
     Ok(())
+}
+
+/// Counts the points in the picture that filters, opacities and clip boxes leave, if there are
+/// any of these.
+fn left(
+    gpu: &mut Gpu,
+    view: &View,
+    resident: &Resident,
+    config: &FrameConfig,
+) -> Result<Option<u64>> {
+    if !resident.leaves_out() {
+        return Ok(None);
+    }
+    let mut g = Graph::new(gpu);
+    let points = project::draw(&mut g, view, resident, config.precision)?
+        .one_sided(config.drops_back_faces(resident));
+    let counted = count_visible::record(&mut g, view, &points);
+    let frame = g.submit_and_wait(&[])?;
+    Ok(Some(counted.points(&frame)))
 }
 
 /// Draws the picture in pieces; errors if anything besides the picture is asked for.
@@ -227,6 +250,8 @@ struct Facts {
     why_shown: String,
     view: View,
     taken: Option<SelectionReport>,
+    /// Points in the picture that are left; None if nothing is left out.
+    left: Option<u64>,
     /// None if no shadows are cast.
     shadows: Option<shadows::Facts>,
     /// None if no strokes are painted.
@@ -267,13 +292,16 @@ fn explain(
         drawn.position_bytes as f64 / drawn.points_drawn.max(1) as f64,
         drawn.quantisation_px,
     );
+    if let Some(left) = facts.left {
+        text +=
+            &format!("left: {left} points in the picture, by filters, opacities and clip boxes\n");
+    }
     if resident.clips.active() > 0 {
         text += &format!(
-            "clip: {} box{}; nothing is left of {} nodes, and {} points of others were compared with the boxes one by one\n",
+            "clip: {} box{}; nothing is left of {} nodes\n",
             resident.clips.active(),
             if resident.clips.active() == 1 { "" } else { "es" },
             drawn.nodes_clipped + facts.taken.as_ref().map_or(0, |taken| taken.nodes_clipped),
-            drawn.points_compared
         );
     }
     let scene = config.frame_context(&facts.view, resident);
@@ -329,6 +357,7 @@ fn explain_json(
         "cloud": { "points": facts.points, "files": facts.files, "nodes": facts.nodes.unwrap_or(resident.nodes.len()), "resident_bytes": resident.bytes() },
         "color": { "shows": facts.shows, "why": facts.why_shown },
         "clip": resident.clips,
+        "left": facts.left,
         "camera": facts.view.camera,
         "size": facts.view.size,
         "drawn": drawn,

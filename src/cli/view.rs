@@ -92,15 +92,13 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
         color: picture.color,
         settings: picture.settings()?,
         opacities: picture.opacities(),
+        filter: picture.filters.filter(),
         clips: picture.clips(),
         lod: picture.detail.lod(),
     };
     let options = Options {
         files: arguments.files.clone(),
-        opening: OpenOptions {
-            fault: arguments.fail_reading,
-            ..picture.detail.opening(picture.read_options(arguments.strict), picture.light)
-        },
+        opening: OpenOptions { fault: arguments.fail_reading, ..picture.opening(arguments.strict) },
         further: picture.further(),
         scene,
         preset: picture.view,

@@ -149,6 +149,12 @@ pub fn class_name(class: u8) -> Option<&'static str> {
     names.get(class as usize).copied()
 }
 
+/// Returns the station number of points that a filter leaves out, among this many stations: one
+/// past the last.
+pub fn station_left_out(stations: usize) -> u32 {
+    stations.max(1) as u32
+}
+
 /// Lowest bit of the station number in a kind word.
 pub const STATION_SHIFT: u32 = 16;
 

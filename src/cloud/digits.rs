@@ -24,6 +24,11 @@ impl Digits {
         )
     }
 
+    /// Returns the decimals of each axis.
+    pub fn decimals(&self) -> [usize; 3] {
+        self.0.unwrap_or([MOST; 3])
+    }
+
     pub fn round(&self, place: DVec3) -> DVec3 {
         let Some(decimals) = self.0 else { return place };
         DVec3::from_array([0, 1, 2].map(|axis| round(place[axis], decimals[axis])))

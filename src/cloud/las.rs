@@ -9,9 +9,11 @@
 
 pub mod header;
 mod laz;
+pub mod raw;
 pub mod read_point;
 pub mod records;
 mod sample;
+pub mod write;
 
 use super::crs::Sample;
 use super::input::{Input, Meter};
@@ -47,6 +49,8 @@ pub struct Las {
     range: Mutex<RgbRange>,
     asked: Option<RgbRange>,
     coding: Option<laz::Coding>,
+    /// Whether batches have the records themselves ([`ReadOptions::records`]).
+    pub keeps_records: bool,
     /// Anomalies of the number of points, or of locating them.
     odd: String,
 }
@@ -138,20 +142,31 @@ impl Las {
     }
 
     pub fn open(input: &Input, wanted: ColumnSet, notes: &mut Vec<String>) -> Result<Self> {
+        Las::open_for(input, wanted, false, notes)
+    }
+
+    /// Opens a file whose batches may have the records themselves, all fields decoded.
+    pub fn open_for(
+        input: &Input,
+        wanted: ColumnSet,
+        keeps_records: bool,
+        notes: &mut Vec<String>,
+    ) -> Result<Self> {
         let layout = header::read(input, notes)?;
         notes.extend(layout.lies.iter().map(|what| format!("{}: {what}", input.name())));
         let fields = Fields::new(&layout);
         let available = fields.available(wanted);
         let (coding, places, odd) = if layout.compressed {
-            let (coding, places, odd) = laz::open(input, &layout, available)?;
+            let (coding, places, odd) = laz::open(input, &layout, available, keeps_records)?;
             (Some(coding), places, odd)
         } else {
             let (places, odd) = plain(input, &layout)?;
             (None, places, odd)
         };
         let range = Mutex::new(input.rgb_range.unwrap_or(RgbRange::Words));
+        let asked = input.rgb_range;
         let mut las =
-            Self { layout, available, places, fields, range, asked: input.rgb_range, coding, odd };
+            Self { layout, available, places, fields, range, asked, coding, keeps_records, odd };
         let are_angles =
             las.layout.header.system.as_ref().is_some_and(|system| system.degrees.is_some());
         if are_angles || available.rgb && las.asked.is_none() {
@@ -227,13 +242,25 @@ impl Las {
     ) -> Result<String> {
         let Places::Known(stretches) = &self.places else { return Ok(String::new()) };
         let meter = Meter::new(progress, input, self.points());
-        let outcomes = stretches
-            .par_iter()
-            .zip(lanes)
-            .map_init(Vec::new, |block, (stretch, mut lane)| {
-                self.one_stretch(input, stretch, block, &mut lane, &meter)
-            })
-            .collect::<Result<Vec<_>>>()?;
+        Ok(self.why(&self.read_some(input, stretches, lanes, &meter)?))
+    }
+
+    /// Reads some stretches in parallel, each into its own lane.
+    pub fn read_some<L: Lane>(
+        &self,
+        input: &Input,
+        stretches: &[Stretch],
+        lanes: impl IndexedParallelIterator<Item = L>,
+        meter: &Meter,
+    ) -> Result<Vec<laz::Outcome>> {
+        let read = |block: &mut Vec<u8>, (stretch, mut lane): (&Stretch, L)| {
+            self.one_stretch(input, stretch, block, &mut lane, meter)
+        };
+        stretches.par_iter().zip(lanes).map_init(Vec::new, read).collect()
+    }
+
+    /// Returns a reason for missing points or other anomalies, by the outcome of every stretch.
+    pub fn why(&self, outcomes: &[laz::Outcome]) -> String {
         let mut short = outcomes.iter().flatten();
         let why = short.next().map(|first| {
             format!(
@@ -242,7 +269,7 @@ impl Las {
                 outcomes.len()
             )
         });
-        Ok(self.odd_and(why))
+        self.odd_and(why)
     }
 
     /// Reads all chunks in sequence into one lane. Returns as [`Las::read_stretches`].

@@ -15,6 +15,7 @@ pub mod crs;
 pub mod digits;
 pub mod e57;
 mod encoding;
+pub mod filter;
 mod from_floats;
 pub mod histograms;
 mod input;
@@ -230,6 +231,8 @@ pub struct ReadOptions {
     pub strays: Treatment,
     /// Collect the ranges of attributes without a column ([`Header::extras`]).
     pub extras: bool,
+    /// Keep the records of LAS files in batches ([`stream::Batch::records`]).
+    pub records: bool,
 }
 
 impl ReadOptions {
@@ -242,6 +245,7 @@ impl ReadOptions {
             rgb_range: None,
             strays: Treatment::Show,
             extras: false,
+            records: false,
         }
     }
 }

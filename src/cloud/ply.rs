@@ -1,10 +1,10 @@
 //! PLY, ASCII and both binary forms: one part.
 //!
-//! The vertex element's positions, colours, normals, intensity and class are read. Other elements
-//! only matter if they come before the vertices. Binary records without lists are read by threads
-//! at any offset; ASCII in blocks of lines; binary records with lists in sequence, since only the
-//! lengths inside them tell where the next begins. Counts are not believed beyond the file's
-//! length.
+//! The vertex element's positions, colours, normals, intensity, class, returns, source and time are
+//! read. Other elements only matter if they come before the vertices. Binary records without lists
+//! are read by threads at any offset; ASCII in blocks of lines; binary records with lists in
+//! sequence, since only the lengths inside them tell where the next begins. Counts are not believed
+//! beyond the file's length.
 
 mod header;
 

@@ -5,7 +5,7 @@
 //! one batch long: only a batch, a block and a compressed chunk per thread are in memory. Other
 //! formats derive their lattice from all points (`from_floats`), so [`open`] reads them whole, and
 //! their source holds the columns. Notes and errors are those of [`super::read`]; [`Streamed`] has
-//! what only the points can tell.
+//! what only the points can tell. [`Source::stream_in_order`] gives batches in the file's order.
 
 use super::crs::{self, plane::Plane};
 use super::input::{Input, Meter};
@@ -48,7 +48,13 @@ pub struct Batch<'a> {
     pub columns: &'a Columns,
     /// Index of its first point in the file.
     pub first: u64,
+    /// The points as LAS records, if requested ([`ReadOptions::records`]); their coordinates are
+    /// those of the file, before a negative scale is replaced.
+    pub records: &'a [u8],
 }
+
+/// Stretches or batches that are in memory at a time, for each thread, if order matters.
+const IN_ORDER: usize = 4;
 
 /// A summary of all streamed points.
 pub struct Streamed {
@@ -79,7 +85,7 @@ pub fn open(
             |contents| sources.push(Source::new(path, options.strict, contents, &mut plane));
         if input.take(0, las::MAGIC.len() as u64)? == las::MAGIC {
             notes.extend(options.text.idle(&input));
-            let las = Box::new(Las::open(&input, options.wanted, notes)?);
+            let las = Box::new(Las::open_for(&input, options.wanted, options.records, notes)?);
             push(Contents::Las { las, length: input.length });
         } else {
             super::read_one(&input, options, progress, notes)?
@@ -139,7 +145,15 @@ impl Source {
     }
 
     pub fn is_las(&self) -> bool {
-        matches!(self.contents, Contents::Las { .. })
+        self.las().is_some()
+    }
+
+    /// Returns the LAS file.
+    pub fn las(&self) -> Option<&Las> {
+        match &self.contents {
+            Contents::Las { las, .. } => Some(las),
+            Contents::Part(_) => None,
+        }
     }
 
     /// Returns the scan's own name within its file, if any.
@@ -233,9 +247,51 @@ impl Source {
         progress: &dyn Progress,
         sink: &(dyn Fn(&Batch) -> Result<()> + Sync),
     ) -> Result<Streamed> {
+        self.run(progress, usize::MAX, sink, &|| Ok(()))
+    }
+
+    /// Maps every batch, on all threads, and calls `take` with the results in the file's order.
+    /// Only as many results wait as threads work on.
+    pub fn stream_in_order<T: Send>(
+        &self,
+        progress: &dyn Progress,
+        map: &(dyn Fn(&Batch) -> Result<T> + Sync),
+        take: &mut (dyn FnMut(T) -> Result<()> + Send),
+    ) -> Result<Streamed> {
+        let waiting = Mutex::new((Vec::new(), take));
+        let lock = || waiting.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
+        let sink = |batch: &Batch| {
+            let mapped = map(batch)?;
+            lock().0.push((batch.first, mapped));
+            Ok(())
+        };
+        let settle = || {
+            let mut waiting = lock();
+            let (ready, take) = &mut *waiting;
+            ready.sort_by_key(|(first, _)| *first);
+            ready.drain(..).try_for_each(|(_, mapped)| take(mapped))
+        };
+        self.run(progress, IN_ORDER * rayon::current_num_threads(), &sink, &settle)
+    }
+
+    /// Streams `at_once` stretches or batches at a time, and calls `settle` after these.
+    fn run(
+        &self,
+        progress: &dyn Progress,
+        at_once: usize,
+        sink: &(dyn Fn(&Batch) -> Result<()> + Sync),
+        settle: &(dyn Fn() -> Result<()> + Sync),
+    ) -> Result<Streamed> {
+        // Batches of a sequence come from one lane, in order.
+        let settled = |batch: &Batch| {
+            sink(batch)?;
+            settle()
+        };
+        let is_sequence = self.las().is_some_and(|las| matches!(las.places, Places::Sequence(_)));
         let desk = Desk {
-            sink,
+            sink: if is_sequence { &settled } else { sink },
             available: self.available(),
+            records: self.las().is_some_and(|las| las.keeps_records),
             spare: Mutex::default(),
             sum: Mutex::default(),
         };
@@ -249,21 +305,25 @@ impl Source {
                         input.length
                     )));
                 }
+                let meter = Meter::new(progress, &input, las.points());
                 let why = match &las.places {
                     Places::Known(stretches) => {
-                        let before = |sum: &mut u64, points: u64| {
-                            Some(std::mem::replace(sum, *sum + points))
-                        };
-                        let firsts: Vec<u64> = stretches
-                            .iter()
-                            .map(|stretch| stretch.points)
-                            .scan(0, before)
-                            .collect();
-                        las.read_stretches(
-                            &input,
-                            firsts.par_iter().map(|&first| desk.lane(first)),
-                            progress,
-                        )?
+                        let (mut first, mut outcomes) = (0, Vec::new());
+                        for stretches in stretches.chunks(at_once.min(stretches.len().max(1))) {
+                            let before = |sum: &mut u64, points: u64| {
+                                Some(std::mem::replace(sum, *sum + points))
+                            };
+                            let firsts: Vec<u64> = stretches
+                                .iter()
+                                .map(|stretch| stretch.points)
+                                .scan(first, before)
+                                .collect();
+                            first += stretches.iter().map(|stretch| stretch.points).sum::<u64>();
+                            let lanes = firsts.par_iter().map(|&first| desk.lane(first));
+                            outcomes.extend(las.read_some(&input, stretches, lanes, &meter)?);
+                            settle()?;
+                        }
+                        las.why(&outcomes)
                     }
                     Places::Sequence(_) => {
                         las.read_sequence(&input, &mut desk.lane(0), progress)?
@@ -276,11 +336,17 @@ impl Source {
             Contents::Part(part) => {
                 let count = part.columns.len();
                 let meter = Meter::named(progress, &self.title(), count as u64);
-                (0..count.div_ceil(BATCH)).into_par_iter().try_for_each(|batch| {
-                    let columns = part.columns.slice(batch * BATCH..count.min((batch + 1) * BATCH));
-                    desk.deliver(&columns, (batch * BATCH) as u64, Occurred::default())?;
-                    meter.advance(columns.len() as u64)
-                })?;
+                let batches: Vec<usize> = (0..count.div_ceil(BATCH)).collect();
+                for batches in batches.chunks(at_once.min(batches.len().max(1))) {
+                    batches.par_iter().try_for_each(|batch| {
+                        let columns =
+                            part.columns.slice(batch * BATCH..count.min((batch + 1) * BATCH));
+                        let first = (batch * BATCH) as u64;
+                        desk.deliver(&columns, first, &[], Occurred::default())?;
+                        meter.advance(columns.len() as u64)
+                    })?;
+                    settle()?;
+                }
             }
         }
         let Sum { points, occurred, bounds } = *desk.sum();
@@ -309,8 +375,10 @@ impl Source {
 struct Desk<'a> {
     sink: &'a (dyn Fn(&Batch) -> Result<()> + Sync),
     available: ColumnSet,
-    /// Spare columns, as many as batches existed at a time.
-    spare: Mutex<Vec<Columns>>,
+    /// Whether batches have LAS records.
+    records: bool,
+    /// Spare columns and records, as many as batches existed at a time.
+    spare: Mutex<Vec<(Columns, Vec<u8>)>>,
     sum: Mutex<Sum>,
 }
 
@@ -323,23 +391,30 @@ struct Sum {
 
 impl Desk<'_> {
     fn lane(&self, first: u64) -> BatchLane<'_> {
-        BatchLane { desk: self, pile: None, first }
+        BatchLane { desk: self, pile: None, records: Vec::new(), first }
     }
 
-    fn lend(&self) -> Columns {
+    fn lend(&self) -> (Columns, Vec<u8>) {
         let spare = self.spare.lock().unwrap_or_else(|poisoned| poisoned.into_inner()).pop();
-        spare.unwrap_or_else(|| records::zeros(BATCH, self.available))
+        spare.unwrap_or_else(|| (records::zeros(BATCH, self.available), Vec::new()))
     }
 
-    fn take_back(&self, columns: Columns) {
-        self.spare.lock().unwrap_or_else(|poisoned| poisoned.into_inner()).push(columns);
+    fn take_back(&self, columns: Columns, records: Vec<u8>) {
+        let mut spare = self.spare.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
+        spare.push((columns, records));
     }
 
     fn sum(&self) -> MutexGuard<'_, Sum> {
         self.sum.lock().unwrap_or_else(|poisoned| poisoned.into_inner())
     }
 
-    fn deliver(&self, columns: &Columns, first: u64, occurred: Occurred) -> Result<()> {
+    fn deliver(
+        &self,
+        columns: &Columns,
+        first: u64,
+        records: &[u8],
+        occurred: Occurred,
+    ) -> Result<()> {
         let Some(own) = columns.bounds() else { return Ok(()) };
         let mut sum = self.sum();
         sum.points += columns.len() as u64;
@@ -351,7 +426,7 @@ impl Desk<'_> {
             [pick(lo, own[0], i32::min), pick(hi, own[1], i32::max)]
         }));
         drop(sum);
-        (self.sink)(&Batch { columns, first })
+        (self.sink)(&Batch { columns, first, records })
     }
 }
 
@@ -359,6 +434,7 @@ impl Desk<'_> {
 struct BatchLane<'a> {
     desk: &'a Desk<'a>,
     pile: Option<Pile>,
+    records: Vec<u8>,
     /// Index of the next point.
     first: u64,
 }
@@ -366,20 +442,29 @@ struct BatchLane<'a> {
 impl Lane for BatchLane<'_> {
     fn room(&mut self, points: usize) -> usize {
         let points = points.min(BATCH);
-        self.pile.get_or_insert_with(|| Pile::new(self.desk.lend())).grow(points);
+        if self.pile.is_none() {
+            let (columns, mut records) = self.desk.lend();
+            records.clear();
+            (self.pile, self.records) = (Some(Pile::new(columns)), records);
+        }
+        self.pile.iter_mut().for_each(|pile| pile.grow(points));
         points
     }
 
     fn put(&mut self, records: &[u8], fields: &Fields) {
         self.pile.iter_mut().for_each(|pile| pile.fill(records, fields));
+        if self.desk.records {
+            self.records.extend_from_slice(records);
+        }
     }
 
     fn settle(&mut self) -> Result<()> {
         let Some(mut pile) = self.pile.take() else { return Ok(()) };
         let filled = pile.cut();
-        self.desk.deliver(&pile.columns, self.first, filled.occurred)?;
+        let records = std::mem::take(&mut self.records);
+        self.desk.deliver(&pile.columns, self.first, &records, filled.occurred)?;
         self.first += filled.points as u64;
-        self.desk.take_back(pile.columns);
+        self.desk.take_back(pile.columns, records);
         Ok(())
     }
 }

@@ -32,6 +32,7 @@ macro_rules! pages {
 pages! {
     command_line: "commands, options, effects, large pictures, clip boxes, camera paths",
     window: "mouse, keys, panel, measuring, saving",
+    filters: "which points are drawn, counted and exported",
     large_clouds: "indexes of clouds larger than memory",
     surfaces: "from points to closed, shaded surfaces",
     layers_and_light: "transparency, shadows, the layer distance",

@@ -5,6 +5,7 @@
 
 use crate::atomic_file::write_atomically;
 use crate::cloud::attribute::Attribute;
+use crate::cloud::filter::{Condition, Filter};
 use crate::error::{Error, Result};
 use crate::passes::Effects;
 use crate::render::settings::{Background, RenderSettings};
@@ -23,6 +24,7 @@ pub struct Scene {
     pub color: Option<Attribute>,
     pub settings: RenderSettings,
     pub opacities: Opacities,
+    pub filter: Filter,
     pub clips: Clips,
     /// LOD limits, for an index.
     pub lod: LodOptions,
@@ -40,6 +42,11 @@ struct Words {
     effects: Vec<String>,
     #[serde(default)]
     opacity: Vec<String>,
+    /// Conditions as after `--only` and `--not`.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    only: Vec<String>,
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    not: Vec<String>,
     /// Boxes as after `--clip`.
     #[serde(default)]
     clip: Vec<String>,
@@ -64,6 +71,8 @@ impl Scene {
             color: self.color.map(Attribute::name),
             effects: self.settings.effects.clone().list().iter().map(ToString::to_string).collect(),
             opacity: self.opacities.0.iter().map(ToString::to_string).collect(),
+            only: self.filter.only.iter().map(ToString::to_string).collect(),
+            not: self.filter.not.iter().map(ToString::to_string).collect(),
             clip: self.clips.0.iter().map(ToString::to_string).collect(),
             budget: self.lod.budget,
             lod: self.lod.lod_px,
@@ -109,6 +118,13 @@ impl Scene {
             .iter()
             .map(|rule| rule.parse::<Rule>())
             .collect::<std::result::Result<_, _>>()?;
+        let conditions = |words: &[String]| {
+            words
+                .iter()
+                .map(|word| word.parse::<Condition>())
+                .collect::<std::result::Result<_, _>>()
+        };
+        let filter = Filter { only: conditions(&words.only)?, not: conditions(&words.not)? };
         let clips = words
             .clip
             .iter()
@@ -123,6 +139,7 @@ impl Scene {
             color: color.transpose()?,
             settings,
             opacities: Opacities(rules),
+            filter,
             clips: Clips(clips),
             lod,
         })
@@ -165,6 +182,10 @@ mod tests {
             color: Some(Attribute::Class),
             settings,
             opacities,
+            filter: Filter {
+                only: vec!["ground".parse().unwrap(), "z=0..2.5".parse().unwrap()],
+                not: vec!["return=last".parse().unwrap()],
+            },
             clips,
             lod,
         };

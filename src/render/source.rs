@@ -2,6 +2,7 @@
 
 use crate::cloud::attribute::{Attribute, DisplayAttribute, ExtraAttributes};
 use crate::cloud::crs::Reference;
+use crate::cloud::filter::{Filter, grouped};
 use crate::cloud::histograms::Histograms;
 use crate::cloud::rgb_range::RgbRange;
 use crate::cloud::robust_bounds::without_strays;
@@ -33,6 +34,8 @@ use std::time::{Duration, Instant};
 #[derive(Clone, Debug)]
 pub struct OpenOptions {
     pub read: ReadOptions,
+    /// Filter of the points.
+    pub filter: Filter,
     /// Reason to index files first, regardless of their number of points.
     pub index: Option<&'static str>,
     /// Where indexes are cached; the default location if `None`.
@@ -75,7 +78,33 @@ impl OpenOptions {
         index.hidden =
             if self.read.strays == Treatment::Hide { root_samples(&index).1 } else { None };
         index.fault = self.fault;
+        if !self.filter.is_empty() {
+            let compiled = index.compile(&self.filter)?;
+            let (points, counts) =
+                (index.directory.contents.points, &index.directory.contents.counts);
+            if let Some(Histograms { classes, returns }) = counts
+                && self.filter.leaves_none_of(classes, returns)
+            {
+                let listed = |kinds: &[(u8, u64)]| {
+                    let numbers: Vec<_> = kinds.iter().map(|(kind, _)| kind.to_string()).collect();
+                    numbers.join(", ")
+                };
+                return Err(Error::Request(format!(
+                    "{} leaves none of {} points; classes present: {}; returns present: {}",
+                    self.filter.words(),
+                    grouped(points),
+                    listed(classes),
+                    listed(returns)
+                )));
+            }
+            index.filter = Some(compiled);
+        }
         Ok(Source::Index(Arc::new(index)))
+    }
+
+    /// Returns how files are read, with the columns that the filter looks at.
+    fn reading(&self) -> ReadOptions {
+        ReadOptions { wanted: self.read.wanted.and(self.filter.wanted()), ..self.read }
     }
 
     fn place(&self) -> Result<cache::CacheLocation> {
@@ -134,9 +163,11 @@ impl Source {
                     path.display()
                 )));
             }
-            return Ok(Source::Files(cloud::read(paths, &opening.read, progress)?));
+            let mut cloud = cloud::read(paths, &opening.reading(), progress)?;
+            cloud.filter(&opening.filter)?;
+            return Ok(Source::Files(cloud));
         };
-        let (place, build) = (opening.place()?, build::Options::reading(&opening.read));
+        let (place, build) = (opening.place()?, build::Options::reading(&opening.reading()));
         let Cached { index, made } = cache::find_or_build(paths, &place, &build, progress)?;
         match made {
             Some(made) => progress.note(&format!(
@@ -161,7 +192,11 @@ impl Source {
         let FileSummary { points, compressed } = cloud::stream::summary(paths)?;
         let (soon, some) = match opening.needs_index(paths)? {
             Some(_) => (
-                cache::is_there(paths, &opening.place()?, &build::Options::reading(&opening.read))?,
+                cache::is_there(
+                    paths,
+                    &opening.place()?,
+                    &build::Options::reading(&opening.reading()),
+                )?,
                 points,
             ),
             None => (
@@ -173,8 +208,10 @@ impl Source {
             return Ok(None);
         }
         let some = some.min(config::PREVIEW_POINTS);
-        let sample = cloud::sample(paths, &opening.read, some, progress)?;
-        Ok(sample.map(|cloud| Preview { source: Source::Files(cloud), points }))
+        let sample = cloud::sample(paths, &opening.reading(), some, progress)?;
+        // A sample may have none of the points that are left.
+        let left = sample.and_then(|mut cloud| cloud.filter(&opening.filter).ok().map(|()| cloud));
+        Ok(left.map(|cloud| Preview { source: Source::Files(cloud), points }))
     }
 
     /// Returns notes on the files, and on requested attributes that the index lacks.
@@ -325,6 +362,11 @@ impl Source {
             "OUT.pnti".into()
         };
         format!("`pointillist index {}{more} -o {output} {option}` finds them", files.join(" "))
+    }
+
+    /// Tests whether points need their kind on the device for a filter.
+    pub fn is_filtered(&self) -> bool {
+        matches!(self, Source::Index(index) if index.filter.is_some())
     }
 
     /// Tests whether all points have saved visibility of a light.
@@ -494,13 +536,23 @@ fn root_samples(index: &Index) -> (Vec<(DVec3, u32)>, Option<RobustBounds>) {
     let mut samples = Vec::new();
     for root in 0..index.directory.roots as usize {
         // An unreadable root is reported when drawn; until then its box is used.
-        samples.extend(index.samples(root).unwrap_or_else(|_| {
+        samples.extend(left_samples(index, root).unwrap_or_else(|_| {
             let (lo, hi) = index.bounds(&index.nodes()[root]);
             vec![(lo, 1), (hi, 1)]
         }));
     }
     let core = RobustBounds::of(samples.len(), |i| samples[i].0);
     (samples, core)
+}
+
+/// Returns the samples of a root that the index's filter leaves; all if it leaves none.
+fn left_samples(index: &Index, root: usize) -> Result<Vec<(DVec3, u32)>> {
+    let samples = index.samples(root)?;
+    let Some(filter) = &index.filter else { return Ok(samples) };
+    let left = index.left(root, filter)?;
+    let some = samples.iter().zip(left).filter(|(_, left)| *left).map(|(sample, _)| *sample);
+    let some: Vec<_> = some.collect();
+    Ok(if some.is_empty() { samples } else { some })
 }
 
 /// Returns the strays of an index among the samples of its roots.

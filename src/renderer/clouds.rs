@@ -3,6 +3,7 @@
 use super::device_points::PointBuffer;
 use super::projection::transform_of;
 use crate::cloud::attribute::{Attribute, ExtraAttributes};
+use crate::cloud::filter::Filter;
 use crate::cloud::points::Points;
 use crate::cloud::{Cloud, ColumnSet, ReadOptions};
 use crate::error::{Error, Result};
@@ -215,6 +216,7 @@ impl Entry {
                 wanted.and(ExtraAttributes { strokes, ..FURTHER }.wanted()),
                 settings.strict,
             ),
+            filter: Filter::default(),
             index: None,
             place: None,
             shadows: None,

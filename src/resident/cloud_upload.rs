@@ -214,6 +214,7 @@ impl CloudUpload {
                 // Normals of files are oriented.
                 oriented: self.shown.further.normal,
                 axes: self.axes,
+                filtered: false,
                 opacities: Opacities::default(),
                 comes_and_goes: false,
                 light: None,

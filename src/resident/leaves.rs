@@ -50,6 +50,7 @@ impl Resident {
             oriented: false,
             axes: Axes::default(),
             balance: None,
+            filtered: false,
             opacities: Opacities::default(),
             clips: Clips::default(),
             comes_and_goes: true,

@@ -125,6 +125,8 @@ pub struct Resident {
     pub oriented: bool,
     /// Axes in which strokes are painted.
     pub axes: Axes,
+    /// Whether a filter leaves out points of nodes ([`crate::index::format::Index::filter`]).
+    pub filtered: bool,
     /// Opacities by kind; hiding by kind needs points that have it.
     pub opacities: Opacities,
     /// Whether nodes are streamed from an index.
@@ -164,7 +166,7 @@ const MOST_NODES: u64 = NO_POINT as u64 / POINTS_PER_PAGE as u64;
 impl Resident {
     /// Returns whether points of drawn nodes may be hidden, by kind or by clip boxes.
     pub fn leaves_out(&self) -> bool {
-        self.opacities.hides(&self.known()) || self.clips.active() > 0
+        self.hides() || self.clips.active() > 0
     }
 
     /// Partitions the cloud and uploads all of it. The columns of each part are dropped as soon as
@@ -203,9 +205,9 @@ impl Resident {
         self.opacities.is_transparent(&self.known())
     }
 
-    /// Returns whether opacities hide some points.
+    /// Returns whether opacities or a filter hide some points.
     pub fn hides(&self) -> bool {
-        self.opacities.hides(&self.known())
+        self.filtered || self.opacities.hides(&self.known())
     }
 
     /// Returns the world positions of all points of a small cloud, decoded from the pages, in id

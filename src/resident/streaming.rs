@@ -196,6 +196,7 @@ impl Residency {
             oriented: shown.further.normal
                 && (index.directory.contents.oriented || !index.has(Plane::Facing)),
             axes: index.directory.contents.axes,
+            filtered: index.filter.is_some(),
             opacities: Opacities::default(),
             comes_and_goes: true,
             light: index

@@ -1,6 +1,7 @@
 //! Opacity rules, and the tables that they make for classes, return numbers and stations.
 
 use crate::cloud::Station;
+use crate::cloud::attribute::station_left_out;
 use crate::cloud::histograms::{CLASSES, Histograms, RETURNS};
 use serde::Serialize;
 
@@ -198,6 +199,11 @@ impl Opacities {
         self.0.iter().any(|rule| rule.what != What::All)
     }
 
+    /// Tests whether some rule names a station or a file.
+    pub fn name_stations(&self) -> bool {
+        self.0.iter().any(|rule| rule.what.names_stations())
+    }
+
     /// Returns a message for the first rule whose station does not exist.
     pub fn lost(&self, stations: &[Station]) -> Option<String> {
         let known = Known { stations, points: 0, counts: None };
@@ -215,10 +221,12 @@ impl Opacities {
         Some(format!("no {kind} {name:?}; there are: {}{more}", names.join(", ")))
     }
 
-    /// Returns the factors: 256 for classes, 16 for return numbers, one per station. A point's
-    /// opacity is the product of its three (`glsl/lib/point_kind.glsl`).
+    /// Returns the factors: 256 for classes, 16 for return numbers, one per station, and 0 for
+    /// points that a filter leaves out ([`station_left_out`]). A point's opacity is the product of
+    /// its three (`glsl/lib/point_kind.glsl`).
     pub fn table(&self, stations: &[Station]) -> Vec<f32> {
-        let mut table = vec![1.0; CLASSES + RETURNS + stations.len().max(1)];
+        let mut table = vec![1.0; CLASSES + RETURNS + station_left_out(stations.len()) as usize];
+        table.push(0.0);
         let (classes, others) = table.split_at_mut(CLASSES);
         let (returns, places) = others.split_at_mut(RETURNS);
         for Rule { what, opacity } in &self.0 {
@@ -272,7 +280,7 @@ mod tests {
         let opacities = Opacities(rules.iter().map(|rule| rule.parse().unwrap()).collect());
         let table = opacities.table(&stations());
         assert_eq!([table[5], table[6], table[256 + 1], table[256 + 2]], [0.5, 0.25, 1.0, 0.0]);
-        assert_eq!(table[272..], [0.25, 0.125, 0.75]);
+        assert_eq!(table[272..], [0.25, 0.125, 0.75, 0.0]);
         let stations = stations();
         let known = Known { stations: &stations, points: 3, counts: None };
         assert!(

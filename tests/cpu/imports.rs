@@ -20,6 +20,7 @@ const EDGES: &[(&str, &[&str])] = &[
     ("synth", &["cloud"]),
     ("view", &[]),
     ("select", &["cloud", "index", "view"]),
+    ("extract", &["cloud", "index", "select"]),
     ("resident", &["cloud", "gpu", "graph", "index", "loader", "select", "view"]),
     ("passes", &["cloud", "gpu", "graph", "index", "resident", "select", "shader", "view"]),
     ("render", &["cloud", "graph", "index", "passes", "resident", "select", "view"]),
@@ -56,8 +57,8 @@ const EDGES: &[(&str, &[&str])] = &[
     (
         "cli",
         &[
-            "app", "bench", "cloud", "gpu", "graph", "guide", "index", "output", "passes",
-            "render", "resident", "select", "study", "synth", "view",
+            "app", "bench", "cloud", "extract", "gpu", "graph", "guide", "index", "output",
+            "passes", "render", "resident", "select", "study", "synth", "view",
         ],
     ),
 ];

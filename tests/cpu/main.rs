@@ -26,6 +26,7 @@ mod tree;
 mod cloud;
 mod cut;
 mod damaged_las;
+mod export;
 mod header;
 mod imports;
 mod index;

@@ -420,6 +420,7 @@ fn rendered(path: &std::path::Path, camera: Camera, settings: &RenderSettings) -
             pointillist::cloud::ColumnSet { rgb: true, intensity: true, ..Default::default() },
             false,
         ),
+        filter: Default::default(),
         index: None,
         place: None,
         shadows: None,

@@ -23,6 +23,7 @@ fn opening() -> OpenOptions {
     let read = ReadOptions::new(ColumnSet { rgb: true, ..ColumnSet::default() }, false);
     OpenOptions {
         read,
+        filter: Default::default(),
         index: None,
         place: Some(CacheLocation::Temporary),
         shadows: None,

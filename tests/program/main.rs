@@ -23,6 +23,7 @@ mod bad;
 mod cli;
 mod colors;
 mod drivers;
+mod export;
 mod faults;
 mod guide;
 mod hosts;

@@ -31,10 +31,44 @@ pub struct Layout {
     pub laszip: Option<Vec<u8>>,
     pub copc: bool,
     pub header: Header,
+    /// What a file with some of the points takes over.
+    pub kept: Kept,
+}
+
+/// A variable-length record.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Vlr {
+    pub user: String,
+    pub record: u16,
+    pub description: String,
+    pub data: Vec<u8>,
+}
+
+/// Fields and records of a header that say what points mean, in the file's own bytes.
+#[derive(Clone, Debug, Default)]
+pub struct Kept {
+    pub file_source: u16,
+    pub global_encoding: u16,
+    pub system: String,
+    /// Variable-length records, without those about compression.
+    pub records: Vec<Vlr>,
+    /// Whether there are records behind the points that are not kept.
+    pub has_more: bool,
 }
 
 /// Smallest record of each point format `[bytes]`.
 const RECORD_BYTES: [u16; 11] = [20, 28, 26, 34, 57, 63, 30, 36, 38, 59, 67];
+
+/// Returns the bytes of a point format, without extra bytes.
+pub fn record_bytes(format: u8) -> u16 {
+    RECORD_BYTES[format as usize]
+}
+
+impl Layout {
+    pub fn has_extra_bytes(&self) -> bool {
+        self.record_bytes > RECORD_BYTES[self.format as usize] as usize
+    }
+}
 
 const VLR_HEADER_BYTES: u64 = 54;
 
@@ -98,6 +132,12 @@ pub fn read(input: &Input, notes: &mut Vec<String>) -> Result<Layout> {
         laszip: None,
         copc: false,
         header: Header::default(),
+        kept: Kept {
+            file_source: u16_at(&head, 4),
+            global_encoding: u16_at(&head, 6),
+            system: text(&head[26..58]),
+            ..Kept::default()
+        },
     };
     let (mut facts, mut projection) = (Vec::new(), Projection::default());
     for (what, range) in [("system", 26..58), ("software", 58..90)] {
@@ -137,7 +177,8 @@ pub fn read(input: &Input, notes: &mut Vec<String>) -> Result<Layout> {
         ));
     }
     if has_wide_count {
-        evlrs(input, u64_at(&head, 235), u32_at(&head, 243), &mut facts, &mut projection)?;
+        let (first, count) = (u64_at(&head, 235), u32_at(&head, 243));
+        evlrs(input, first, count, &mut layout.kept, &mut facts, &mut projection)?;
     }
 
     let kind = if layout.copc {
@@ -229,6 +270,10 @@ fn vlrs(
         let (user, record, length) =
             (text(&head[2..18]), u16_at(&head, 18), u16_at(&head, 20) as u64);
         let contents = || input.take(at + VLR_HEADER_BYTES, length);
+        if user != "laszip encoded" && user != "copc" {
+            let (data, description) = (contents()?, text(&head[22..54]));
+            layout.kept.records.push(Vlr { user: user.clone(), record, description, data });
+        }
         match (user.as_str(), record) {
             ("laszip encoded", 22204) => layout.laszip = Some(contents()?),
             ("copc", 1) => layout.copc = true,
@@ -325,6 +370,7 @@ fn evlrs(
     input: &Input,
     first: u64,
     count: u32,
+    kept: &mut Kept,
     facts: &mut Vec<(String, String)>,
     projection: &mut Projection,
 ) -> Result<()> {
@@ -336,7 +382,15 @@ fn evlrs(
         }
         let (user, record, length) = (text(&head[2..18]), u16_at(&head, 18), u64_at(&head, 20));
         if user == "LASF_Projection" && length <= PROJECTION_BYTES {
-            projection.take(record, input.take(at + EVLR_HEADER_BYTES, length)?, facts);
+            let contents = input.take(at + EVLR_HEADER_BYTES, length)?;
+            let (data, description) = (contents.clone(), text(&head[28..60]));
+            // Longer ones do not fit between header and points.
+            if u16::try_from(length).is_ok() {
+                kept.records.push(Vlr { user, record, description, data });
+            }
+            projection.take(record, contents, facts);
+        } else {
+            kept.has_more |= user != "copc";
         }
         let Some(next) = at.checked_add(EVLR_HEADER_BYTES).and_then(|at| at.checked_add(length))
         else {

@@ -46,6 +46,7 @@ pub fn open(
     input: &Input,
     layout: &Layout,
     available: ColumnSet,
+    all_layers: bool,
 ) -> Result<(Coding, Places, String)> {
     let Some(laszip) = &layout.laszip else {
         return Err(input.wrong("is compressed, but has no laszip record; the header is damaged"));
@@ -55,7 +56,8 @@ pub fn open(
             .flatten()
             .map_err(|what| input.wrong(format!("has an unusable laszip record: {what}")))?;
     let compressor = u16::from_le_bytes(array_at(laszip, 0));
-    let coding = Coding::new(input, layout, &vlr, compressor, available)?;
+    let selection = if all_layers { DecompressionSelection::all() } else { selection(available) };
+    let coding = Coding::new(input, layout, &vlr, compressor, selection)?;
     let sequence = |at: u64, chunk_points| {
         let points =
             layout.points.min(input.length.saturating_sub(at).saturating_mul(POINTS_PER_BYTE));
@@ -99,7 +101,7 @@ impl Coding {
         layout: &Layout,
         vlr: &LazVlr,
         compressor: u16,
-        available: ColumnSet,
+        selection: DecompressionSelection,
     ) -> Result<Self> {
         if !(1..=3).contains(&compressor) {
             return Err(
@@ -147,12 +149,7 @@ impl Coding {
                 layout.format
             )));
         }
-        Ok(Self {
-            items: vlr.items().clone(),
-            record_bytes: bytes,
-            layers,
-            selection: selection(available),
-        })
+        Ok(Self { items: vlr.items().clone(), record_bytes: bytes, layers, selection })
     }
 
     pub fn is_layered(&self) -> bool {

@@ -245,6 +245,10 @@ fn role(name: &str) -> Role {
         "nz" => Role::Normal(2),
         "intensity" | "scalar_intensity" => Role::Intensity,
         "class" | "classification" | "scalar_classification" => Role::Class,
+        "return_number" | "scalar_returnnumber" => Role::Return,
+        "number_of_returns" | "scalar_numberofreturns" => Role::Returns,
+        "point_source_id" | "scalar_pointsourceid" => Role::Source,
+        "gps_time" | "scalar_gpstime" => Role::Time,
         _ => Role::Other,
     }
 }

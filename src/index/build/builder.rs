@@ -34,9 +34,11 @@ pub struct Options {
 }
 
 impl Options {
-    /// Returns default options with these read options.
+    /// Returns default options with these read options, with GPS times if they are wanted.
     pub fn reading(read: &ReadOptions) -> Options {
-        Options { text: read.text, rgb_range: read.rgb_range, ..Options::usual(read.strict) }
+        let usual = Options::usual(read.strict);
+        let wanted = ColumnSet { gps_time: read.wanted.gps_time, ..usual.wanted };
+        Options { text: read.text, rgb_range: read.rgb_range, wanted, ..usual }
     }
 
     /// Returns the default options of `index`.

@@ -21,6 +21,7 @@ use super::shadow_file::SavedShadows;
 use super::writer::{FileHeader, HEADER_BYTES, MAGIC, VERSION};
 use crate::cloud::Lattice;
 use crate::cloud::crs::Reference;
+use crate::cloud::filter::Compiled;
 use crate::cloud::strays::RobustBounds;
 use crate::config::{BITS_PER_PLANE, POINTS_PER_PAGE, POSITION_PLANES};
 use crate::error::{Error, Result};
@@ -54,6 +55,8 @@ pub struct Index {
     pub shadows: Option<SavedShadows>,
     /// Box outside of which nothing is drawn.
     pub hidden: Option<RobustBounds>,
+    /// Filter of the points that are drawn.
+    pub filter: Option<Compiled>,
     /// Fault to inject, for tests.
     pub fault: Option<Fault>,
 }
@@ -124,7 +127,15 @@ impl Index {
         let directory = Directory { nodes, roots: header.roots, contents };
         check(&directory, header.directory_at).map_err(wrong)?;
         let identity = (header.directory_crc as u64) << 32 | header.header_crc as u64;
-        Ok(Index { map, directory, identity, shadows: None, hidden: None, fault: None })
+        Ok(Index {
+            map,
+            directory,
+            identity,
+            shadows: None,
+            hidden: None,
+            filter: None,
+            fault: None,
+        })
     }
 
     pub fn path(&self) -> &Path {

@@ -1,8 +1,9 @@
 //! The files NAME.pnti and NAME.shadows, and their contents.
 //!
 //! `schema` defines planes, node records and the directory; `samples` packs samples into planes;
-//! `writer` and `file` write and read an index; `shadow_file` reads saved shadows.
+//! `writer` and `file` write and read an index, `columns` the points of a node; `shadow_file` reads saved shadows.
 
+mod columns;
 mod file;
 mod mmap;
 pub mod morton;

@@ -1,0 +1,118 @@
+//! `pointillist export`: files or an index in; the points that filters, boxes and opacities leave
+//! out, complete or absent. No Vulkan device is opened.
+
+use super::files::{check_extension, refuse_to_overwrite};
+use super::filters::{ClipOptions, FilterOptions};
+use super::options::{ColorOptions, TextArguments};
+use crate::cloud::{ColumnSet, ReadOptions};
+use crate::error::{Error, Result};
+use crate::extract::input::Input;
+use crate::extract::{self, ENDINGS, Selection, Thinning};
+use crate::index::format::Index;
+use crate::progress::Progress;
+use crate::render::scene::Scene;
+use crate::render::source;
+use crate::select::opacity::{Opacities, Rule};
+use std::path::{Path, PathBuf};
+
+const EXAMPLES: &str = "\
+Examples:
+  pointillist export scan.laz -o ground.laz --only ground
+  pointillist export scan.laz -o roofs.las --only building --where z=210..
+  pointillist export scan.laz -o last.laz --where return=last --not noise
+  pointillist export north.laz south.laz -o both.laz                        one file of two
+  pointillist export scan.e57 -o room.csv --clip box:10,-5,0,14,5,3         a table with a line of names
+  pointillist export scan.laz -o thin.laz --thin 0.05                       one point a cell of 5 cm
+  pointillist export site.pnti -o part.ply --every 10                       an index, every tenth point
+  pointillist export scan.laz -o shown.laz --scene scene.json               what a scene of the window shows
+
+Points of LAS files keep their records bit for bit in .las and .laz: positions, all attributes, extra
+bytes, coordinate system. What a format cannot hold is named in a note.";
+
+#[derive(clap::Args, Clone, Debug)]
+#[command(after_help = EXAMPLES)]
+pub struct Arguments {
+    /// Point clouds: LAS, LAZ, COPC; also PLY, E57, OBJ, XYZ, CSV, TXT, PTS, PTX, which are read
+    /// into memory whole; or one index, PNTI
+    #[arg(required = true, value_name = "FILE")]
+    pub files: Vec<PathBuf>,
+    /// The file to write: its name says the format
+    #[arg(short, long, value_name = "OUT.laz|las|ply|csv")]
+    pub output: PathBuf,
+    #[command(flatten)]
+    pub filters: FilterOptions,
+    #[command(flatten)]
+    pub clips: ClipOptions,
+    /// Leave out what has opacity 0, as `render --opacity` draws it. Repeatable
+    #[arg(
+        long,
+        value_name = "[class:N|return:N|station:S|file:F=]OPACITY",
+        allow_hyphen_values = true
+    )]
+    pub opacity: Vec<Rule>,
+    /// Filters, clip boxes and opacities of a scene file, as the window saves it
+    #[arg(long, value_name = "SCENE.json", conflicts_with_all = ["only", "not", "clip", "opacity"])]
+    pub scene: Option<PathBuf>,
+    /// Keep one point in each cell of a grid of this side, the first in the order of the files
+    #[arg(long, value_name = "METRES", value_parser = extract::side, allow_hyphen_values = true)]
+    pub thin: Option<f64>,
+    /// Keep every N-th of the points that are left, from the first on
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u64).range(1..), hide_default_value = true)]
+    pub every: u64,
+    /// Refuse a truncated or inconsistent file instead of keeping what is readable
+    #[arg(long)]
+    pub strict: bool,
+    #[command(flatten)]
+    pub colors: ColorOptions,
+    #[command(flatten)]
+    pub text: TextArguments,
+}
+
+/// Returns how inputs are read: all attributes, and LAS records as they are.
+pub fn reading(text: &TextArguments, colors: &ColorOptions, strict: bool) -> ReadOptions {
+    ReadOptions {
+        text: text.options(),
+        rgb_range: colors.rgb_range,
+        records: true,
+        ..ReadOptions::new(ColumnSet::ALL, strict)
+    }
+}
+
+/// Opens files or one index; errors where an option has no effect on an index.
+pub fn open(files: &[PathBuf], options: &ReadOptions, progress: &dyn Progress) -> Result<Input> {
+    match files.iter().find(|path| Index::is_one(path)) {
+        Some(path) if files.len() > 1 => Err(Error::Request(format!(
+            "{} is an index; pass it alone, without other files",
+            path.display()
+        ))),
+        Some(path) => {
+            source::refuse_rgb_range(path, options.rgb_range)?;
+            Input::open(files, options, progress)
+        }
+        None => Input::open(files, options, progress),
+    }
+}
+
+impl Arguments {
+    fn selection(&self) -> Result<Selection> {
+        if let Some(path) = &self.scene {
+            let Scene { filter, clips, opacities, .. } = Scene::read(path)?;
+            return Ok(Selection { filter, clips, opacities });
+        }
+        let opacities = Opacities(self.opacity.clone());
+        Ok(Selection { filter: self.filters.filter(), clips: self.clips.clips(), opacities })
+    }
+}
+
+pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
+    let output: &Path = &arguments.output;
+    refuse_to_overwrite(output, &arguments.files)?;
+    check_extension(output, &ENDINGS)?;
+    let options = reading(&arguments.text, &arguments.colors, arguments.strict);
+    let input = open(&arguments.files, &options, progress)?;
+    let thinning = Thinning { cell: arguments.thin, every: arguments.every, ..Thinning::default() };
+    let exported = extract::export(&input, &arguments.selection()?, &thinning, output, progress)?;
+    exported.notes.iter().for_each(|note| eprintln!("pointillist: note: {note}"));
+    eprintln!("{}", exported.line(output));
+    Ok(())
+}

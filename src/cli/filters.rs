@@ -1,0 +1,50 @@
+//! Options that say which points are left, for `view`, `render`, `export` and `info`.
+
+use crate::cloud::filter::{Condition, Filter};
+use crate::select::clip::{Clip, Clips};
+
+#[derive(clap::Args, Clone, Debug, Default)]
+#[command(next_help_heading = "Points")]
+pub struct FilterOptions {
+    /// Leave only points of these values: class, return (a number, first, last, single), returns,
+    /// source, file, scan, intensity, x, y, z, gps-time. A comma is "or", `10..20` a range; names of
+    /// classes need no "class=". Repeatable: a point must match all
+    #[arg(
+        long,
+        visible_alias = "where",
+        value_name = "ground|class=2,6|intensity=100..2000|return=last|..."
+    )]
+    pub only: Vec<Condition>,
+    /// Leave out points of these values. Repeatable
+    #[arg(long, value_name = "noise|z=..0|...")]
+    pub not: Vec<Condition>,
+}
+
+/// Clip boxes.
+#[derive(clap::Args, Clone, Debug, Default)]
+#[command(next_help_heading = "Points")]
+pub struct ClipOptions {
+    /// Clip box, by two opposite corners in the world: leaves what lies inside a `box`, or in one
+    /// of several, and outside of every `outside` box. Faces belong to a box; inf is a number.
+    /// Repeatable
+    #[arg(long, value_name = "box|outside|off:X0,Y0,Z0,X1,Y1,Z1", allow_hyphen_values = true)]
+    pub clip: Vec<Clip>,
+}
+
+impl FilterOptions {
+    pub fn filter(&self) -> Filter {
+        Filter { only: self.only.clone(), not: self.not.clone() }
+    }
+}
+
+impl From<Filter> for FilterOptions {
+    fn from(Filter { only, not }: Filter) -> FilterOptions {
+        FilterOptions { only, not }
+    }
+}
+
+impl ClipOptions {
+    pub fn clips(&self) -> Clips {
+        Clips(self.clip.clone())
+    }
+}

@@ -1,0 +1,341 @@
+//! Files or an index as batches of points, with those that are left.
+
+use super::Selection;
+use crate::cloud::filter::{Compiled, Filter};
+use crate::cloud::histograms::{CLASSES, RETURNS};
+use crate::cloud::las::Las;
+use crate::cloud::rgb_range::Scale;
+use crate::cloud::stream::{self, Source};
+use crate::cloud::{ColumnSet, Columns, Header, Lattice, ReadOptions, Station};
+use crate::error::{Error, Result};
+use crate::index::format::Index;
+use crate::progress::Progress;
+use crate::select::clip::Clips;
+use crate::select::opacity::Opacities;
+use glam::DVec3;
+use rayon::prelude::*;
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+use std::sync::Mutex;
+
+/// Leaves of an index that are in memory at a time, for each thread.
+const LEAVES: usize = 4;
+
+/// Files, or an index.
+pub enum Input {
+    Files { sources: Vec<Source>, parts: Vec<Part>, notes: Vec<String> },
+    Index { index: Box<Index>, parts: Vec<Part> },
+}
+
+/// Points on one lattice.
+pub struct Part {
+    /// Name of the file or scan.
+    pub title: String,
+    /// Lattice on which points are drawn, filtered and clipped.
+    pub lattice: Lattice,
+    /// Lattice of the file itself: another one if its coordinates are angles.
+    pub own: Lattice,
+    pub available: ColumnSet,
+    pub intensity_range: [f64; 2],
+    pub rgb_scale: Scale,
+    pub header: Header,
+    /// World corners of its points, by the file's header, on its own lattice.
+    pub bounds: Option<(DVec3, DVec3)>,
+}
+
+/// Points of a part.
+pub struct Batch<'b> {
+    pub part: usize,
+    pub columns: &'b Columns,
+    /// Coordinates count from here `[lattice steps]`.
+    pub shift: [i64; 3],
+    /// The points as records of their LAS file; empty for other inputs.
+    pub records: &'b [u8],
+    /// LAS point source id of each value of [`Columns::source`]; `None` if these are ids.
+    pub ids: Option<&'b [u16]>,
+    /// Numbers of the points that are left.
+    pub left: Vec<u32>,
+}
+
+impl Batch<'_> {
+    /// Returns the coordinates of a point `[lattice steps]`.
+    pub fn steps(&self, i: usize) -> [i64; 3] {
+        let Columns { x, y, z, .. } = self.columns;
+        let own = [x[i], y[i], z[i]];
+        [0, 1, 2].map(|axis| own[axis] as i64 + self.shift[axis])
+    }
+
+    /// Returns the LAS point source id of a point; 0 if it has none.
+    pub fn source(&self, i: usize) -> u16 {
+        let stored = self.columns.source.as_ref().map_or(0, |column| column[i]);
+        self.ids.map_or(stored, |ids| ids.get(stored as usize).copied().unwrap_or(0))
+    }
+}
+
+impl Input {
+    /// Opens files with all of their attributes, or one index.
+    pub fn open(
+        paths: &[PathBuf],
+        options: &ReadOptions,
+        progress: &dyn Progress,
+    ) -> Result<Input> {
+        if let [path] = paths
+            && Index::is_one(path)
+        {
+            let index = Box::new(Index::open(path)?);
+            let parts = parts_of(&index);
+            return Ok(Input::Index { index, parts });
+        }
+        let mut notes = Vec::new();
+        let sources = stream::open(paths, options, progress, &mut notes)?;
+        let parts = sources.iter().map(Part::of).collect();
+        Ok(Input::Files { sources, parts, notes })
+    }
+
+    pub fn parts(&self) -> &[Part] {
+        match self {
+            Input::Files { parts, .. } | Input::Index { parts, .. } => parts,
+        }
+    }
+
+    pub fn is_index(&self) -> bool {
+        matches!(self, Input::Index { .. })
+    }
+
+    /// Returns the LAS file of a part.
+    pub fn las(&self, part: usize) -> Option<&Las> {
+        match self {
+            Input::Files { sources, .. } => sources[part].las(),
+            Input::Index { .. } => None,
+        }
+    }
+
+    /// Returns the number of points, by the headers of files.
+    pub fn points(&self) -> u64 {
+        match self {
+            Input::Files { sources, .. } => sources.iter().map(Source::points).sum(),
+            Input::Index { index, .. } => index.directory.contents.points,
+        }
+    }
+
+    fn available(&self) -> ColumnSet {
+        self.parts().iter().fold(ColumnSet::default(), |set, part| set.and(part.available))
+    }
+
+    /// Errors if a filter looks at an attribute that no point has.
+    pub fn check(&self, filter: &Filter) -> Result<()> {
+        match self {
+            Input::Index { index, .. } => index.compile(filter).map(drop),
+            Input::Files { .. } => filter
+                .check(self.available(), &|_| "`pointillist info` lists their attributes".into()),
+        }
+    }
+
+    /// Maps every batch on all threads, and calls `take` with the results in order. Returns notes.
+    pub fn each<T: Send>(
+        &self,
+        selection: &Selection,
+        progress: &dyn Progress,
+        map: &(dyn Fn(&Batch) -> Result<T> + Sync),
+        take: &mut (dyn FnMut(T) -> Result<()> + Send),
+    ) -> Result<Vec<String>> {
+        let (clips, parts) = (&selection.clips, self.parts());
+        match self {
+            Input::Files { sources, notes, .. } => {
+                let opaque = Opaque::of_files(&selection.opacities, sources, progress)?;
+                let mut notes = notes.clone();
+                for (part, source) in sources.iter().enumerate() {
+                    let filter = &selection.filter.compile_for(
+                        source.path(),
+                        source.name(),
+                        parts[part].intensity_range,
+                        source.available().source,
+                    );
+                    let chosen = Chosen { filter, clips, opaque: &opaque };
+                    let each = |&stream::Batch { columns, records, .. }: &stream::Batch| {
+                        let shift = [0; 3];
+                        let left = chosen.left(Some(part), columns, &parts[part].lattice, shift);
+                        map(&Batch { part, columns, shift, records, ids: None, left })
+                    };
+                    notes.extend(source.stream_in_order(progress, &each, take)?.notes);
+                }
+                Ok(notes)
+            }
+            Input::Index { index, .. } => {
+                let contents = &index.directory.contents;
+                let opaque = Opaque::of(&selection.opacities, &contents.stations, Vec::new())?;
+                let filter = &index.compile(&selection.filter)?;
+                let chosen = Chosen { filter, clips, opaque: &opaque };
+                let id = |station: &Station| station.source.unwrap_or(0);
+                let ids: Vec<u16> = contents.stations.iter().map(id).collect();
+                let of_leaf = |&leaf: &usize| {
+                    let record = &index.nodes()[leaf];
+                    let columns = &index.columns(leaf, ColumnSet::ALL)?;
+                    let (part, shift) = (record.lattice as usize / 2, record.origin);
+                    let left = chosen.left(None, columns, &parts[part].lattice, shift);
+                    map(&Batch { part, columns, shift, records: &[], ids: Some(&ids), left })
+                };
+                let all = 0..index.nodes().len();
+                let leaves: Vec<usize> =
+                    all.filter(|&node| index.nodes()[node].is_leaf()).collect();
+                let (doing, mut done) = (format!("reading {}", parts[0].title), 0);
+                for leaves in leaves.chunks(LEAVES * rayon::current_num_threads()) {
+                    let mapped: Vec<T> = leaves.par_iter().map(of_leaf).collect::<Result<_>>()?;
+                    mapped.into_iter().try_for_each(&mut *take)?;
+                    done += leaves.iter().map(|&leaf| index.nodes()[leaf].points).sum::<u64>();
+                    progress.tick(&doing, done, contents.points)?;
+                }
+                Ok(Vec::new())
+            }
+        }
+    }
+}
+
+impl Part {
+    fn of(source: &Source) -> Part {
+        Part {
+            title: source.title(),
+            lattice: source.lattice(),
+            own: source.own_lattice(),
+            available: source.available(),
+            intensity_range: source.intensity_range(),
+            rgb_scale: source.rgb_scale(),
+            header: source.header().clone(),
+            bounds: source.stated_bounds().map(|bounds| source.own_lattice().world_box(bounds)),
+        }
+    }
+}
+
+/// Returns a part for every tree of an index: its leaves are on the lattice of their files.
+fn parts_of(index: &Index) -> Vec<Part> {
+    let contents = &index.directory.contents;
+    let first = contents.parts.first();
+    let of_tree = |(tree, lattices): (usize, &[[DVec3; 2]])| {
+        let [step, offset] = lattices[0];
+        let own = Lattice { step, offset };
+        let nodes = index.nodes().iter().filter(|node| node.lattice as usize / 2 == tree);
+        Part {
+            title: index.path().file_name().unwrap_or_default().to_string_lossy().into_owned(),
+            lattice: own,
+            own,
+            available: nodes.fold(ColumnSet::default(), |set, node| set.and(node.available())),
+            intensity_range: first.map_or([0.0, 65535.0], |part| part.intensity_range),
+            rgb_scale: Scale::default(),
+            header: Header {
+                system: index.reference().system,
+                facts: first.map_or(Vec::new(), |part| part.header.facts.clone()),
+                ..Header::default()
+            },
+            bounds: contents.bounds.map(|[lo, hi]| (lo, hi)),
+        }
+    };
+    contents.lattices.chunks(2).enumerate().map(of_tree).collect()
+}
+
+/// A selection for the points of a part.
+struct Chosen<'c> {
+    filter: &'c Compiled,
+    clips: &'c Clips,
+    opaque: &'c Opaque,
+}
+
+impl Chosen<'_> {
+    /// Returns the numbers of the points that are left. `part` is `None` for an index, whose
+    /// points have station numbers.
+    fn left(
+        &self,
+        part: Option<usize>,
+        columns: &Columns,
+        lattice: &Lattice,
+        shift: [i64; 3],
+    ) -> Vec<u32> {
+        let left = self.filter.left(columns, lattice, shift);
+        let clips = (self.clips.active() > 0).then_some(self.clips);
+        let is_left = |i: usize| {
+            let place = || {
+                let own = [columns.x[i], columns.y[i], columns.z[i]];
+                lattice.world([0, 1, 2].map(|axis| own[axis] as i64 + shift[axis]))
+            };
+            left[i]
+                && clips.is_none_or(|clips| clips.keep(place()))
+                && self.opaque.has(part, columns, i)
+        };
+        (0..columns.len()).filter(|&i| is_left(i)).map(|i| i as u32).collect()
+    }
+}
+
+/// Which kinds of points have an opacity above 0.
+struct Opaque {
+    /// Factors as [`Opacities::table`]; empty without rules.
+    factors: Vec<f32>,
+    /// Part and source id of every station of files, if rules name stations.
+    stations: Vec<(usize, Option<u16>)>,
+}
+
+impl Opaque {
+    fn of(
+        opacities: &Opacities,
+        stations: &[Station],
+        places: Vec<(usize, Option<u16>)>,
+    ) -> Result<Opaque> {
+        if opacities.0.is_empty() {
+            return Ok(Opaque { factors: Vec::new(), stations: places });
+        }
+        if let Some(lost) = opacities.lost(stations) {
+            return Err(Error::Request(format!("--opacity: {lost}")));
+        }
+        Ok(Opaque { factors: opacities.table(stations), stations: places })
+    }
+
+    /// Reads the stations of all points first, if rules name stations.
+    fn of_files(
+        opacities: &Opacities,
+        sources: &[Source],
+        progress: &dyn Progress,
+    ) -> Result<Opaque> {
+        if !opacities.name_stations() {
+            return Opaque::of(opacities, &[], Vec::new());
+        }
+        let mut stations = Vec::new();
+        for (part, source) in sources.iter().enumerate() {
+            let counts = Mutex::new(BTreeMap::<Option<u16>, u64>::new());
+            source.stream(progress, &|batch| {
+                let mut counts = counts.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
+                match &batch.columns.source {
+                    Some(ids) => {
+                        ids.iter().for_each(|id| *counts.entry(Some(*id)).or_default() += 1)
+                    }
+                    None => *counts.entry(None).or_default() += batch.columns.len() as u64,
+                }
+                Ok(())
+            })?;
+            let counts = counts.into_inner().unwrap_or_else(|poisoned| poisoned.into_inner());
+            let title = source.title();
+            stations.extend(counts.into_iter().map(|(source, points)| Station {
+                part,
+                source,
+                name: source.map_or(title.clone(), |id| format!("{title} source {id}")),
+                points,
+            }));
+        }
+        let places = stations.iter().map(|station| (station.part, station.source)).collect();
+        Opaque::of(opacities, &stations, places)
+    }
+
+    fn has(&self, part: Option<usize>, columns: &Columns, i: usize) -> bool {
+        if self.factors.is_empty() {
+            return true;
+        }
+        let byte =
+            |column: &Option<Vec<u8>>| column.as_ref().map_or(0, |column| column[i] as usize);
+        let source = columns.source.as_ref().map(|column| column[i]);
+        let station = match part {
+            None => source.unwrap_or(0) as usize,
+            Some(part) => self.stations.binary_search(&(part, source)).unwrap_or(0),
+        };
+        let number = byte(&columns.returns) & 15;
+        [byte(&columns.class), CLASSES + number, CLASSES + RETURNS + station]
+            .iter()
+            .all(|&at| self.factors[at] > 0.0)
+    }
+}

@@ -1,0 +1,324 @@
+//! LAS and LAZ. Points of LAS files of one kind keep their records, bit for bit; others become
+//! records of LAS 1.4, which hold the attributes of all formats but extra bytes.
+
+use super::fields::{Colors, has_words, intensity, record};
+use super::input::{Batch, Input, Part};
+use super::{Packed, Sink, Taker};
+use crate::cloud::crs::Kind;
+use crate::cloud::digits::number;
+use crate::cloud::las::header::{Layout, Vlr, record_bytes};
+use crate::cloud::las::raw::{has_waveform, without_waveform};
+use crate::cloud::las::write::{Head, LasWriter};
+use crate::cloud::las::{INTENSITY_RANGE, Las};
+use crate::cloud::{Header, Lattice};
+use crate::error::{Error, Result};
+use glam::DVec3;
+use std::path::Path;
+
+/// Bits of the global encoding.
+const STANDARD_TIME: u16 = 1;
+const SYNTHETIC_RETURNS: u16 = 8;
+const WKT: u16 = 16;
+
+pub struct Plan<'p> {
+    input: &'p Input,
+    compressed: bool,
+    lattice: Lattice,
+    /// Steps from each part's lattice to the file's; `None` if positions are rounded.
+    shifts: Vec<Option<[i64; 3]>>,
+    /// Whether points keep their records.
+    raw: bool,
+    format: u8,
+    extra_bytes: u16,
+    /// Whether intensities are rounded or stretched, by part.
+    intensities: Vec<Intensity>,
+}
+
+#[derive(Clone, Copy, PartialEq)]
+enum Intensity {
+    /// Rounded to a whole number.
+    Rounded,
+    /// As stored: the range of the file is that of 16 bits.
+    Stored,
+}
+
+impl<'p> Plan<'p> {
+    pub fn new(input: &'p Input, compressed: bool, notes: &mut Vec<String>) -> Result<Plan<'p>> {
+        let parts = input.parts();
+        let las: Option<Vec<&Las>> = (0..parts.len()).map(|part| input.las(part)).collect();
+        let alike = las.as_ref().and_then(|las| alike(las));
+        let (lattice, shifts) = lattice(parts, notes)?;
+        let intensities = parts.iter().map(|part| of_intensity(part, notes)).collect();
+        let raw = alike.is_some();
+        let (format, extra_bytes) = match alike {
+            Some(first) => {
+                if has_waveform(first.format) || first.kept.has_more {
+                    notes.push("waveforms and records behind the points are left out".into());
+                }
+                let extra = first.record_bytes as u16 - record_bytes(first.format);
+                (without_waveform(first.format), extra)
+            }
+            None => (modern(input, notes), 0),
+        };
+        Ok(Plan { input, compressed, lattice, shifts, raw, format, extra_bytes, intensities })
+    }
+
+    pub fn create(&self, path: &Path) -> Result<LasFile> {
+        let layout = self.first().map(|las| &las.layout);
+        let minor = match layout {
+            Some(layout) if self.raw && self.format < 6 => layout.minor.clamp(2, 4),
+            _ => 4,
+        };
+        let many = self.input.points() > u32::MAX as u64;
+        let records = self.records(layout);
+        let is_wkt = |vlr: &Vlr| vlr.user == PROJECTION && vlr.record == 2112;
+        let wkt = if records.iter().any(is_wkt) { WKT } else { 0 };
+        let kept = layout.map_or(0, |layout| layout.kept.global_encoding);
+        let one = layout.filter(|_| self.input.parts().len() == 1);
+        let head = Head {
+            minor: if many { 4 } else { minor },
+            format: self.format,
+            extra_bytes: self.extra_bytes,
+            compressed: self.compressed,
+            lattice: self.lattice,
+            file_source: one.map_or(0, |layout| layout.kept.file_source),
+            global_encoding: kept & (STANDARD_TIME | SYNTHETIC_RETURNS) | wkt,
+            system: "EXTRACTION".into(),
+            records,
+        };
+        LasWriter::create(path, head).map(LasFile)
+    }
+
+    fn first(&self) -> Option<&Las> {
+        (!self.input.parts().is_empty()).then(|| self.input.las(0)).flatten()
+    }
+
+    /// Returns the records of the header: all of files that are alike, else those of the first
+    /// one's coordinate system.
+    fn records(&self, layout: Option<&Layout>) -> Vec<Vlr> {
+        let all = layout.map_or(&[][..], |layout| &layout.kept.records);
+        let own = all.iter().filter(|vlr| self.raw || vlr.user == PROJECTION).cloned();
+        let part = self.input.parts().first().filter(|_| layout.is_none());
+        own.chain(part.and_then(|part| system(&part.header))).collect()
+    }
+
+    fn steps(&self, batch: &Batch, i: usize) -> Result<[i32; 3]> {
+        let own = batch.steps(i);
+        let steps = match self.shifts[batch.part] {
+            Some(shift) => [0, 1, 2].map(|axis| own[axis] + shift[axis]),
+            None => {
+                let place = self.input.parts()[batch.part].own.world(own);
+                let steps = ((place - self.lattice.offset) / self.lattice.step).round();
+                steps.as_i64vec3().to_array()
+            }
+        };
+        let narrow = steps.map(|v| i32::try_from(v).ok());
+        match narrow {
+            [Some(x), Some(y), Some(z)] => Ok([x, y, z]),
+            _ => Err(too_far()),
+        }
+    }
+
+    /// Packs a point of any format as one of format 6, 7 or 8.
+    fn modern(&self, batch: &Batch, i: usize, steps: [i32; 3], out: &mut Vec<u8>) {
+        let (columns, record) = (batch.columns, record(self.input, batch, i));
+        let (angle, user_data, flags) = record.map_or((0, 0, 0), |record| record.others());
+        let range = self.input.parts()[batch.part].intensity_range;
+        let stored = columns.intensity.as_ref().map_or(0, |column| column[i]);
+        let intensity = match self.intensities[batch.part] {
+            Intensity::Rounded => intensity(stored, range).round() as u16,
+            Intensity::Stored => stored,
+        };
+        let byte = |column: &Option<Vec<u8>>| column.as_ref().map_or(0, |column| column[i]);
+        steps.iter().for_each(|v| out.extend(v.to_le_bytes()));
+        out.extend(intensity.to_le_bytes());
+        // A point that is of no pulse is its own only return.
+        let returns = columns.returns.as_ref().map_or(0x11, |column| column[i]);
+        out.extend([returns, flags, byte(&columns.class), user_data]);
+        out.extend(angle.to_le_bytes());
+        out.extend(batch.source(i).to_le_bytes());
+        let time = columns.gps_time.as_ref().map_or(0.0, |column| column[i]);
+        out.extend(time.to_le_bytes());
+        if self.format >= 7 {
+            let words = has_words(self.input, batch.part);
+            let color = Colors::Words.color(batch, record, words, i);
+            color.iter().for_each(|v| out.extend(v.to_le_bytes()));
+        }
+        if self.format == 8 {
+            let infrared = record.and_then(|record| record.near_infrared()).unwrap_or(0);
+            out.extend(infrared.to_le_bytes());
+        }
+    }
+}
+
+impl Sink for Plan<'_> {
+    fn pack(&self, batch: &Batch) -> Result<Packed> {
+        let mut packed = Packed::default();
+        for &i in &batch.left {
+            let steps = self.steps(batch, i as usize)?;
+            match record(self.input, batch, i as usize).filter(|_| self.raw) {
+                Some(record) => record.write(steps, &mut packed.bytes),
+                None => self.modern(batch, i as usize, steps, &mut packed.bytes),
+            }
+            packed.ends.push(packed.bytes.len());
+        }
+        Ok(packed)
+    }
+}
+
+pub struct LasFile(LasWriter);
+
+impl Taker for LasFile {
+    fn take(&mut self, _points: u64, bytes: Vec<u8>) -> Result<()> {
+        self.0.write(&bytes)
+    }
+
+    fn finish(self: Box<Self>) -> Result<()> {
+        self.0.finish()
+    }
+}
+
+/// User of records about the coordinate system.
+const PROJECTION: &str = "LASF_Projection";
+
+/// User and number of the record that declares extra bytes.
+const EXTRA_BYTES: (&str, u16) = ("LASF_Spec", 4);
+
+/// Returns the first of files whose records have the same fields and meaning.
+fn alike<'l>(las: &[&'l Las]) -> Option<&'l Layout> {
+    let extra = |layout: &'l Layout| {
+        let is_it = |vlr: &&'l Vlr| (vlr.user.as_str(), vlr.record) == EXTRA_BYTES;
+        layout.kept.records.iter().find(is_it).map(|vlr| &vlr.data)
+    };
+    let key = |las: &&'l Las| {
+        let layout = &las.layout;
+        let time = layout.kept.global_encoding & STANDARD_TIME;
+        (layout.format, layout.record_bytes, time, extra(layout))
+    };
+    let first = las.first()?;
+    las.iter().all(|other| key(other) == key(first)).then_some(&first.layout)
+}
+
+/// Returns the point format of LAS 1.4 that holds all attributes. Notes what it does not.
+fn modern(input: &Input, notes: &mut Vec<String>) -> u8 {
+    let parts = input.parts();
+    let las: Vec<&Las> = (0..parts.len()).filter_map(|part| input.las(part)).collect();
+    if input.is_index() {
+        notes.push("an index has no scan angles, user data, flags, extra bytes and 16-bit colours; exporting its files keeps them".into());
+    } else if las.len() > 1 {
+        notes.push("the files have different point formats; LAS 1.4 records hold them all".into());
+    }
+    if las.iter().any(|las| las.layout.has_extra_bytes()) {
+        notes.push("extra bytes are left out, since the files declare different ones".into());
+    }
+    if parts.iter().any(|part| part.available.normal) {
+        notes.push("normals are left out; .ply and .csv keep them".into());
+    }
+    match () {
+        () if las.iter().any(|las| matches!(las.layout.format, 8 | 10)) => 8,
+        () if parts.iter().any(|part| part.available.rgb) => 7,
+        () => 6,
+    }
+}
+
+fn of_intensity(part: &Part, notes: &mut Vec<String>) -> Intensity {
+    let [low, high] = part.intensity_range;
+    if !part.available.intensity || [low, high] == INTENSITY_RANGE {
+        return Intensity::Stored;
+    }
+    // A narrower range would leave few steps.
+    const FEWEST: f64 = 16.0;
+    if low >= 0.0 && high <= 65535.0 && high - low >= FEWEST {
+        notes.push(format!("{}: intensities are rounded to whole numbers", part.title));
+        Intensity::Rounded
+    } else {
+        notes.push(format!(
+            "{}: intensities from {} to {} become 0 to 65535",
+            part.title,
+            number(low),
+            number(high)
+        ));
+        Intensity::Stored
+    }
+}
+
+/// A step that is fine enough for points of any instrument `[m]`.
+const FINE: f64 = 1e-4;
+
+/// Returns the lattice of the file, and each part's shift to it: the files' own lattice where they
+/// agree, else the finest steps of all.
+fn lattice(parts: &[Part], notes: &mut Vec<String>) -> Result<(Lattice, Vec<Option<[i64; 3]>>)> {
+    let Some(first) = parts.first().map(|part| part.own) else {
+        let unit = Lattice { step: DVec3::splat(0.001), offset: DVec3::ZERO };
+        return Ok((unit, Vec::new()));
+    };
+    let shift = |part: &Part| {
+        let steps = (part.own.offset - first.offset) / first.step;
+        let whole = steps.round();
+        let agrees = part.own.step == first.step
+            && (steps - whole).abs().max_element() < 1e-3
+            && whole.abs().max_element() < 2f64.powi(31);
+        agrees.then(|| whole.as_i64vec3().to_array())
+    };
+    let shifts: Vec<_> = parts.iter().map(shift).collect();
+    let step = parts.iter().fold(first.step, |step, part| step.min(part.own.step));
+    let bounds = parts.iter().filter_map(|part| part.bounds);
+    let Some((low, high)) = bounds.reduce(|(a, b), (low, high)| (a.min(low), b.max(high))) else {
+        return Ok((first, shifts));
+    };
+    let agree = shifts.iter().all(Option::is_some);
+    let fits = |lattice: &Lattice| {
+        let steps = |place: DVec3| ((place - lattice.offset) / lattice.step).abs().max_element();
+        steps(low).max(steps(high)) < 2f64.powi(31) - 1.0
+    };
+    // Finer steps than all of these are given up where the files lie far apart.
+    let coarsest = parts.iter().fold(DVec3::splat(FINE), |step, part| step.max(part.own.step));
+    let steps = std::iter::successors(Some(step), |step| Some(*step * 2.0));
+    let at = |step: DVec3| {
+        let middle = ((low + high) / 2.0 / step).round() * step;
+        [first.offset, middle].map(|offset| Lattice { step, offset }).into_iter().find(fits)
+    };
+    let lattice = steps.take_while(|step| step.cmple(coarsest).any()).find_map(at);
+    let Some(lattice) = lattice else { return Err(too_far()) };
+    if agree && lattice == first {
+        return Ok((first, shifts));
+    }
+    let steps = lattice.step.to_array().map(number).join(" ");
+    notes.push(format!(
+        "the files have different lattices; positions are rounded to steps of {steps}"
+    ));
+    Ok((lattice, vec![None; parts.len()]))
+}
+
+fn too_far() -> Error {
+    Error::Request(
+        "the points lie more than 2^32 steps apart, or not where the headers say; export the files one by one, or to .ply or .csv".into(),
+    )
+}
+
+/// Returns the record of a coordinate system that a header names by WKT or by its EPSG number.
+fn system(header: &Header) -> Option<Vlr> {
+    let system = header.system.as_ref().filter(|system| system.plane.is_none())?;
+    let is_wkt = |text: &&String| {
+        ["PROJCS", "GEOGCS", "GEOCCS", "COMPD_CS", "PROJCRS", "GEOGCRS", "GEODCRS", "COMPOUNDCRS"]
+            .iter()
+            .any(|word| text.starts_with(word))
+    };
+    let wkt = header.facts.iter().map(|(_, text)| text).find(is_wkt);
+    let (record, data) = match wkt {
+        Some(text) => (2112, [text.as_bytes(), &[0]].concat()),
+        None => {
+            let (model, key) = match system.kind {
+                Kind::Projected => (1, 3072),
+                Kind::Geographic => (2, 2048),
+                Kind::Geocentric | Kind::Local => return None,
+            };
+            let code = u16::try_from(system.epsg?).ok()?;
+            // A directory of two keys: the model, and the code of the system.
+            let keys: [u16; 12] = [1, 1, 0, 2, 1024, 0, 1, model, key, 0, 1, code];
+            (34735, keys.iter().flat_map(|v| v.to_le_bytes()).collect())
+        }
+    };
+    let description = "coordinate system".into();
+    Some(Vlr { user: PROJECTION.into(), record, description, data })
+}
