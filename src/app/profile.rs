@@ -6,7 +6,8 @@ use super::measure;
 use crate::cloud::attribute::DisplayAttribute;
 use crate::cloud::colormap;
 use crate::cloud::crs::Reference;
-use crate::resident::slab_query::{Slab, SlabPoint, SlabPoints};
+use crate::resident::slab_query::{SlabPoint, SlabPoints};
+use crate::select::slab::Slab;
 use egui::{Color32, ColorImage, RichText, TextureHandle, TextureOptions, Ui, Vec2};
 use glam::{DVec2, DVec3};
 

@@ -1,7 +1,7 @@
 //! Displayed attributes: one 32-bit word per point, the range of its colour ramp, and further words
 //! that effects need.
 
-use super::{Cloud, ColumnSet, Part, Station, octahedral};
+use super::{Cloud, ColumnSet, Columns, Lattice, Part, Station, octahedral};
 use std::str::FromStr;
 
 /// An attribute to display, as in `--color`.
@@ -303,7 +303,11 @@ impl DisplayAttribute {
     /// Computes the displayed word of a point: `rgb` 8 bits a channel, red lowest; `normal` 8 bits
     /// an axis, 127 = 0; scalars unchanged. 0 if the part lacks the attribute.
     pub fn word(&self, part: &Part, i: usize) -> u32 {
-        let columns = &part.columns;
+        self.word_of(&part.columns, &part.lattice, i)
+    }
+
+    /// Computes the same of points that are in no part.
+    pub fn word_of(&self, columns: &Columns, lattice: &Lattice, i: usize) -> u32 {
         let bytes = |[a, b, c]: [u8; 3]| a as u32 | (b as u32) << 8 | (c as u32) << 16;
         match self.attribute {
             // Colours in the cloud have been corrected in place.
@@ -319,7 +323,7 @@ impl DisplayAttribute {
                 .as_ref()
                 .map_or(0x7F7F7F, |v| bytes(v[i].map(|c| (c as i16 + 127) as u8))),
             Attribute::Elevation => {
-                self.elevation(part.lattice.offset.z + part.lattice.step.z * columns.z[i] as f64)
+                self.elevation(lattice.offset.z + lattice.step.z * columns.z[i] as f64)
             }
             Attribute::White => 0,
         }

@@ -16,7 +16,7 @@ use pointillist::passes::Switch;
 use pointillist::progress::Silent;
 use pointillist::render::frame;
 use pointillist::render::settings::{FrameConfig, RenderSettings};
-use pointillist::resident::slab_query::Slab;
+use pointillist::select::slab::Slab;
 use pointillist::resident::streaming::{Residency, Update};
 use pointillist::resident::{Resident, pages::PAGE_BYTES};
 use pointillist::select::clip::Clips;
