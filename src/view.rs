@@ -7,7 +7,7 @@ pub mod camera_path;
 pub mod light;
 
 use crate::error::{Error, Result};
-use glam::DVec3;
+use glam::{DMat3, DVec3};
 use serde::{Deserialize, Serialize};
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -245,6 +245,14 @@ impl Camera {
     /// serves both.
     pub fn framing(preset: Preset, points: &[DVec3], size: [u32; 2]) -> Camera {
         Camera::framing_beside(preset, points, size, 0.0)
+    }
+
+    /// Returns the camera after a turn around the vertical through its target, anticlockwise seen
+    /// from above `[rad]`.
+    pub fn turned(&self, angle: f64) -> Camera {
+        let turn = DMat3::from_rotation_z(angle);
+        let eye = self.target + turn * (self.eye - self.target);
+        Camera { eye, up: turn * self.up, ..*self }
     }
 
     /// Returns the camera as [`Camera::framing`] for a picture whose left part (a share in 0..1) is

@@ -104,10 +104,7 @@ impl Axes {
             let labelled = |tick: f64| (tick, number(tick + 0.0, step));
             multiples(step, range).into_iter().map(labelled).collect()
         };
-        [
-            ticks([0.0, self.length], self.size.x, apart.x),
-            ticks(self.heights, self.size.y, apart.y),
-        ]
+        [ticks([0.0, self.length], self.size.x, apart.x), ticks(self.heights, self.size.y, apart.y)]
     }
 
     /// Describes the exaggeration as a ratio.

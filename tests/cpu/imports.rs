@@ -24,7 +24,7 @@ const EDGES: &[(&str, &[&str])] = &[
     ("resident", &["cloud", "gpu", "graph", "index", "loader", "select", "view"]),
     ("passes", &["cloud", "gpu", "graph", "index", "resident", "select", "shader", "view"]),
     ("render", &["cloud", "graph", "index", "passes", "resident", "select", "view"]),
-    ("output", &["graph", "passes", "render", "select", "view"]),
+    ("output", &["cloud", "graph", "passes", "render", "select", "view"]),
     (
         "renderer",
         &[
