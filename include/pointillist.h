@@ -68,6 +68,9 @@ typedef struct PointillistHost {
   uint64_t memory_budget;
   // Most points drawn of an index; 0 is automatic.
   uint64_t point_budget;
+  // VkAllocationCallbacks for the CPU memory of all objects that are made here, on any thread, or
+  // null. They are copied. Device memory is allocated without them.
+  const void *allocation_callbacks;
 } PointillistHost;
 
 // How an image was used, or will be: Vulkan's numbers.
@@ -131,6 +134,11 @@ typedef struct PointillistFrame {
   uint8_t linear;
   const struct PointillistView *views;
   size_t view_count;
+  // Ids of the points that are seen, VK_FORMAT_R32_UINT, or R32G32_UINT with the cloud as the
+  // second; null if not wanted.
+  const struct PointillistTarget *ids;
+  // Normals of the visible surface, world; null if not wanted.
+  const struct PointillistTarget *normals;
 } PointillistFrame;
 
 // What a frame shows.
@@ -180,6 +188,20 @@ typedef struct PointillistError {
   char message[1024];
 } PointillistError;
 
+// Points in a buffer of the host's device; see `pointillist_add_buffer`.
+typedef struct PointillistPointBuffer {
+  size_t size;
+  // VkBuffer, with VK_BUFFER_USAGE_TRANSFER_SRC_BIT.
+  uint64_t buffer;
+  // Byte of the first point, a multiple of 4.
+  uint64_t offset;
+  // Bytes from point to point, a multiple of 4. A point begins with x, y and z, f32.
+  uint32_t stride;
+  uint32_t count;
+  // Byte of red, green and blue within a point, sRGB; UINT32_MAX if there are no colours.
+  uint32_t color_offset;
+} PointillistPointBuffer;
+
 #ifdef __cplusplus
 extern "C" {
 #endif // __cplusplus
@@ -214,9 +236,9 @@ enum PointillistResult pointillist_check(const void *get_instance_proc_addr,
                                          uint64_t physical_device,
                                          struct PointillistError *error);
 
-// Enables what is required in a chain of VkPhysicalDeviceFeatures2,
-// VkPhysicalDeviceVulkan12Features and VkPhysicalDeviceVulkan13Features; also what is optional, if
-// the device has it and `optional` is set.
+// Enables what is required in a chain of VkPhysicalDeviceFeatures2 and structures that follow it:
+// VkPhysicalDeviceVulkan12Features and VkPhysicalDeviceVulkan13Features, or those of single
+// features. With `optional`, also what is optional, which the device must have.
 enum PointillistResult pointillist_enable_features(void *chain,
                                                    uint8_t optional,
                                                    struct PointillistError *error);
@@ -241,6 +263,16 @@ enum PointillistResult pointillist_open(struct PointillistRenderer *renderer,
 // Adds points of the host's memory as a cloud; they are copied.
 enum PointillistResult pointillist_add_points(struct PointillistRenderer *renderer,
                                               const struct PointillistPoints *points,
+                                              uint64_t *cloud,
+                                              struct PointillistError *error);
+
+// Returns a buffer without points.
+struct PointillistPointBuffer pointillist_point_buffer_default(void);
+
+// Adds points of a buffer of the host's device as a cloud. The next frame copies them; the buffer is
+// not changed until the device has completed it.
+enum PointillistResult pointillist_add_buffer(struct PointillistRenderer *renderer,
+                                              const struct PointillistPointBuffer *points,
                                               uint64_t *cloud,
                                               struct PointillistError *error);
 

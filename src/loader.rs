@@ -290,6 +290,7 @@ impl<P: FnMut()> Thread<P> {
         let count = record.count as usize;
         let words = &mut self.words[..count];
         let elevation = self.shown.attribute == Attribute::Elevation;
+        let along = self.shown.up.index() as u32 * BITS_PER_PLANE;
         let mut heights = vec![0u32; if elevation { count } else { 0 }];
         let mut read = Read { bytes: 0, spacing: 0.0 };
         // Elevation uses the whole position, independent of the planes that are drawn.
@@ -304,7 +305,7 @@ impl<P: FnMut()> Thread<P> {
                 destination.put(page, words);
             }
             heights.iter_mut().zip(&*words).for_each(|(height, word)| {
-                *height = *height << BITS_PER_PLANE | word >> (2 * BITS_PER_PLANE)
+                *height = *height << BITS_PER_PLANE | (word >> along) & ((1 << BITS_PER_PLANE) - 1)
             });
         }
         let planes_of = Plane::of(self.shown.attribute);
@@ -342,7 +343,7 @@ impl<P: FnMut()> Thread<P> {
                 }
             }
             None if elevation => {
-                let height = world_height(&index, record);
+                let height = world_height(&index, record, self.shown.up.index());
                 words
                     .iter_mut()
                     .zip(&heights)
@@ -444,12 +445,12 @@ fn normals(index: &Index, node: usize, bytes: &mut Vec<u8>, words: &mut [u32]) -
     Ok(bytes.len() as u64)
 }
 
-/// Returns the world height of a cell along z, given with all planes.
-fn world_height(index: &Index, record: &NodeRecord) -> impl Fn(u32) -> f64 {
+/// Returns the world coordinate of a cell along an axis, given with all planes.
+fn world_height(index: &Index, record: &NodeRecord, axis: usize) -> impl Fn(u32) -> f64 {
     let lattice = index.lattice(record);
     let (lowest, pad) =
-        (record.origin[2], BITS_PER_PLANE * record.position_planes() - record.bits as u32);
-    move |cell| lattice.offset.z + lattice.step.z * (lowest + (cell >> pad) as i64) as f64
+        (record.origin[axis], BITS_PER_PLANE * record.position_planes() - record.bits as u32);
+    move |cell| lattice.offset[axis] + lattice.step[axis] * (lowest + (cell >> pad) as i64) as f64
 }
 
 /// Widens a plane's values to words, as [`DisplayAttribute::word`] does.

@@ -3,7 +3,7 @@
 
 use clap::{Arg, ArgAction, Command as Clap, CommandFactory, FromArgMatches, Parser};
 use pointillist::cli::{
-    bench, export, guide, index, info, profile, renamed, render, shadows, study, synth,
+    bench, export, guide, index, info, profile, raster, renamed, render, shadows, study, synth,
     terminal::Terminal, view,
 };
 use pointillist::error::Error;
@@ -16,6 +16,7 @@ Examples:
   pointillist render scan.laz -o out.png
   pointillist info scan.laz
   pointillist export scan.laz -o ground.laz --only ground
+  pointillist raster scan.laz -o surface.tif --resolution 0.5
   pointillist index huge.laz -o huge.pnti
   pointillist synth street -o street.laz --points 2000000
   pointillist COMMAND --help                               options and more examples";
@@ -41,6 +42,8 @@ enum Command {
     Shadows(shadows::Arguments),
     /// Write the points that filters and clip boxes leave to a file: LAS, LAZ, PLY, CSV
     Export(Box<export::Arguments>),
+    /// Write a map of heights, intensities, counts or colours: GeoTIFF, a cell by its points
+    Raster(Box<raster::Arguments>),
     /// Print what is in a file: counts, bounds and ranges of the points themselves
     Info(info::Arguments),
     /// Draw the points of a vertical slab between two places, or list them in a table
@@ -103,6 +106,7 @@ fn main() -> ExitCode {
         Command::Index(arguments) => index::run(arguments, &progress),
         Command::Shadows(arguments) => shadows::run(arguments, &progress),
         Command::Export(arguments) => export::run(arguments, &progress),
+        Command::Raster(arguments) => raster::run(arguments, &progress),
         Command::Info(arguments) => info::run(arguments, &progress),
         Command::Profile(arguments) => profile::run(arguments, &progress),
         Command::Synth(arguments) => synth::run(arguments, &progress),

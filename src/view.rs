@@ -5,6 +5,7 @@
 
 pub mod camera_path;
 pub mod light;
+pub mod map;
 
 use crate::error::{Error, Result};
 use glam::{DMat3, DVec3};
@@ -235,6 +236,28 @@ pub enum Preset {
     Fit,
 }
 
+/// Sides of [`Preset::Fit`], by the signs of its direction along x and y; the customary one first.
+const SIDES: [[f64; 2]; 4] = [[-1.0, 1.0], [1.0, 1.0], [1.0, -1.0], [-1.0, -1.0]];
+/// How much more than the customary side another must show to be chosen.
+const WORTH: f64 = 1.25;
+/// Cells across the longer side of a picture in which points are sought.
+const CELLS: f64 = 64.0;
+
+/// Returns the share of a picture's cells with points. A sheet seen edge-on is in few of them.
+fn seen_share(camera: &Camera, points: &[DVec3], size: [u32; 2]) -> f64 {
+    let long = size[0].max(size[1]) as f64;
+    let cells = size.map(|side| (side as f64 * CELLS / long).ceil() as usize);
+    let Ok(view) = View::new(*camera, size) else { return 0.0 };
+    let mut seen = vec![false; cells[0] * cells[1]];
+    for [x, y] in points.iter().filter_map(|&p| view.pixel(p)) {
+        let [x, y] = [x, y].map(|at| (at * CELLS / long) as usize);
+        if x < cells[0] && y < cells[1] {
+            seen[y * cells[0] + x] = true;
+        }
+    }
+    seen.iter().filter(|&&seen| seen).count() as f64 / seen.len() as f64
+}
+
 impl Camera {
     /// Returns a camera for which the points just fill the picture. No or one point is seen from a
     /// metre away.
@@ -244,25 +267,63 @@ impl Camera {
     /// ez, so the nearest eye is ex = (a - b) / 2, ez = -(a + b) / 2t; of the two ez the farther
     /// serves both.
     pub fn framing(preset: Preset, points: &[DVec3], size: [u32; 2]) -> Camera {
-        Camera::framing_beside(preset, points, size, 0.0)
+        Camera::framing_beside(preset, points, size, 0.0, DVec3::Z)
     }
 
-    /// Returns the camera after a turn around the vertical through its target, anticlockwise seen
+    /// Returns the camera after a turn around an axis through its target, anticlockwise seen
     /// from above `[rad]`.
-    pub fn turned(&self, angle: f64) -> Camera {
-        let turn = DMat3::from_rotation_z(angle);
+    pub fn turned(&self, up: DVec3, angle: f64) -> Camera {
+        let turn = DMat3::from_axis_angle(up, angle);
         let eye = self.target + turn * (self.eye - self.target);
         Camera { eye, up: turn * self.up, ..*self }
     }
 
     /// Returns the camera as [`Camera::framing`] for a picture whose left part (a share in 0..1) is
-    /// covered. The left and right planes then have different slopes, so ex = a + t_right ez = -b -
-    /// t_left ez, or the middle of the range that the farther ez allows.
+    /// covered, of points whose y or z axis points `up`.
     pub fn framing_beside(
         preset: Preset,
         points: &[DVec3],
         size: [u32; 2],
         covered: f64,
+        up: DVec3,
+    ) -> Camera {
+        // Exchanges and changes of signs are exact.
+        let turn = match up {
+            DVec3::Y => DMat3::from_cols(DVec3::X, DVec3::NEG_Z, DVec3::Y),
+            _ => DMat3::IDENTITY,
+        };
+        let points: Vec<DVec3> = points.iter().map(|&p| turn.transpose() * p).collect();
+        let camera = Camera::framing_side(preset, &points, size, covered, SIDES[0]);
+        let chosen = match preset {
+            Preset::Fit if !points.is_empty() => {
+                let shown = |camera: &Camera| seen_share(camera, &points, size);
+                let customary = shown(&camera);
+                SIDES[1..]
+                    .iter()
+                    .map(|&side| Camera::framing_side(preset, &points, size, covered, side))
+                    .map(|camera| (shown(&camera), camera))
+                    .filter(|(share, _)| *share > WORTH * customary)
+                    .max_by(|(a, _), (b, _)| a.total_cmp(b))
+                    .map_or(camera, |(_, camera)| camera)
+            }
+            _ => camera,
+        };
+        Camera {
+            eye: turn * chosen.eye,
+            target: turn * chosen.target,
+            up: turn * chosen.up,
+            ..chosen
+        }
+    }
+
+    /// Returns the camera of one side, by the signs of its direction along x and y; z is up. The left and right planes then have different slopes, so ex = a + t_right ez = -b -
+    /// t_left ez, or the middle of the range that the farther ez allows.
+    fn framing_side(
+        preset: Preset,
+        points: &[DVec3],
+        size: [u32; 2],
+        covered: f64,
+        side: [f64; 2],
     ) -> Camera {
         let (min, max) =
             points.iter().fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(min, max), &p| {
@@ -278,11 +339,8 @@ impl Camera {
             Preset::Iso => (DVec3::new(-1.0, 1.0, -0.816_496_580_927_726).normalize(), DVec3::Z),
             // The longer side lies across the picture; land is seen from higher up than objects.
             Preset::Fit => {
-                let along = if half.y > half.x {
-                    DVec3::new(-0.9, 0.436, 0.0)
-                } else {
-                    DVec3::new(-0.436, 0.9, 0.0)
-                };
+                let [x, y] = if half.y > half.x { [0.9, 0.436] } else { [0.436, 0.9] };
+                let along = DVec3::new(x * side[0], y * side[1], 0.0);
                 let down = if flat { 0.7 } else { 0.36 };
                 ((along.normalize() - DVec3::Z * down).normalize(), DVec3::Z)
             }
@@ -379,9 +437,14 @@ mod tests {
             })
             .collect();
         for preset in [Preset::Top, Preset::Front, Preset::Side, Preset::Iso, Preset::Fit] {
-            for (size, covered) in [([1920, 1080], 0.2), ([300, 900], 0.3), ([800, 600], 0.6)] {
-                let view = View::new(Camera::framing_beside(preset, &points, size, covered), size)
-                    .unwrap();
+            for (size, covered, up) in [
+                ([1920, 1080], 0.2, DVec3::Z),
+                ([300, 900], 0.3, DVec3::Y),
+                ([800, 600], 0.6, DVec3::Z),
+            ] {
+                let view =
+                    View::new(Camera::framing_beside(preset, &points, size, covered, up), size)
+                        .unwrap();
                 let pixels: Vec<_> = points.iter().map(|&p| view.pixel(p).unwrap()).collect();
                 let free = [[covered * size[0] as f64, size[0] as f64], [0.0, size[1] as f64]];
                 let mut most = 0.0f64;
@@ -398,11 +461,42 @@ mod tests {
                 assert!(most > 0.85, "{preset:?} {size:?} {covered}: {most}");
             }
         }
-        let whole = [0.0, 0.2]
-            .map(|covered| Camera::framing_beside(Preset::Fit, &points, [640, 480], covered));
+        let whole = [0.0, 0.2].map(|covered| {
+            Camera::framing_beside(Preset::Fit, &points, [640, 480], covered, DVec3::Z)
+        });
         assert!(
             whole[0] == Camera::framing(Preset::Fit, &points, [640, 480]) && whole[0] != whole[1]
         );
+    }
+
+    #[test]
+    fn a_slope_that_would_be_seen_edge_on_is_seen_from_another_side() {
+        let slope = |toward: DVec3| -> Vec<DVec3> {
+            (0..2500)
+                .map(|i| DVec3::new((i % 50) as f64, (i / 50) as f64, 0.0))
+                .map(|p| p + DVec3::Z * 0.7 * p.dot(toward))
+                .collect()
+        };
+        let side = |toward: DVec3| {
+            let camera = Camera::framing(Preset::Fit, &slope(toward), [640, 480]);
+            camera.eye - camera.target
+        };
+        // It rises away from the customary eye, or towards it.
+        assert!(side(DVec3::new(-0.44, 0.9, 0.0)).y < 0.0);
+        assert!(side(DVec3::new(0.44, -0.9, 0.0)).y > 0.0);
+    }
+
+    #[test]
+    fn points_with_y_up_are_framed_like_the_same_points_with_z_up() {
+        let points: Vec<_> =
+            (0..99).map(|i| DVec3::new((i % 9) as f64, (i % 7) as f64, (i % 11) as f64)).collect();
+        let turned: Vec<_> = points.iter().map(|p| DVec3::new(p.x, p.z, -p.y)).collect();
+        for preset in [Preset::Top, Preset::Front, Preset::Side, Preset::Iso, Preset::Fit] {
+            let camera = Camera::framing(preset, &points, [64, 48]);
+            let up = Camera::framing_beside(preset, &turned, [64, 48], 0.0, DVec3::Y);
+            assert_eq!(up.eye, DVec3::new(camera.eye.x, camera.eye.z, -camera.eye.y));
+            assert_eq!(up.up, DVec3::new(camera.up.x, camera.up.z, -camera.up.y));
+        }
     }
 
     #[test]

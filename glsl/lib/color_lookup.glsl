@@ -16,7 +16,7 @@ vec4 painted(uint word, float lo, float scale) {
     // Every station has a row of the table.
     uint row = (word >> 24) << 8;
     if (MODE == RGB) c = vec4(color_of(row | (word & 255u)).r, color_of(row | ((word >> 8) & 255u)).g, color_of(row | ((word >> 16) & 255u)).b, 1.0);
-    if (MODE == RAMP) c = color_of(uint(clamp((float(word) - lo) * scale, 0.0, 255.0)));
+    if (MODE == RAMP) c = color_of(row | uint(clamp((float(word & 0xFFFFFFu) - lo) * scale, 0.0, 255.0)));
     if (MODE == PALETTE) c = color_of(word & 255u);
     if (MODE == NORMAL) c = vec4(vec3(word & 255u, (word >> 8) & 255u, (word >> 16) & 255u) / 254.0, 1.0);
     if (MODE == CONSTANT) c = color_of(0u);

@@ -8,18 +8,18 @@
 
 // Follows resolve.comp: words of points are bytes of colour, or lie on a ramp of 256 greys.
 uvec3 shown_bytes(uint word, bool ramp, float lo, float scale) {
-    uint grey = uint(clamp((float(word) - lo) * scale, 0.0, 255.0));
+    uint grey = uint(clamp((float(word & 0xFFFFFFu) - lo) * scale, 0.0, 255.0));
     return ramp ? uvec3(grey) : uvec3(word & 255u, (word >> 8) & 255u, (word >> 16) & 255u);
 }
 
 // Returns the value of a point with this word.
-uint level_of(uint value, uint word, bool ramp) {
-    return imageLoad(levels, int((ramp ? 0u : word >> 24) << 8 | value)).r;
+uint level_of(uint value, uint word) {
+    return imageLoad(levels, int((word >> 24) << 8 | value)).r;
 }
 
 uvec3 levels_of(uint word, bool ramp, float lo, float scale) {
     uvec3 bytes = shown_bytes(word, ramp, lo, scale);
-    return uvec3(level_of(bytes.r, word, ramp), level_of(bytes.g, word, ramp), level_of(bytes.b, word, ramp));
+    return uvec3(level_of(bytes.r, word), level_of(bytes.g, word), level_of(bytes.b, word));
 }
 
 uint value_of(uvec3 bytes) {

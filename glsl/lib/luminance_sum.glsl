@@ -21,8 +21,8 @@ void four(uint pixel[4], float depth[4], uvec4 words) {
         count[k] = 1u;
         // More light is a greater value, so the largest channel stays the largest.
         uvec3 values = CHANNELS == 1u ? uvec3(value_of(bytes)) : bytes;
-        value[k].r = level_of(values.r, words[k], RAMP);
-        if (CHANNELS == 3u) value[k].gb = uvec2(level_of(values.g, words[k], RAMP), level_of(values.b, words[k], RAMP));
+        value[k].r = level_of(values.r, words[k]);
+        if (CHANNELS == 3u) value[k].gb = uvec2(level_of(values.g, words[k]), level_of(values.b, words[k]));
     }
     // Points are in Morton order, so many neighbours are in the same pixel and share one atomic.
     for (uint k = 1u; k < 4u; ++k) {

@@ -139,7 +139,12 @@ impl App {
             .find(|path| !self.pending_saves.contains(path))
             .expect("numbers do not end");
         self.pending_saves.push(path.clone());
-        self.post(Message::Save { path, size: self.ui.save_size.of(self.size()), layers });
+        let size = self.ui.save_size.of(self.size());
+        let view = View::new(self.navigation.camera, size).ok();
+        let over = view
+            .zip(self.ui.named(&self.scene))
+            .map(|(view, named)| self.ui.annotations.overlay(&view, &named));
+        self.post(Message::Save { path, size, layers, over: Box::new(over.unwrap_or_default()) });
     }
 
     fn save_profile(&mut self) {

@@ -184,6 +184,7 @@ impl App {
             self.load.last = Some(info.request.clone());
         }
         self.navigation.set_subject(subject);
+        self.navigation.clips = self.scene.clips.clone();
         // If the camera has not moved since the sample, the whole is framed as `render` does.
         if !self.framing.chosen || self.framing.sample_camera.take() == Some(self.navigation.camera)
         {

@@ -74,6 +74,9 @@ impl App {
         let before = self.navigation.camera;
         let early = input.is_a_view()
             && (!self.framing.chosen || self.framing.sample_camera == Some(before));
+        if let Input::Look { .. } = input {
+            self.navigation.clips = self.scene.clips.clone();
+        }
         self.navigation.handle(input);
         if View::new(self.navigation.camera, self.size()).is_err() {
             // The camera would be beyond what f64 can express.

@@ -14,11 +14,11 @@ const PARTS: u32 = 64;
 pub fn ramp(ui: &mut Ui, shown: &DisplayAttribute, reference: &Reference) {
     let Some(ends) = shown.ends() else { return };
     let (all, _) = ui.allocate_exact_size(vec2(ui.available_width(), SIDE), Sense::hover());
-    let [lo, hi] = shown.stretch;
+    let [lo, hi] = shown.ramp_words();
     let x = |part: u32| all.left() + all.width() * part as f32 / PARTS as f32;
     for part in 0..PARTS {
-        let word = lo + ((hi - lo) as u64 * part as u64 / (PARTS - 1) as u64) as u32;
-        let [r, g, b] = colormap::color_of(shown, word);
+        let word = lo + (hi - lo) * part as f64 / (PARTS - 1) as f64;
+        let [r, g, b] = colormap::ramp_color(shown, word);
         let rect = Rect::from_min_max(pos2(x(part), all.top()), pos2(x(part + 1), all.bottom()));
         ui.painter().rect_filled(rect, 0.0, Color32::from_rgb(r, g, b));
     }

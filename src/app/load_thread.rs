@@ -5,6 +5,7 @@ use super::navigation::Subject;
 use crate::cloud::attribute::{Attribute, DisplayAttribute, ExtraAttributes};
 use crate::cloud::crs::Reference;
 use crate::cloud::histograms::Histograms;
+use crate::cloud::up::Up;
 use crate::cloud::{ColumnSet, ReadOptions, Station};
 use crate::error::{Error, Result};
 use crate::index::attributes::strokes::StrokeCache;
@@ -54,6 +55,8 @@ pub struct Categories {
     pub stations: Vec<Station>,
     /// Coordinate system and units.
     pub reference: Reference,
+    /// The axis that points up.
+    pub up: Up,
 }
 
 impl Categories {
@@ -64,6 +67,7 @@ impl Categories {
             returns,
             stations: source.stations().to_vec(),
             reference: source.reference(),
+            up: source.up(),
         }
     }
 }
@@ -150,7 +154,8 @@ pub fn start(
           -> Result<LoadedCloud> {
         source.find(color, progress)?;
         let (mut shown, why_shown) = source.shown(color)?;
-        let (categories, subject) = (Categories::of(&source), Subject::of(source.core_points()));
+        let (categories, subject) =
+            (Categories::of(&source), Subject::of(source.core_points(), source.up().axis()));
         let further = if let Source::Index(_) = source { further } else { of_files };
         shown.further =
             ExtraAttributes { normal: source.has_normals(), light: source.has_light(), ..further };

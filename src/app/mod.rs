@@ -84,6 +84,7 @@ pub fn run(options: Options, progress: &dyn Progress) -> Result<Summary> {
         ui: UiState {
             path: options.path.clone(),
             save_size: options.save_size,
+            annotations: options.annotations.clone(),
             ..UiState::default()
         },
         window_title: String::new(),

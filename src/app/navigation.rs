@@ -10,6 +10,7 @@
 //!
 //! The keys W A S D, Q and E fly in all modes.
 
+use crate::select::clip::Clips;
 use crate::view::{Basis, Camera, Preset, Projection, View};
 use glam::{DQuat, DVec2, DVec3};
 use std::f64::consts::{FRAC_PI_2, PI};
@@ -134,10 +135,12 @@ pub struct Subject {
     pub centre: DVec3,
     /// Half of the diagonal `[m]`.
     pub radius: f64,
+    /// The vertical axis.
+    pub up: DVec3,
 }
 
 impl Subject {
-    pub fn of(core: Vec<DVec3>) -> Subject {
+    pub fn of(core: Vec<DVec3>, up: DVec3) -> Subject {
         let (min, max) =
             core.iter().fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(min, max), &p| {
                 (min.min(p), max.max(p))
@@ -147,7 +150,8 @@ impl Subject {
         } else {
             ((min + max) / 2.0, ((max - min) / 2.0).length())
         };
-        Subject { core: Arc::new(core), centre, radius: if radius > 0.0 { radius } else { 1.0 } }
+        let radius = if radius > 0.0 { radius } else { 1.0 };
+        Subject { core: Arc::new(core), centre, radius, up }
     }
 }
 
@@ -203,6 +207,8 @@ pub struct Navigation {
     /// Speed of flight [m/s].
     pub speed: f64,
     subject: Subject,
+    /// Boxes that leave the points to frame.
+    pub clips: Clips,
     /// Size of the window `[px]`.
     size: [u32; 2],
     drag: Option<Drag>,
@@ -214,7 +220,7 @@ pub struct Navigation {
 
 impl Navigation {
     pub fn new(style: NavigationStyle, size: [u32; 2]) -> Navigation {
-        let subject = Subject::of(Vec::new());
+        let subject = Subject::of(Vec::new(), DVec3::Z);
         let camera = Camera::framing(Preset::Fit, &[], size);
         Navigation {
             camera,
@@ -222,6 +228,7 @@ impl Navigation {
             style,
             speed: SPEED * subject.radius,
             subject,
+            clips: Clips::default(),
             size,
             drag: None,
             held: Vec::new(),
@@ -288,7 +295,12 @@ impl Navigation {
             }
             Input::Look { from, covered_px } => {
                 let covered = (covered_px / self.size[0] as f64).clamp(0.0, MOST_COVERED);
-                self.camera = Camera::framing_beside(from, &self.subject.core, self.size, covered);
+                let Subject { core, up, .. } = &self.subject;
+                // What clip boxes leave; all, if they leave nothing.
+                let kept: Vec<DVec3> =
+                    core.iter().copied().filter(|&p| self.clips.keep(p)).collect();
+                let framed = if kept.is_empty() { &**core } else { &kept };
+                self.camera = Camera::framing_beside(from, framed, self.size, covered, *up);
             }
             Input::Project { onto } => self.project(onto),
             Input::OtherProjection => self.project(match self.camera.projection {
@@ -313,8 +325,8 @@ impl Navigation {
             Direction::Back => -forward,
             Direction::Right => right,
             Direction::Left => -right,
-            Direction::Up => DVec3::Z,
-            Direction::Down => -DVec3::Z,
+            Direction::Up => self.subject.up,
+            Direction::Down => -self.subject.up,
         };
         let direction: DVec3 = self.held.iter().map(along).sum();
         let step = direction.normalize_or_zero() * self.speed * seconds;
@@ -434,9 +446,10 @@ impl Navigation {
     fn turn(&mut self, about: DVec3, around: f64, over: f64) {
         let Basis { right, up, forward } = self.basis();
         // Sine and cosine together, since the sine alone is imprecise near the top.
-        let elevation = forward.z.atan2(up.z);
+        let vertical = self.subject.up;
+        let elevation = forward.dot(vertical).atan2(up.dot(vertical));
         let over = (elevation + over).clamp(-FRAC_PI_2, FRAC_PI_2) - elevation;
-        let turn = DQuat::from_axis_angle(DVec3::Z, around) * DQuat::from_axis_angle(right, over);
+        let turn = DQuat::from_axis_angle(vertical, around) * DQuat::from_axis_angle(right, over);
         self.camera.eye = about + turn * (self.camera.eye - about);
         self.camera.target = about + turn * (self.camera.target - about);
         self.camera.up = (turn * up).normalize();
@@ -452,8 +465,9 @@ impl Navigation {
     /// [`Self::bring_under`].
     fn grab(&mut self, point: DVec3, to: DVec2) {
         let (origin, direction) = self.view().ray(to.x, to.y);
-        let along = (point.z - origin.z) / direction.z;
-        let grazing = direction.z.abs() < GRAZING * direction.length();
+        let (way, descent) = (point - origin, direction.dot(self.subject.up));
+        let along = way.dot(self.subject.up) / descent;
+        let grazing = descent.abs() < GRAZING * direction.length();
         if grazing || along <= 0.0 || !along.is_finite() {
             return self.bring_under(point, to);
         }

@@ -4,6 +4,7 @@ use super::navigation::NavigationStyle;
 use super::panel::SaveSize;
 use crate::cloud::attribute::ExtraAttributes;
 use crate::gpu::DeviceOptions;
+use crate::output::annotations::Annotations;
 use crate::render::scene::Scene;
 use crate::render::source::OpenOptions;
 use crate::view::camera_path::CameraPath;
@@ -20,6 +21,8 @@ pub struct Options {
     pub further: ExtraAttributes,
     /// The scene to draw, apart from the camera.
     pub scene: Scene,
+    /// What is drawn in the picture.
+    pub annotations: Annotations,
     /// View if there is no camera.
     pub preset: Preset,
     pub camera: Option<Camera>,

@@ -11,9 +11,13 @@ use super::render_thread::Loading;
 use super::{clip_box_widget, legend, light_widget};
 use crate::cloud::Station;
 use crate::cloud::attribute::{Attribute, DisplayAttribute, class_name};
-use crate::passes::{Choice, EffectDecisions, Listed, Setting, Switch, Value};
+use crate::cloud::color_scale::{ColorScale, Ramp};
+use crate::cloud::histograms::Histograms;
+use crate::output::annotations::{Annotations, Shown};
+use crate::passes::{Choice, EffectDecisions, Effects, Listed, Setting, Switch, Value};
 use crate::present::overlay::Overlay;
 use crate::render::scene::Scene;
+use crate::render::settings::Style;
 use crate::select::lod::LodOptions;
 use crate::select::opacity::{Opacities, Rule, What};
 use crate::view::View;
@@ -33,6 +37,8 @@ use winit::window::Window;
 /// State that the panel shows and edits, besides the scene.
 #[derive(Default)]
 pub struct UiState {
+    /// What is drawn in the picture.
+    pub annotations: Annotations,
     /// Names of the open files.
     pub title: String,
     /// Work in progress, or its last result.
@@ -233,6 +239,10 @@ impl Panel {
         let output = context.run_ui(input, |ui| {
             if let Some(view) = view {
                 measure_overlay(ui, &state.measure, view);
+                if let Some(named) = state.named(scene).filter(|_| !state.annotations.is_empty()) {
+                    let painter = ui.ctx().layer_painter(egui::LayerId::background());
+                    state.annotations.draw(&painter, ui.ctx().content_rect(), view, &named);
+                }
             }
             let tall = ui.ctx().content_rect().height() - 60.0;
             if let Some(view) = view.filter(|_| !state.hidden) {
@@ -315,8 +325,10 @@ fn contents(
             actions.push(Action::Help);
         }
     });
+    style(ui, &mut scene.settings.effects);
     picked(ui, state, actions);
     color(ui, state, scene);
+    annotations(ui, &mut state.annotations);
     filters(ui, state, &mut scene.opacities);
     let mut added = false;
     clip_box_widget::list(ui, &mut scene.clips, &mut added);
@@ -375,6 +387,22 @@ fn contents(
             .clicked()
         {
             actions.push(Action::LoadScene);
+        }
+    });
+}
+
+/// Chooses how points are drawn. Strokes need what is computed while a cloud is loaded, so they are
+/// offered only where they are drawn.
+fn style(ui: &mut Ui, effects: &mut Effects) {
+    ui.horizontal(|ui| {
+        let current = effects.style();
+        for &style in Style::value_variants() {
+            let is_offered = style != Style::Strokes || current == Some(Style::Strokes);
+            let name = style.to_possible_value().expect("no style is hidden");
+            if is_offered && ui.selectable_label(current == Some(style), name.get_name()).clicked()
+            {
+                effects.set_style(style);
+            }
         }
     });
 }
@@ -449,11 +477,79 @@ fn color(ui: &mut Ui, state: &UiState, scene: &mut Scene) {
         combo.response.on_hover_text(format!("because {}", state.why_shown));
     }
     if let Some(shown) = &state.shown {
-        legend::ramp(ui, shown, &state.categories.reference);
+        let mut shown = *shown;
+        shown.scale = scene.scale;
+        legend::ramp(ui, &shown, &state.categories.reference);
+        scale(ui, &shown, &mut scene.scale);
     }
     ui.horizontal(|ui| {
         ui.color_edit_button_srgb(&mut scene.settings.background);
         ui.label("background");
+    });
+}
+
+impl UiState {
+    /// Returns what annotations name of the displayed cloud, if there is one.
+    pub fn named(&self, scene: &Scene) -> Option<Shown> {
+        let mut attribute = self.shown?;
+        attribute.scale = scene.scale;
+        let Categories { classes, returns, stations, reference, up } = self.categories.clone();
+        let counts = Histograms { classes, returns };
+        Some(Shown { attribute, reference, up, counts, stations })
+    }
+}
+
+/// Chooses what is drawn in the picture, as `--title` and its like do.
+fn annotations(ui: &mut Ui, own: &mut Annotations) {
+    CollapsingHeader::new("in the picture").show(ui, |ui| {
+        ui.horizontal(|ui| {
+            let mut title = own.title.take().unwrap_or_default();
+            ui.label("title");
+            ui.text_edit_singleline(&mut title);
+            own.title = Some(title).filter(|title| !title.is_empty());
+        });
+        ui.horizontal_wrapped(|ui| {
+            ui.checkbox(&mut own.legend, "legend");
+            ui.checkbox(&mut own.scale_bar, "scale bar");
+            ui.checkbox(&mut own.north_arrow, "north arrow");
+            ui.checkbox(&mut own.axes, "axes");
+        });
+    });
+}
+
+/// Edits how numbers and channels become colours.
+fn scale(ui: &mut Ui, shown: &DisplayAttribute, scale: &mut ColorScale) {
+    if let Some(mut ends) = shown.ends() {
+        let [lo, hi] = ends;
+        let speed = ((hi - lo) / 200.0).max(1e-6);
+        ui.horizontal(|ui| {
+            let [low, high] = &mut ends;
+            ui.add(DragValue::new(low).range(f64::MIN..=hi.next_down()).speed(speed));
+            ui.add(DragValue::new(high).range(lo.next_up()..=f64::MAX).speed(speed));
+            if ends != [lo, hi] {
+                scale.range = Some(ends);
+            }
+            if scale.range.is_some() && ui.button("auto").clicked() {
+                scale.range = None;
+            }
+            let name = |ramp: Ramp| format!("{ramp:?}").to_lowercase();
+            ComboBox::from_id_salt("ramp").selected_text(name(shown.ramp())).show_ui(ui, |ui| {
+                for &ramp in Ramp::value_variants() {
+                    ui.selectable_value(&mut scale.ramp, Some(ramp), name(ramp));
+                }
+            });
+        });
+    }
+    if shown.attribute.is_label() {
+        return;
+    }
+    CollapsingHeader::new("brightness").show(ui, |ui| {
+        ui.add(Slider::new(&mut scale.brightness, -1.0..=1.0).text("brightness"));
+        ui.add(Slider::new(&mut scale.contrast, 0.0..=4.0).text("contrast"));
+        ui.add(Slider::new(&mut scale.gamma, 0.2..=5.0).logarithmic(true).text("gamma"));
+        if ui.button("reset").clicked() {
+            *scale = ColorScale { ramp: scale.ramp, range: scale.range, ..ColorScale::default() };
+        }
     });
 }
 

@@ -309,7 +309,7 @@ impl RenderLoop {
                     ))));
                 }
             }
-            Message::Save { path, size, layers } => self.save(path, size, layers)?,
+            Message::Save { path, size, layers, over } => self.save(path, size, layers, *over)?,
             Message::Close => {}
         }
         Ok(())

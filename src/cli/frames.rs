@@ -16,6 +16,7 @@ use crate::render::settings::FrameConfig;
 use crate::render::source::Source;
 use crate::view::camera_path::CameraPath;
 use crate::view::{Camera, View};
+use glam::DVec3;
 use std::path::{Path, PathBuf};
 
 /// Digits of a frame's number at least, so that names sort like numbers.
@@ -70,11 +71,11 @@ impl Cameras {
     }
 
     /// Returns the camera of a frame, counted from 0.
-    fn camera(&self, number: u64, first: &Camera) -> Camera {
+    fn camera(&self, number: u64, first: &Camera, up: DVec3) -> Camera {
         match self {
             Cameras::Path(path) => path.frame(number),
             Cameras::Turntable(frames) => {
-                first.turned(std::f64::consts::TAU * number as f64 / *frames as f64)
+                first.turned(up, std::f64::consts::TAU * number as f64 / *frames as f64)
             }
         }
     }
@@ -130,8 +131,12 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
     let mut film = film.map(create).transpose()?;
     let settings = options.settings()?;
     let source = Source::open(&arguments.files, &options.opening(arguments.strict), progress)?;
-    source.notes(options.further()).iter().for_each(|note| eprintln!("pointillist: note: {note}"));
+    let notes = source.notes(options.further()).into_iter();
+    notes
+        .chain(source.clipped_away(&options.clips()))
+        .for_each(|note| eprintln!("pointillist: note: {note}"));
     let (shown, _) = options.shown(&source)?;
+    let (named, annotations) = (options.named(&source, shown)?, options.report.annotations());
     let first = match &cameras {
         Cameras::Path(path) => path.frame(0),
         Cameras::Turntable(_) => options.view(&source)?.camera,
@@ -139,10 +144,11 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
     let mut gpu = Gpu::open(&arguments.device.to_options())?;
     let mut cloud = source.upload(&mut gpu, shown, options.detail.pool_bytes(), progress)?;
     cloud.set_filters(options.opacities(), options.clips());
+    cloud.set_scale(options.scale.scale()?);
     let mut said = Vec::new();
     for number in missing {
         let frames = Whole { progress, doing: "drawing frames", done: number, total };
-        let view = View::new(cameras.camera(number, &first), size)
+        let view = View::new(cameras.camera(number, &first, DVec3::AXES[named.up.index()]), size)
             .map_err(|error| Error::Request(format!("frame {}: {error}", number + 1)))?;
         // Every note once, for the first frame that it concerns.
         let mut say = |note: String| {
@@ -169,10 +175,14 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
                 Downloads::ask(g, outcome, picture, layers)
             })?;
         done.notes.into_iter().for_each(&mut say);
+        let (png, exr) = (png(number), exr(number));
+        let over = annotations.overlay(&view, &named);
         if let Some(film) = &mut film {
-            film.write(&done.asked.pixels(&done.frame))?;
+            let mut pixels = done.asked.pixels(&done.frame);
+            over.blend(&mut pixels, size[0] as usize, 0);
+            film.write(&pixels)?;
         }
-        done.asked.write(&done.frame, size, png(number).as_deref(), exr(number).as_deref())?;
+        done.asked.write(&done.frame, size, png.as_deref(), exr.as_deref(), over)?;
     }
     progress.tick("drawing frames", total, total)?;
     if let Some(film) = film {

@@ -11,6 +11,7 @@ pub mod indexed_info;
 pub mod info;
 pub mod options;
 pub mod profile;
+pub mod raster;
 pub mod renamed;
 pub mod render;
 pub mod shadows;

@@ -3,15 +3,18 @@
 use super::filters::{ClipOptions, FilterOptions};
 use super::units::{Bytes, Size};
 use crate::cloud::attribute::{Attribute, DisplayAttribute, ExtraAttributes};
+use crate::cloud::color_scale::{ColorScale, Ramp};
 use crate::cloud::filter::Filter;
 use crate::cloud::rgb_range::RgbRange;
 use crate::cloud::strays::Treatment;
 use crate::cloud::table::{Columns, Delimiter, TextOptions};
+use crate::cloud::up::{Up, UpOption};
 use crate::cloud::{ColumnSet, ReadOptions};
 use crate::config;
 use crate::error::{Error, Result};
 use crate::gpu;
 use crate::index::cache;
+use crate::output::annotations::{Annotations, Shown};
 use crate::passes::phong::Normals;
 use crate::passes::project::Precision;
 use crate::passes::splat::PointSize;
@@ -37,6 +40,84 @@ pub struct ColorOptions {
     pub rgb_range: Option<RgbRange>,
 }
 
+/// How numbers and channels of colours become colours.
+#[derive(clap::Args, Clone, Copy, Debug)]
+#[command(next_help_heading = "Colours")]
+pub struct ScaleOptions {
+    /// Ramp of heights and intensities [default: terrain, grey]
+    #[arg(long, value_enum)]
+    pub ramp: Option<Ramp>,
+    /// Values at its ends, or of channels up to 255 [default: the 2nd and 98th percentile]
+    #[arg(long, value_name = "LOW,HIGH", value_parser = range, allow_hyphen_values = true)]
+    pub range: Option<Range>,
+    /// Added to colours and places on the ramp, -1 to 1
+    #[arg(long, value_name = "NUMBER", default_value_t = 0.0, allow_hyphen_values = true)]
+    pub brightness: f64,
+    /// Slope of colours about the middle grey
+    #[arg(long, value_name = "NUMBER", default_value_t = 1.0, allow_hyphen_values = true)]
+    pub contrast: f64,
+    /// Above 1 brightens what is dark, and keeps black and white
+    #[arg(long, value_name = "NUMBER", default_value_t = 1.0, allow_hyphen_values = true)]
+    pub gamma: f64,
+}
+
+/// What a report needs in a picture; never in --exr.
+#[derive(clap::Args, Clone, Debug, Default)]
+#[command(next_help_heading = "In the picture, for reports")]
+pub struct ReportOptions {
+    /// Title at the top
+    #[arg(long, value_name = "TEXT")]
+    pub title: Option<String>,
+    /// Colours of the numbers or labels that points show
+    #[arg(long)]
+    pub legend: bool,
+    /// Bar of a round length, at the depth of the centre
+    #[arg(long)]
+    pub scale_bar: bool,
+    /// Arrow to the north
+    #[arg(long)]
+    pub north_arrow: bool,
+    /// Coordinates along the edges of maps, in other views the axes
+    #[arg(long)]
+    pub axes: bool,
+}
+
+impl ReportOptions {
+    pub fn annotations(&self) -> Annotations {
+        let ReportOptions { title, legend, scale_bar, north_arrow, axes } = self.clone();
+        Annotations { title, legend, scale_bar, north_arrow, axes }
+    }
+}
+
+/// The ends of a ramp.
+#[derive(Clone, Copy, Debug)]
+pub struct Range(pub [f64; 2]);
+
+fn range(text: &str) -> std::result::Result<Range, String> {
+    let numbers: Option<Vec<f64>> =
+        text.split(',').map(|number| number.trim().parse().ok()).collect();
+    match numbers.as_deref() {
+        Some(&[lo, hi]) if lo < hi && (hi - lo).is_finite() => Ok(Range([lo, hi])),
+        _ => Err(format!("{text:?} is not a range; give a smaller and a larger number: 20,30")),
+    }
+}
+
+impl ScaleOptions {
+    pub fn scale(&self) -> Result<ColorScale> {
+        let ScaleOptions { ramp, range, brightness, contrast, gamma } = *self;
+        let range = range.map(|Range(ends)| ends);
+        let scale = ColorScale { ramp, range, brightness, contrast, gamma };
+        scale.checked().map_err(|why| Error::Request(format!("--{why}")))
+    }
+}
+
+impl From<ColorScale> for ScaleOptions {
+    fn from(scale: ColorScale) -> ScaleOptions {
+        let ColorScale { ramp, range, brightness, contrast, gamma } = scale;
+        ScaleOptions { ramp, range: range.map(Range), brightness, contrast, gamma }
+    }
+}
+
 #[derive(clap::Args, Clone, Debug)]
 #[command(next_help_heading = "Picture")]
 pub struct PictureOptions {
@@ -47,13 +128,15 @@ pub struct PictureOptions {
     /// ortho_height
     #[arg(long, value_name = "CAM.json", conflicts_with = "view")]
     pub camera: Option<PathBuf>,
-    /// Scene file, as the window saves it: camera, color, effects, opacity, filters, clip
-    /// boxes, light, background
-    #[arg(long, value_name = "SCENE.json", conflicts_with_all = ["camera", "view", "color", "effect", "style", "point_size", "light", "layer", "opacity", "only", "not", "clip", "background"])]
+    /// Scene file, as the window saves it, in place of --camera and of looks
+    #[arg(long, value_name = "SCENE.json", conflicts_with_all = ["camera", "view", "color", "effect", "style", "point_size", "light", "layer", "opacity", "only", "not", "clip", "background", "ramp", "range", "brightness", "contrast", "gamma"])]
     pub scene: Option<PathBuf>,
     /// Where to look from if no --camera is given
     #[arg(long, value_enum, default_value_t = Preset::Fit)]
     pub view: Preset,
+    /// Axis of the coordinates that points up
+    #[arg(long, value_enum, default_value_t = UpOption::Auto)]
+    pub up: UpOption,
     /// What the points show [default: rgb if the files have it, else intensity if it varies, else
     /// elevation]
     #[arg(long, value_enum)]
@@ -71,28 +154,25 @@ pub struct PictureOptions {
     /// Light: headlight; direction:X,Y,Z in which it travels; position:X,Y,Z in metres; world coordinates
     #[arg(long, value_name = "KIND[:X,Y,Z]", default_value_t, allow_hyphen_values = true)]
     pub light: Light,
-    /// Layer distance: surfaces nearer to each other than this are one surface, for
-    /// fill=method=mask, transparency and shadows [default: four point spacings, or four pixels if
-    /// those are wider; shadows: the least that keeps a surface from shading itself]
+    /// Layer distance: surfaces nearer to each other are one, for fill=method=mask, transparency and
+    /// shadows [default: four spacings of points or pixels]
     #[arg(long, value_name = "METRES", value_parser = metres, allow_hyphen_values = true)]
     pub layer: Option<f64>,
-    /// Opacity, 0 to 1, of all points or of those of a class, return number, station (its name,
-    /// `source N`, or its number in the list of `info`) or file; opacities of a point multiply; 0
-    /// hides it. Repeatable
+    /// Opacity, 0 to 1, of all points or those of a class, return number, station (as in `info`) or
+    /// file; they multiply, and 0 hides. Repeatable
     #[arg(
         long,
         value_name = "[class:N|return:N|station:S|file:F=]OPACITY",
         allow_hyphen_values = true
     )]
     pub opacity: Vec<Rule>,
-    /// Whether to draw points far outside of all others; they never change bounds or spacings
+    /// Whether to draw points far outside of all others
     #[arg(long, value_enum, default_value_t)]
     pub strays: Treatment,
     /// Colour behind the points, sRGB
     #[arg(long, value_name = "RRGGBB", default_value_t = Background(config::BACKGROUND))]
     pub background: Background,
-    /// Memory for lists and fragments of strokes [default: 512MiB];
-    /// a picture that needs more is painted in parts, with a note
+    /// Memory for fragments of strokes [default: 512MiB]; beyond it a picture is painted in parts
     #[arg(long, value_name = "BYTES", value_parser = abuffer)]
     pub abuffer_memory: Option<Bytes>,
     #[command(flatten)]
@@ -101,6 +181,10 @@ pub struct PictureOptions {
     pub filters: FilterOptions,
     #[command(flatten)]
     pub clips: ClipOptions,
+    #[command(flatten)]
+    pub scale: ScaleOptions,
+    #[command(flatten)]
+    pub report: ReportOptions,
     #[command(flatten)]
     pub detail: DetailOptions,
     #[command(flatten)]
@@ -114,20 +198,17 @@ pub struct PictureOptions {
 #[derive(clap::Args, Clone, Debug)]
 #[command(next_help_heading = "Large clouds")]
 pub struct DetailOptions {
-    /// Most points to draw [default: 4 a pixel, at least a million]; beyond it, nodes are drawn
-    /// coarser, starting where it shows least
+    /// Most points to draw [default: 4 a pixel, at least a million]; beyond it, nodes are coarser
     #[arg(long, alias = "budget", value_name = "POINTS")]
     pub point_budget: Option<u64>,
     /// Refine until samples are this near to each other [default: 1]; 0 draws all points within
-    /// --point-budget, 4 a sixteenth as many, with gaps
+    /// --point-budget
     #[arg(long, value_name = "PIXELS", value_parser = pixels)]
     pub lod: Option<f64>,
-    /// Device memory for nodes of an index [default: 1GiB]; a picture that needs more is drawn
-    /// coarser, with a note
+    /// Device memory for nodes of an index [default: 1GiB]; beyond it a picture is coarser
     #[arg(long, alias = "pool", value_name = "BYTES")]
     pub gpu_memory: Option<Bytes>,
-    /// Folder for indexes of files that are too large to be drawn whole, or are drawn with
-    /// --point-budget or --lod [default: pointillist in the user's cache folder]
+    /// Folder for indexes of large files [default: pointillist in the user's cache folder]
     #[arg(long, value_name = "FOLDER")]
     pub cache_dir: Option<PathBuf>,
     /// Keep no index; build it again each time
@@ -236,7 +317,8 @@ impl PictureOptions {
     /// Returns the options with those that `--scene` holds in their place.
     pub fn with_scene(&self) -> Result<PictureOptions> {
         let Some(path) = &self.scene else { return Ok(self.clone()) };
-        let Scene { camera, color, settings, opacities, filter, clips, lod } = Scene::read(path)?;
+        let Scene { camera, color, scale, settings, opacities, filter, clips, lod } =
+            Scene::read(path)?;
         let effect = settings.effects.clone().list().iter().map(ToString::to_string).collect();
         let (light, background, layer) = (
             settings.light,
@@ -254,6 +336,7 @@ impl PictureOptions {
         Ok(PictureOptions {
             saved_camera: Some(camera),
             color,
+            scale: scale.into(),
             effect,
             light,
             background,
@@ -267,6 +350,8 @@ impl PictureOptions {
     }
 
     pub fn settings(&self) -> Result<RenderSettings> {
+        // Wrong numbers are refused before anything is read.
+        self.scale.scale()?;
         let usual = if self.point_size.is_some() { Style::Splats } else { Style::Surface };
         let style = self.style.unwrap_or(usual);
         let mut effects = Effects::of(style);
@@ -334,6 +419,7 @@ impl PictureOptions {
             text: self.text.options(),
             rgb_range: self.colors.rgb_range,
             strays: self.strays,
+            up: self.up,
             ..ReadOptions::new(self.wanted(), strict)
         }
     }
@@ -370,11 +456,36 @@ impl PictureOptions {
         self.camera.as_deref().map(read_camera).transpose().map(|read| read.or(self.saved_camera))
     }
 
+    /// Returns what annotations name of a picture.
+    pub fn named(&self, source: &Source, mut attribute: DisplayAttribute) -> Result<Shown> {
+        let up = source.up();
+        if self.report.north_arrow && up != Up::Z {
+            return Err(Error::Request(
+                "--north-arrow: y points up, so north is unknown; leave it out, or give --up z"
+                    .into(),
+            ));
+        }
+        attribute.scale = self.scale.scale()?;
+        Ok(Shown {
+            attribute,
+            reference: source.reference(),
+            up,
+            counts: source.counts().unwrap_or_default(),
+            stations: source.stations().to_vec(),
+        })
+    }
+
     /// Returns the view: from the given camera, or one that frames the cloud.
     pub fn view(&self, source: &Source) -> Result<View> {
         let camera = match self.camera()? {
             Some(camera) => camera,
-            None => Camera::framing(self.view, &source.core_points(), self.size.0),
+            None => Camera::framing_beside(
+                self.view,
+                &source.framed_points(&self.clips()),
+                self.size.0,
+                0.0,
+                source.up().axis(),
+            ),
         };
         View::new(camera, self.size.0)
     }

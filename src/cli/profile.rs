@@ -136,9 +136,9 @@ impl Arguments {
         };
         let attribute = self.color.unwrap_or(usual);
         let name = attribute.name();
-        if attribute == Attribute::Corrected {
+        if matches!(attribute, Attribute::Corrected | Attribute::Time) {
             return Err(Error::Request(
-                "--color corrected: a profile shows the colours of the files; use --color rgb"
+                "--color corrected and time are not drawn in profiles; use another, such as rgb"
                     .into(),
             ));
         }

@@ -3,11 +3,17 @@
 use super::files::{check_extension, refuse_to_overwrite};
 use super::frames;
 use super::options::{DeviceOptions, PictureOptions};
+use super::raster::note_system;
+use super::units::LARGEST_SIDE;
 use crate::atomic_file::AtomicFile;
+use crate::cloud::crs::Crs;
 use crate::error::{Error, Result};
 use crate::graph::{CompletedSubmission, Gpu, Graph};
 use crate::output::export::Downloads;
+use crate::output::geotiff::{self, Map, Sample};
+use crate::output::overlay::Overlay;
 use crate::output::tiled::{self, PictureRequest};
+use crate::output::world_file;
 use crate::passes::phong::{self, Backfaces};
 use crate::passes::project::{self, Statistics};
 use crate::passes::tile_stats::{self, Counts};
@@ -17,27 +23,28 @@ use crate::render::frame::{self, Done};
 use crate::render::settings::FrameConfig;
 use crate::render::source::{GpuCloud, SelectionReport, Source};
 use crate::resident::Resident;
-use crate::view::View;
-use std::path::PathBuf;
+use crate::view::map::{self, Extent, MapGrid};
+use crate::view::{Preset, View};
+use glam::DVec3;
+use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 const EXAMPLES: &str = "\
 Examples:
   pointillist render scan.laz -o out.png
-  pointillist render north.laz south.laz -o both.png --color source --view top
   pointillist render scan.e57 -o out.png --camera cam.json --size 3840x2160 --exr out.exr
   pointillist render scan.laz -o out.png --effect edl=on,strength=0.5,radius=2 --background ffffff
   pointillist render scan.laz -o out.png --opacity class:6=0.3 --opacity class:5=0    glass roofs, no trees
   pointillist render scan.laz -o out.png --clip box:10,-5,0,14,5,3 --clip outside:11,-1,0,12,1,3    a room, without its table
   pointillist render scan.laz -o out.png --only ground       also building, class=2,6, return=last, z=10..20
   pointillist render scan.laz -o out.png --not noise --where intensity=100..2000
-  pointillist render scan.laz -o out.png --explain --timings
+  pointillist render scan.laz -o map.png --view top --color elevation --legend --scale-bar --axes
   pointillist render scan.laz -o poster.png --size 40000x20000    in tiles, without seams
   pointillist render scan.laz -o out.png --scene scene.json  a scene saved by the window
   pointillist render scan.laz -o tour.png --path tour.json   tour-0001.png and so on, along a camera path
   pointillist render scan.laz -o tour.mp4 --path tour.json   the same as a film; needs ffmpeg
   pointillist render scan.laz -o turn.webm --turntable 120 --fps 30    also .mp4, .apng, or .png for frames
-  pointillist render site.pnti -o out.png --lod 2          an index: coarser, and reads less
+  pointillist render scan.laz -o map.tif --view top --resolution 0.25    a map, GeoTIFF or PNG with map.pgw; heights: raster
   pointillist render huge.las -o out.png                   indexed first; the index is kept";
 
 #[derive(clap::Args, Clone, Debug)]
@@ -46,16 +53,15 @@ pub struct Arguments {
     /// Point clouds: LAS, LAZ, COPC, PLY, E57, OBJ, XYZ, CSV, TXT, PTS, PTX; or one index, PNTI
     #[arg(required = true, value_name = "FILE")]
     pub files: Vec<PathBuf>,
-    /// The picture to write, PNG; with --path and --turntable also a film: MP4 and WebM by ffmpeg,
-    /// or animated PNG
-    #[arg(short, long, value_name = "OUT.png|mp4|webm|apng", required_unless_present = "exr")]
+    /// The picture to write: PNG; with --resolution a map, as GeoTIFF or PNG with a world file; with
+    /// --path and --turntable also a film: MP4 and WebM by ffmpeg, or animated PNG
+    #[arg(short, long, value_name = "OUT.png|tif|mp4|webm|apng", required_unless_present = "exr")]
     pub output: Option<PathBuf>,
     /// Also (or only) write layers: R G B A linear, depth.Z, index.V, coverage.V, normal.X Y Z,
     /// lit.V, raw.Z
     #[arg(long, value_name = "OUT.exr")]
     pub exr: Option<PathBuf>,
-    /// Draw every frame of a camera path that the window saved: OUT-0001.png, OUT-0001.exr and so
-    /// on
+    /// Draw every frame of a camera path: OUT-0001.png, OUT-0001.exr and so on
     #[arg(long, value_name = "PATH.json", conflicts_with_all = ["camera", "view", "explain", "timings"])]
     pub path: Option<PathBuf>,
     /// Draw this many frames around the picture's target on a level circle, anticlockwise seen from
@@ -75,6 +81,15 @@ pub struct Arguments {
     /// Draw in tiles of at most this many pixels a side, as the window saves pictures; for tests
     #[arg(long, hide = true, value_name = "PIXELS", value_parser = clap::value_parser!(u32).range(8..), conflicts_with_all = ["path", "turntable"])]
     pub tile: Option<u32>,
+    /// Draw a map with --view top, north up, of pixels of this size, in the files' unit; metres for
+    /// coordinates in degrees. Edges of pixels are multiples of it. `pointillist raster` writes
+    /// heights, intensities and counts
+    #[arg(long, value_name = "METRES", value_parser = map::resolution, allow_hyphen_values = true, requires = "output", conflicts_with_all = ["size", "camera", "scene", "path", "turntable", "exr", "explain", "timings"])]
+    pub resolution: Option<f64>,
+    /// West, south, east and north of the map, widened to whole pixels [default: around all points
+    /// but strays]
+    #[arg(long, value_name = "X0,Y0,X1,Y1", allow_hyphen_values = true, requires = "resolution")]
+    pub extent: Option<Extent>,
     #[command(flatten)]
     pub picture: PictureOptions,
     #[command(flatten)]
@@ -115,10 +130,12 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
         ));
     }
     let picture = arguments.picture.with_scene()?;
-    for (output, ending) in [(&arguments.output, "png"), (&arguments.exr, "exr")] {
+    arguments.check_map()?;
+    let endings: &[&str] = if arguments.resolution.is_some() { &MAPS } else { &["png"] };
+    for (output, endings) in [(&arguments.output, endings), (&arguments.exr, &["exr"])] {
         let Some(output) = output else { continue };
         refuse_to_overwrite(output, &arguments.files)?;
-        check_extension(output, &[ending])?;
+        check_extension(output, endings)?;
         // Fails early if the folder is not writable.
         drop(AtomicFile::create(output)?);
     }
@@ -126,10 +143,20 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
     let mut stages = Stages::new();
     let mut source = Source::open(&arguments.files, &picture.opening(arguments.strict), progress)?;
     source.find(picture.color, progress)?;
-    source.notes(picture.further()).iter().for_each(|note| eprintln!("pointillist: note: {note}"));
+    let notes = source.notes(picture.further()).into_iter();
+    notes
+        .chain(source.clipped_away(&picture.clips()))
+        .for_each(|note| eprintln!("pointillist: note: {note}"));
     stages.done("read");
-    let view = picture.view(&source)?;
+    let grid = arguments.grid(&source)?;
+    let view = match &grid {
+        Some(grid) => grid.view(heights(&source))?,
+        None => picture.view(&source)?,
+    };
+    let placed = grid.map(|grid| Placed::new(grid, &source));
     let (shown, why_shown) = picture.shown(&source)?;
+    let named = picture.named(&source, shown)?;
+    let over = picture.report.annotations().overlay(&view, &named);
     let mut facts = Facts {
         points: source.points(),
         files: arguments.files.len(),
@@ -147,9 +174,13 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
     stages.done("open device");
     let mut cloud = source.upload(&mut gpu, shown, picture.detail.pool_bytes(), progress)?;
     cloud.set_filters(picture.opacities(), picture.clips());
+    cloud.set_scale(picture.scale.scale()?);
     stages.done("organise");
-    if arguments.tile.is_some() || tiled::needs_pieces(&gpu, view.size, arguments.piece) {
-        return in_pieces(arguments, &picture, &view, &mut gpu, cloud, progress);
+    if placed.is_some()
+        || arguments.tile.is_some()
+        || tiled::needs_pieces(&gpu, view.size, arguments.piece)
+    {
+        return in_pieces(arguments, &picture, &view, placed, over, &mut gpu, cloud, progress);
     }
     facts.taken = cloud.wait_until_resident(
         &mut gpu,
@@ -181,7 +212,8 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
     let (downloads, counts, statistics) = asked;
     stages.done("draw");
     notes.iter().for_each(|note| eprintln!("pointillist: note: {note}"));
-    downloads.write(&frame, view.size, arguments.output.as_deref(), arguments.exr.as_deref())?;
+    let [png, exr] = [&arguments.output, &arguments.exr].map(Option::as_deref);
+    downloads.write(&frame, view.size, png, exr, over)?;
     stages.done("write");
 
     if let Some(counts) = counts {
@@ -230,6 +262,8 @@ fn in_pieces(
     arguments: &Arguments,
     picture: &PictureOptions,
     view: &View,
+    placed: Option<Placed>,
+    over: Overlay,
     gpu: &mut Gpu,
     mut cloud: GpuCloud,
     progress: &dyn Progress,
@@ -248,11 +282,116 @@ fn in_pieces(
         lod: picture.detail.lod(),
         piece: arguments.piece,
         tile: arguments.tile,
+        over,
     };
-    for note in tiled::write(gpu, &mut cloud, wanted, output, progress)? {
+    let notes = match placed {
+        None => tiled::write(gpu, &mut cloud, wanted, output, progress)?,
+        Some(placed) => placed.write(gpu, &mut cloud, wanted, output, progress)?,
+    };
+    for note in notes {
         eprintln!("pointillist: note: {note}");
     }
     Ok(())
+}
+
+/// Ends of names of maps.
+const MAPS: [&str; 3] = ["tif", "tiff", "png"];
+
+impl Arguments {
+    /// Errors if a map lacks what makes it one.
+    fn check_map(&self) -> Result<()> {
+        let is_tiff = |path: &PathBuf| {
+            path.extension()
+                .is_some_and(|own| MAPS[..2].iter().any(|tif| own.eq_ignore_ascii_case(tif)))
+        };
+        let is_geotiff = self.output.as_ref().is_some_and(is_tiff);
+        if is_geotiff && !self.picture.report.annotations().is_empty() {
+            return Err(Error::Request(
+                "a GeoTIFF has pixels of the map alone: leave --title, --legend, --scale-bar, --north-arrow and --axes out, or write a .png".into(),
+            ));
+        }
+        if self.resolution.is_some() && self.picture.view != Preset::Top {
+            return Err(Error::Request("--resolution draws a map; give --view top with it".into()));
+        }
+        if self.resolution.is_none() && is_geotiff {
+            return Err(Error::Request(
+                "a GeoTIFF is a map; give --view top and --resolution with it, or name a .png"
+                    .into(),
+            ));
+        }
+        Ok(())
+    }
+
+    /// Returns the pixels of a map; `None` if the picture is none.
+    fn grid(&self, source: &Source) -> Result<Option<MapGrid>> {
+        let Some(resolution) = self.resolution else { return Ok(None) };
+        let points = source.core_points();
+        let grid = match (self.extent, points.first()) {
+            (Some(extent), _) => MapGrid::covering(extent, resolution, LARGEST_SIDE)?,
+            (None, None) => return Err(Error::Request("there are no points to map".into())),
+            (None, Some(first)) => {
+                let widen = |[low, high]: [DVec3; 2], p: &DVec3| [low.min(*p), high.max(*p)];
+                let [low, high] = points.iter().fold([*first; 2], widen);
+                MapGrid::around(low.truncate(), high.truncate(), resolution, LARGEST_SIDE)?
+            }
+        };
+        Ok(Some(grid))
+    }
+}
+
+/// Returns the least and the greatest height of points that a camera should frame.
+fn heights(source: &Source) -> [f64; 2] {
+    let heights = source.core_points().into_iter().map(|p| p.z);
+    let [low, high] = heights
+        .fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], z| [low.min(z), high.max(z)]);
+    if low <= high { [low, high] } else { [0.0, 0.0] }
+}
+
+/// A map, and what the files say about its place.
+struct Placed {
+    grid: MapGrid,
+    system: Option<Crs>,
+    text: Option<String>,
+}
+
+impl Placed {
+    fn new(grid: MapGrid, source: &Source) -> Placed {
+        let header = match source {
+            Source::Files(cloud) => cloud.parts.first().map(|part| &part.header),
+            Source::Index(index) => index.directory.contents.parts.first().map(|part| &part.header),
+        };
+        let text = header.and_then(Crs::text_of).map(str::to_owned);
+        let system = source.reference().system;
+        note_system(system.as_ref());
+        Placed { grid, system, text }
+    }
+
+    fn write(
+        &self,
+        gpu: &mut Gpu,
+        cloud: &mut GpuCloud,
+        request: PictureRequest,
+        output: &Path,
+        progress: &dyn Progress,
+    ) -> Result<Vec<String>> {
+        let map = Map {
+            grid: self.grid,
+            system: self.system.as_ref(),
+            text: self.text.as_deref(),
+            sample: Sample::Byte,
+            bands: 3,
+            named: None,
+            no_data: None,
+            has_heights: false,
+        };
+        if output.extension().is_some_and(|own| own.eq_ignore_ascii_case("png")) {
+            let world = world_file::create(&world_file::beside(output), &map)?;
+            let notes = tiled::write(gpu, cloud, request, output, progress)?;
+            world.finish()?;
+            return Ok(notes);
+        }
+        geotiff::write(output, &map, |put| tiled::draw(gpu, cloud, request, progress, put))
+    }
 }
 
 /// Facts for `--explain`, which outlive the source.

@@ -40,7 +40,7 @@ impl std::fmt::Display for Bytes {
 pub struct Size(pub [u32; 2]);
 
 /// The longest side of a picture `[px]`: a row of it takes a megabyte.
-const LARGEST_SIDE: u32 = 262_144;
+pub const LARGEST_SIDE: u32 = 262_144;
 
 impl std::str::FromStr for Size {
     type Err = String;

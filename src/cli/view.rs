@@ -90,6 +90,7 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
     let scene = Scene {
         camera: here,
         color: picture.color,
+        scale: picture.scale.scale()?,
         settings: picture.settings()?,
         opacities: picture.opacities(),
         filter: picture.filters.filter(),
@@ -101,6 +102,7 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
         opening: OpenOptions { fault: arguments.fail_reading, ..picture.opening(arguments.strict) },
         further: picture.further(),
         scene,
+        annotations: picture.report.annotations(),
         preset: picture.view,
         camera,
         size: picture.size.0,

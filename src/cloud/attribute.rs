@@ -1,6 +1,8 @@
 //! Displayed attributes: one 32-bit word per point, the range of its colour ramp, and further words
 //! that effects need.
 
+use super::color_scale::{ColorScale, Ramp};
+use super::up::Up;
 use super::{Cloud, ColumnSet, Columns, Lattice, Part, Station, octahedral};
 use std::str::FromStr;
 
@@ -14,6 +16,8 @@ pub enum Attribute {
     Class,
     Source,
     Return,
+    /// GPS time of files; an index has none
+    Time,
     Normal,
     /// Colours whose luminance is averaged over neighbours
     Corrected,
@@ -34,6 +38,20 @@ impl Attribute {
         matches!(self, Attribute::Class | Attribute::Source | Attribute::Return)
     }
 
+    /// Tests whether values are numbers on a ramp.
+    pub fn is_number(self) -> bool {
+        matches!(self, Attribute::Intensity | Attribute::Elevation | Attribute::Time)
+    }
+
+    /// Returns the ramp of numbers if none is asked for.
+    pub fn ramp(self) -> Ramp {
+        match self {
+            Attribute::Elevation => Ramp::Terrain,
+            Attribute::Time => Ramp::Viridis,
+            _ => Ramp::Grey,
+        }
+    }
+
     /// Returns the name as in `--color`.
     pub fn name(self) -> String {
         format!("{self:?}").to_lowercase()
@@ -45,6 +63,7 @@ impl Attribute {
         match self {
             Attribute::Rgb | Attribute::Corrected => wanted.rgb = true,
             Attribute::Intensity => wanted.intensity = true,
+            Attribute::Time => wanted.gps_time = true,
             Attribute::Class => wanted.class = true,
             Attribute::Source => wanted.source = true,
             Attribute::Return => wanted.returns = true,
@@ -64,6 +83,7 @@ impl Attribute {
         cloud.parts.iter().any(|part| match self {
             Attribute::Rgb | Attribute::Corrected => part.columns.rgb.is_some(),
             Attribute::Intensity => part.columns.intensity.is_some(),
+            Attribute::Time => part.columns.gps_time.is_some(),
             Attribute::Class => part.columns.class.is_some(),
             Attribute::Source => part.columns.source.is_some(),
             Attribute::Return => part.columns.returns.is_some(),
@@ -77,11 +97,14 @@ impl Attribute {
 #[derive(Clone, Copy, Debug)]
 pub struct DisplayAttribute {
     pub attribute: Attribute,
-    /// World heights of the whole cloud without strays, for elevation `[m]`.
+    /// World heights of the whole cloud without strays, for elevation `[m]`; or its times `[s]`.
     heights: [f64; 2],
-    /// The words at both ends of the ramp.
+    /// The axis along which elevations count.
+    pub up: Up,
+    /// The words at both ends of the ramp; of colours, the values of channels.
     pub stretch: [u32; 2],
-    /// Whether the highest byte of a colour is its station ([`station_code`]).
+    pub scale: ColorScale,
+    /// Whether the highest byte of a colour or an intensity is its station ([`station_code`]).
     pub coded: bool,
     pub further: ExtraAttributes,
 }
@@ -171,18 +194,29 @@ pub const CODE_SHIFT: u32 = 24;
 /// indexes have.
 pub type Words = [u32; 5];
 
+/// Returns the earliest and the latest time of the points.
+fn times(cloud: &Cloud) -> Option<[f64; 2]> {
+    let times = cloud.parts.iter().filter_map(|part| part.columns.gps_time.as_ref()).flatten();
+    let finite = times.copied().filter(|time| time.is_finite()).map(|time| [time, time]);
+    finite.reduce(|[lo, hi], [a, b]| [lo.min(a), hi.max(b)])
+}
+
 impl DisplayAttribute {
     pub fn new(attribute: Attribute, cloud: &Cloud) -> DisplayAttribute {
         let heights = match attribute {
             Attribute::Elevation => cloud.heights(),
+            Attribute::Time => times(cloud),
             _ => None,
         };
         let heights = heights.unwrap_or_default();
-        let coded = attribute == Attribute::Rgb && cloud.stations.len() > 1;
+        let coded =
+            matches!(attribute, Attribute::Rgb | Attribute::Intensity) && cloud.stations.len() > 1;
         let shown = DisplayAttribute {
             attribute,
             heights,
+            up: cloud.up,
             stretch: [0, 255],
+            scale: ColorScale::default(),
             coded,
             further: ExtraAttributes::default(),
         };
@@ -208,7 +242,9 @@ impl DisplayAttribute {
         DisplayAttribute {
             attribute,
             heights,
+            up: Up::Z,
             stretch,
+            scale: ColorScale::default(),
             coded: false,
             further: ExtraAttributes::default(),
         }
@@ -315,6 +351,7 @@ impl DisplayAttribute {
                 columns.rgb.as_ref().map_or(0xFFFFFF, |rgb| bytes(rgb[i]))
             }
             Attribute::Intensity => columns.intensity.as_ref().map_or(0, |v| v[i] as u32),
+            Attribute::Time => columns.gps_time.as_ref().map_or(0, |v| self.elevation(v[i])),
             Attribute::Class => columns.class.as_ref().map_or(0, |v| v[i] as u32),
             Attribute::Source => columns.source.as_ref().map_or(0, |v| v[i] as u32),
             Attribute::Return => columns.returns.as_ref().map_or(0, |v| (v[i] & 15) as u32),
@@ -323,25 +360,66 @@ impl DisplayAttribute {
                 .as_ref()
                 .map_or(0x7F7F7F, |v| bytes(v[i].map(|c| (c as i16 + 127) as u8))),
             Attribute::Elevation => {
-                self.elevation(lattice.offset.z + lattice.step.z * columns.z[i] as f64)
+                let axis = self.up.index();
+                let steps = columns.along(axis)[i] as f64;
+                self.elevation(lattice.offset[axis] + lattice.step[axis] * steps)
             }
             Attribute::White => 0,
         }
     }
 
-    /// Returns the values at the ends of the ramp, if any: heights `[m]` or 16-bit intensities.
+    /// Returns the values at the ends of the ramp, if any: heights `[m]`, times `[s]` or 16-bit
+    /// intensities.
     pub fn ends(&self) -> Option<[f64; 2]> {
         let [bottom, top] = self.heights;
         match self.attribute {
-            Attribute::Elevation => Some(
+            Attribute::Elevation | Attribute::Time => Some(self.scale.range.unwrap_or(
                 self.stretch.map(|word| bottom + (top - bottom) * word as f64 / ELEVATION_LEVELS),
-            ),
-            Attribute::Intensity => Some(self.stretch.map(f64::from)),
+            )),
+            Attribute::Intensity => Some(self.scale.range.unwrap_or(self.stretch.map(f64::from))),
             _ => None,
         }
     }
 
-    /// Returns the word of a world height.
+    /// Returns the ramp of numbers.
+    pub fn ramp(&self) -> Ramp {
+        self.scale.ramp.unwrap_or(self.attribute.ramp())
+    }
+
+    /// Returns the colour at a place on the ramp of numbers, 0..=1, sRGB.
+    pub fn ramp_at(&self, place: f64) -> [f64; 3] {
+        self.ramp().color(self.scale.toned(place))
+    }
+
+    /// Tests whether it is a number on a ramp that is not grey.
+    pub fn is_ramped(&self) -> bool {
+        self.attribute.is_number() && self.ramp() != Ramp::Grey
+    }
+
+    /// Returns the words at the ends of the ramp, which need not be whole or occur.
+    pub fn ramp_words(&self) -> [f64; 2] {
+        let [bottom, top] = self.heights;
+        match (self.scale.range, self.attribute) {
+            (Some(range), Attribute::Elevation | Attribute::Time) if top > bottom => {
+                range.map(|height| (height - bottom) / (top - bottom) * ELEVATION_LEVELS)
+            }
+            (Some(range), Attribute::Intensity | Attribute::Rgb | Attribute::Corrected) => range,
+            _ => self.stretch.map(f64::from),
+        }
+    }
+
+    /// Stretches colours of which nearly all are in the lower half of the channels' range. Black
+    /// stays black.
+    pub fn brighten(&mut self, colors: impl Iterator<Item = [u8; 3]>) {
+        let mut counts = vec![0u64; 256];
+        colors.for_each(|[r, g, b]| counts[r.max(g).max(b) as usize] += 1);
+        let [_, most] = percentiles(&counts);
+        if self.attribute == Attribute::Rgb && (1..128).contains(&most) {
+            self.stretch = [0, most];
+        }
+    }
+
+    /// Returns the word of a world height, or of a time.
     pub fn elevation(&self, height: f64) -> u32 {
         let [lo, hi] = self.heights;
         if hi > lo {
@@ -354,7 +432,7 @@ impl DisplayAttribute {
     /// Computes the words at the 2nd and 98th percentile by counting every point.
     fn stretched(&self, cloud: &Cloud) -> [u32; 2] {
         use rayon::prelude::*;
-        if !matches!(self.attribute, Attribute::Intensity | Attribute::Elevation) {
+        if !self.attribute.is_number() {
             return [0, 255];
         }
         let mut counts = vec![0u64; 1 << 16];

@@ -1,6 +1,7 @@
 //! Colour maps of attributes, and the sRGB transfer function.
 
 use super::attribute::{Attribute, DisplayAttribute};
+use super::color_scale::ColorScale;
 
 /// Decodes an sRGB value in 0..=1 to linear light (IEC 61966-2-1).
 pub fn srgb_to_linear(encoded: f64) -> f64 {
@@ -12,12 +13,15 @@ pub fn linear_to_srgb(linear: f64) -> f64 {
     if linear <= 0.0031308 { linear * 12.92 } else { 1.055 * linear.powf(1.0 / 2.4) - 0.055 }
 }
 
-/// Returns entry `i` of the 256 of an attribute's colour table, sRGB in 0..=1.
-pub fn entry(attribute: Attribute, i: usize) -> [f64; 3] {
+/// Returns entry `i` of the 256 of an attribute's colour table, sRGB in 0..=1. For colours it is
+/// that of a channel.
+pub fn entry(attribute: Attribute, scale: &ColorScale, i: usize) -> [f64; 3] {
     let t = i as f64 / 255.0;
     match attribute {
-        Attribute::Rgb | Attribute::Corrected | Attribute::Intensity => [t; 3],
-        Attribute::Elevation => height_ramp(t),
+        Attribute::Rgb | Attribute::Corrected => [scale.toned(t); 3],
+        Attribute::Intensity | Attribute::Elevation | Attribute::Time => {
+            scale.ramp.unwrap_or(attribute.ramp()).color(scale.toned(t))
+        }
         Attribute::Class => class_color(i),
         // The golden angle keeps neighbouring numbers far apart in hue.
         Attribute::Source | Attribute::Return => hue(i as f64 * 0.381_966),
@@ -27,43 +31,42 @@ pub fn entry(attribute: Attribute, i: usize) -> [f64; 3] {
 
 /// Returns the 8-bit sRGB colour of a class, return number or source.
 pub fn code_color(attribute: Attribute, code: u8) -> [u8; 3] {
-    entry(attribute, code as usize).map(|channel| (255.0 * channel).round() as u8)
+    bytes(entry(attribute, &ColorScale::default(), code as usize))
+}
+
+fn bytes(color: [f64; 3]) -> [u8; 3] {
+    color.map(|channel| (255.0 * channel).round() as u8)
+}
+
+/// Returns the 8-bit sRGB colour of a number on a ramp, given as a word that need not be whole.
+pub fn ramp_color(shown: &DisplayAttribute, word: f64) -> [u8; 3] {
+    let [lo, hi] = shown.ramp_words();
+    let place = ((word - lo) * 255.0 / (hi - lo).max(1.0)).clamp(0.0, 255.0);
+    bytes(entry(shown.attribute, &shown.scale, place as usize))
 }
 
 /// Returns the 8-bit sRGB colour of a point's word, without shading.
 pub fn color_of(shown: &DisplayAttribute, word: u32) -> [u8; 3] {
-    let [lo, hi] = shown.stretch.map(|end| end as f64);
+    let [lo, hi] = shown.ramp_words();
+    let place = |word: f64| ((word - lo) * 255.0 / (hi - lo).max(1.0)).clamp(0.0, 255.0);
     let byte = |channel: u32| (word >> (8 * channel) & 255) as u8;
     match shown.attribute {
-        Attribute::Rgb | Attribute::Corrected => [0, 1, 2].map(byte),
+        Attribute::Rgb | Attribute::Corrected => [0, 1, 2].map(|channel| {
+            let t = place(byte(channel) as f64) / 255.0;
+            (255.0 * shown.scale.toned(t)).round() as u8
+        }),
         Attribute::Normal => [0, 1, 2].map(|axis| {
             (255.0 * (byte(axis) as f64 / 254.0).clamp(0.0, 1.0).powf(1.0 / 2.2)) as u8
         }),
-        Attribute::Intensity | Attribute::Elevation => {
-            let t = (word as f64 - lo) * 255.0 / (hi - lo).max(1.0);
-            code_color(shown.attribute, t.clamp(0.0, 255.0) as u8)
+        Attribute::Intensity | Attribute::Elevation | Attribute::Time => {
+            // Without the station.
+            ramp_color(shown, (word & 0xFF_FFFF) as f64)
         }
         Attribute::Class | Attribute::Source | Attribute::Return => {
             code_color(shown.attribute, byte(0))
         }
         Attribute::White => code_color(shown.attribute, 0),
     }
-}
-
-/// Maps 0..=1 to deep blue, green, sand and white. Lightness rises throughout, so that the ramp
-/// also reads in grey.
-fn height_ramp(t: f64) -> [f64; 3] {
-    const STOPS: [[f64; 3]; 6] = [
-        [0.16, 0.22, 0.42],
-        [0.13, 0.42, 0.52],
-        [0.25, 0.58, 0.44],
-        [0.58, 0.70, 0.39],
-        [0.90, 0.79, 0.53],
-        [0.98, 0.96, 0.92],
-    ];
-    let at = t * (STOPS.len() - 1) as f64;
-    let k = (at as usize).min(STOPS.len() - 2);
-    std::array::from_fn(|c| STOPS[k][c] + (STOPS[k + 1][c] - STOPS[k][c]) * (at - k as f64))
 }
 
 /// Returns the customary colour of an ASPRS standard class (LAS 1.4 R15, table 17): ground brown,

@@ -112,6 +112,9 @@ pub struct Crs {
     /// Unit of heights, if different.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub height_unit: Option<Unit>,
+    /// EPSG number of the system of heights.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub height_epsg: Option<u32>,
     /// Degrees per unit of a geographic system.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub degrees: Option<f64>,
@@ -152,6 +155,13 @@ impl Crs {
         };
         let said = || header.facts.iter().any(|(what, text)| says(what, text)).then(Crs::degrees);
         header.system.clone().or_else(said)
+    }
+
+    /// Returns the well-known text of a header, if that states its system.
+    pub fn text_of(header: &Header) -> Option<&str> {
+        let is_one = |what: &str, text: &str| what == COORDINATES[1] && wkt::parse(text).is_some();
+        let found = header.facts.iter().find(|(what, text)| is_one(what, text));
+        found.map(|(_, text)| text.as_str())
     }
 
     /// Adds what the EPSG code implies, if the file states no more or the same.

@@ -705,7 +705,7 @@ mod tests {
         let error = filter.check(ColumnSet::default(), &|name| format!("find {name}")).unwrap_err();
         assert_eq!(error.to_string(), "--only gps-time=1..: no point has gps-time; find gps-time");
         assert!(filter.check(ColumnSet::ALL, &|_| String::new()).is_ok());
-        assert!(filter.leaves_none_of(&[], &[]) == false);
+        assert!(!filter.leaves_none_of(&[], &[]));
         let only = |text: &str| self::filter(&[text], &[]);
         assert!(only("class=9").leaves_none_of(&[(2, 5)], &[(1, 5)]));
         assert!(!only("return=last").leaves_none_of(&[(2, 5)], &[(1, 5)]));

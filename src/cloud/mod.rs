@@ -10,6 +10,7 @@
 pub mod attribute;
 mod axis;
 mod catch_panic;
+pub mod color_scale;
 pub mod colormap;
 pub mod crs;
 pub mod digits;
@@ -34,6 +35,7 @@ pub mod strays;
 pub mod stream;
 pub mod table;
 mod text;
+pub mod up;
 pub mod xyz;
 
 use crate::error::{Error, Result};
@@ -47,6 +49,7 @@ use std::ops::Range;
 use std::path::{Path, PathBuf};
 use strays::Treatment;
 use table::TextOptions;
+use up::{Up, UpOption};
 
 /// The integer grid of a part's points: `world = offset + step * q` per axis, f64, in metres (or
 /// the file's unit).
@@ -102,6 +105,11 @@ impl Columns {
 
     pub fn is_empty(&self) -> bool {
         self.x.is_empty()
+    }
+
+    /// Returns the coordinates along an axis.
+    pub fn along(&self, axis: usize) -> &[i32] {
+        [&self.x, &self.y, &self.z][axis]
     }
 
     /// Returns the box around the points [lattice steps].
@@ -233,6 +241,8 @@ pub struct ReadOptions {
     pub extras: bool,
     /// Keep the records of LAS files in batches ([`stream::Batch::records`]).
     pub records: bool,
+    /// The axis that points up.
+    pub up: UpOption,
 }
 
 impl ReadOptions {
@@ -246,6 +256,7 @@ impl ReadOptions {
             strays: Treatment::Show,
             extras: false,
             records: false,
+            up: UpOption::Z,
         }
     }
 }
@@ -348,6 +359,7 @@ pub struct Cloud {
     pub stations: Vec<Station>,
     /// Notes for the user, one line each: wrong headers, unreadable parts, decisions about colours.
     pub notes: Vec<String>,
+    pub up: Up,
 }
 
 impl Cloud {
@@ -455,6 +467,10 @@ pub fn read(paths: &[PathBuf], options: &ReadOptions, progress: &dyn Progress) -
         }
     }
     cloud.notes.extend(crs::differences(cloud.parts.iter().map(|part| &part.header)));
+    let headers = cloud.parts.iter().map(|part| &part.header);
+    let (up, note) = options.up.of(headers, || cloud.core_points());
+    cloud.up = up;
+    cloud.notes.extend(note);
     Ok(cloud)
 }
 

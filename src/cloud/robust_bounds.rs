@@ -22,9 +22,25 @@ impl Cloud {
     /// Returns a sample of the points, and all points connected with most of them, without strays;
     /// world.
     pub fn core_points(&self) -> Vec<DVec3> {
-        let every = self.len() / SAMPLES + 1;
+        self.core_points_of(self.len(), |_| true)
+    }
+
+    /// Returns the same of the points that are kept.
+    pub fn core_points_where(&self, keeps: impl Fn(DVec3) -> bool + Sync) -> Vec<DVec3> {
+        let world = |part: &Part, q: [i32; 3]| part.lattice.world(q.map(i64::from));
+        let count = |part: &Part| {
+            let columns = &part.columns;
+            let steps = |i: usize| [columns.x[i], columns.y[i], columns.z[i]];
+            (0..columns.len()).into_par_iter().filter(|&i| keeps(world(part, steps(i)))).count()
+                as u64
+        };
+        self.core_points_of(self.parts.iter().map(count).sum(), &keeps)
+    }
+
+    fn core_points_of(&self, count: u64, keeps: impl Fn(DVec3) -> bool + Sync) -> Vec<DVec3> {
+        let every = count / SAMPLES + 1;
         let samples: Vec<_> = self
-            .places(|_| |q| scatter(q).is_multiple_of(every))
+            .places(&keeps, |_| |q| scatter(q).is_multiple_of(every))
             .into_iter()
             .map(|p| (p, 1))
             .collect();
@@ -33,7 +49,7 @@ impl Cloud {
         let mut core: Vec<DVec3> =
             samples.into_iter().map(|(p, _)| p).filter(|&p| certain.beyond(p) == 0.0).collect();
         // A sample would miss the tip of a spire.
-        let outside = self.places(|part| {
+        let outside = self.places(&keeps, |part| {
             let inside = certain.steps(&part.lattice);
             move |q| (0..3).any(|axis| !inside[axis].contains(&q[axis]))
         });
@@ -41,15 +57,20 @@ impl Cloud {
         core
     }
 
-    /// Returns the positions of each part whose steps are accepted.
-    fn places<W: Fn([i32; 3]) -> bool + Sync>(&self, wants: impl Fn(&Part) -> W) -> Vec<DVec3> {
+    /// Returns the positions of each part that are kept and whose steps are accepted.
+    fn places<W: Fn([i32; 3]) -> bool + Sync>(
+        &self,
+        keeps: impl Fn(DVec3) -> bool + Sync,
+        wants: impl Fn(&Part) -> W,
+    ) -> Vec<DVec3> {
         let mut places = Vec::new();
         for part in &self.parts {
             let columns = &part.columns;
             let steps = |i: usize| [columns.x[i], columns.y[i], columns.z[i]];
             let wants = wants(part);
             let wanted = (0..columns.len()).into_par_iter().map(steps).filter(|&q| wants(q));
-            places.par_extend(wanted.map(|q| part.lattice.world(q.map(i64::from))));
+            let world = |q: [i32; 3]| part.lattice.world(q.map(i64::from));
+            places.par_extend(wanted.map(world).filter(|&p| keeps(p)));
         }
         places
     }

@@ -6,6 +6,7 @@
 //! number of points. Only positions matter, not their order.
 
 use super::digits::number;
+use super::up::Up;
 use super::{Cloud, Columns, Lattice, Part};
 use glam::DVec3;
 use rayon::prelude::*;
@@ -333,16 +334,18 @@ impl Part {
     }
 
     /// Returns the height range without strays, world.
-    pub fn heights(&self) -> Option<[f64; 2]> {
-        let (columns, z) = (&self.columns, &self.columns.z);
+    pub fn heights(&self, up: Up) -> Option<[f64; 2]> {
+        let (columns, axis) = (&self.columns, up.index());
+        let z = columns.along(axis);
         let (lo, hi) = match columns.extent()? {
-            Extent { core: None, low, high, .. } => (low[2], high[2]),
+            Extent { core: None, low, high, .. } => (low[axis], high[axis]),
             Extent { core: Some(core), .. } => {
                 let inside = (0..z.len()).filter(|&i| core.has(columns.place(i))).map(|i| z[i]);
                 inside.fold((i32::MAX, i32::MIN), |(lo, hi), v| (lo.min(v), hi.max(v)))
             }
         };
-        let ends = [lo, hi].map(|z| self.lattice.offset.z + self.lattice.step.z * z as f64);
+        let Lattice { step, offset } = self.lattice;
+        let ends = [lo, hi].map(|z| offset[axis] + step[axis] * z as f64);
         Some([ends[0].min(ends[1]), ends[0].max(ends[1])])
     }
 }
@@ -355,7 +358,9 @@ impl Cloud {
     /// Returns the height range without strays, world.
     pub fn heights(&self) -> Option<[f64; 2]> {
         let parts = self.parts.iter().filter(|part| !part.header.strays);
-        parts.filter_map(Part::heights).reduce(|a, b| [a[0].min(b[0]), a[1].max(b[1])])
+        parts
+            .filter_map(|part| part.heights(self.up))
+            .reduce(|a, b| [a[0].min(b[0]), a[1].max(b[1])])
     }
 }
 

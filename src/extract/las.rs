@@ -261,6 +261,9 @@ fn lattice(parts: &[Part], notes: &mut Vec<String>) -> Result<(Lattice, Vec<Opti
         agrees.then(|| whole.as_i64vec3().to_array())
     };
     let shifts: Vec<_> = parts.iter().map(shift).collect();
+    if shifts.iter().all(|shift| *shift == Some([0; 3])) {
+        return Ok((first, shifts));
+    }
     let step = parts.iter().fold(first.step, |step, part| step.min(part.own.step));
     let bounds = parts.iter().filter_map(|part| part.bounds);
     let Some((low, high)) = bounds.reduce(|(a, b), (low, high)| (a.min(low), b.max(high))) else {
@@ -275,7 +278,8 @@ fn lattice(parts: &[Part], notes: &mut Vec<String>) -> Result<(Lattice, Vec<Opti
     let coarsest = parts.iter().fold(DVec3::splat(FINE), |step, part| step.max(part.own.step));
     let steps = std::iter::successors(Some(step), |step| Some(*step * 2.0));
     let at = |step: DVec3| {
-        let middle = ((low + high) / 2.0 / step).round() * step;
+        let to_middle = (((low + high) / 2.0 - first.offset) / step).round() * step;
+        let middle = first.offset + to_middle;
         [first.offset, middle].map(|offset| Lattice { step, offset }).into_iter().find(fits)
     };
     let lattice = steps.take_while(|step| step.cmple(coarsest).any()).find_map(at);

@@ -1,4 +1,5 @@
-//! Points that filters, clip boxes and opacities leave: counted, or written to a file.
+//! Points that filters, clip boxes and opacities leave: counted, written to a file, or put into the
+//! cells of a map.
 //!
 //! ```text
 //! files or an index -> batches -> points that are left -> thinned -> count, or file
@@ -13,6 +14,7 @@ mod fields;
 pub mod input;
 mod las;
 mod ply;
+pub mod raster;
 mod table;
 mod thin;
 
@@ -55,7 +57,7 @@ impl Selection {
     }
 
     /// Returns the error that no point is left, with what there is: another pass over the input.
-    fn leaves_none(&self, input: &Input, progress: &dyn Progress) -> Error {
+    pub fn leaves_none(&self, input: &Input, progress: &dyn Progress) -> Error {
         let present = Mutex::new(Present::default());
         let look = |batch: &Batch| {
             let part = &input.parts()[batch.part];

@@ -3,6 +3,7 @@
 use crate::error::{Error, Result};
 use crate::graph::{Buffer, CompletedSubmission, Gpu, Graph};
 use crate::output::image_io::{self, Samples};
+use crate::output::overlay::Overlay;
 use crate::output::tiled::{self, PictureRequest};
 use crate::passes::encode::{self, Encoded};
 use crate::progress::Progress;
@@ -59,10 +60,11 @@ impl Downloads {
         size: [u32; 2],
         png: Option<&Path>,
         exr: Option<&Path>,
+        over: Overlay,
     ) -> Result<()> {
         if let Some(path) = png {
             let picture = self.picture.as_ref().expect("asked for with -o");
-            image_io::write_png(path, size, &picture.read(frame))?;
+            image_io::write_annotated_png(path, size, &picture.read(frame), over)?;
         }
         exr.map_or(Ok(()), |path| write_layers(path, size, frame, self))
     }
@@ -88,7 +90,7 @@ pub fn write(
     let done = frame::draw(gpu, view, cloud.resident(), &config, progress, |g, outcome| {
         Downloads::ask(g, outcome, false, true)
     })?;
-    done.asked.write(&done.frame, view.size, None, Some(path))?;
+    done.asked.write(&done.frame, view.size, None, Some(path), Overlay::default())?;
     Ok(taken
         .into_iter()
         .flat_map(|taken| taken.notes)

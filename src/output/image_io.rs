@@ -1,5 +1,6 @@
 //! PNG and EXR files, written atomically.
 
+use super::overlay::Overlay;
 use crate::atomic_file::{AtomicFile, write_atomically};
 use crate::error::{Error, Result};
 use exr::prelude::{
@@ -7,6 +8,7 @@ use exr::prelude::{
     LayerAttributes, LineOrder,
 };
 use exr::prelude::{SmallVec, WritableImage};
+use std::borrow::Cow;
 use std::fs::File;
 use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
@@ -15,8 +17,18 @@ use std::sync::{Arc, Mutex};
 /// Writes an 8-bit sRGB picture: RGB, rows from the top left, split into any number of pieces
 /// ([`crate::passes::encode`]).
 pub fn write_png(path: &Path, size: [u32; 2], pieces: &[&[u8]]) -> Result<()> {
+    write_annotated_png(path, size, pieces, Overlay::default())
+}
+
+/// Writes a picture with triangles over it.
+pub fn write_annotated_png(
+    path: &Path,
+    size: [u32; 2],
+    pieces: &[&[u8]],
+    over: Overlay,
+) -> Result<()> {
     // Piece by piece, so that no second copy of the picture is in memory.
-    let mut rows = PngRows::create(path, size)?;
+    let mut rows = PngRows::create(path, size, over)?;
     pieces.iter().try_for_each(|piece| rows.write(piece))?;
     rows.finish()
 }
@@ -29,6 +41,10 @@ pub struct PngRows {
     rows: png::StreamWriter<'static, Watched>,
     whole: AtomicFile,
     failed: Arc<Mutex<Option<std::io::Error>>>,
+    width: usize,
+    /// Number of rows that are written.
+    done: usize,
+    over: Overlay,
 }
 
 /// The file and the last error of it, since the encoder ignores errors when it writes the end in
@@ -67,7 +83,7 @@ impl Drop for Watched {
 }
 
 impl PngRows {
-    pub fn create(path: &Path, [width, height]: [u32; 2]) -> Result<PngRows> {
+    pub fn create(path: &Path, [width, height]: [u32; 2], over: Overlay) -> Result<PngRows> {
         let whole = AtomicFile::create(path)?;
         let file =
             File::create(whole.partial()).map_err(|error| Error::io("write", path, error))?;
@@ -84,15 +100,22 @@ impl PngRows {
             .write_header()
             .and_then(png::Writer::into_stream_writer)
             .map_err(|error| encoding(path, error))?;
-        Ok(PngRows { path: path.to_owned(), whole, rows, failed })
+        let (path, width) = (path.to_owned(), width as usize);
+        Ok(PngRows { path, whole, rows, failed, width, done: 0, over })
     }
 
+    /// Writes whole rows.
     pub fn write(&mut self, pixels: &[u8]) -> Result<()> {
-        self.rows.write_all(pixels).map_err(|error| Error::io("write", &self.path, error))
+        let mut pixels = Cow::Borrowed(pixels);
+        if !self.over.triangles.is_empty() {
+            self.over.blend(pixels.to_mut(), self.width, self.done);
+        }
+        self.done += pixels.len() / (3 * self.width);
+        self.rows.write_all(&pixels).map_err(|error| Error::io("write", &self.path, error))
     }
 
     pub fn finish(self) -> Result<()> {
-        let PngRows { path, whole, rows, failed } = self;
+        let PngRows { path, whole, rows, failed, .. } = self;
         rows.finish().map_err(|error| encoding(&path, error))?;
         match failed.lock().unwrap_or_else(|poisoned| poisoned.into_inner()).take() {
             Some(error) => Err(Error::io("write", &path, error)),

@@ -1,4 +1,4 @@
-//! Pictures of any size as PNG, drawn in pieces if larger than a device's images or its safe load.
+//! Pictures of any size, drawn in pieces if larger than a device's images or its safe load.
 //!
 //! ```text
 //!     whole picture -> rows of pieces -> window around each, wider by what its pixels depend on
@@ -15,6 +15,7 @@
 use crate::error::{Error, Result};
 use crate::graph::Gpu;
 use crate::output::image_io::PngRows;
+use crate::output::overlay::Overlay;
 use crate::passes::{BLOCK_PX, encode, visibility};
 use crate::progress::{Progress, Whole};
 use crate::render::frame;
@@ -123,14 +124,21 @@ pub struct PictureRequest {
     /// Most pixels per side of a tile, to return to the caller between tiles. The picture stays the
     /// same, bit by bit.
     pub tile: Option<u32>,
+    /// Drawn over the picture.
+    pub over: Overlay,
 }
 
-/// A picture being written to a file, which exists after [`TiledPicture::finish`]. Dropped before,
-/// it leaves no file.
+/// A picture being written to a PNG file, which exists after [`TiledPicture::finish`]. Dropped
+/// before, it leaves no file.
 pub struct TiledPicture {
-    request: PictureRequest,
+    drawing: Drawing,
     path: PathBuf,
     rows: PngRows,
+}
+
+/// A picture being drawn.
+struct Drawing {
+    request: PictureRequest,
     plan: Option<Plan>,
     /// The pixels of one row of tiles.
     pixels: Vec<u8>,
@@ -160,15 +168,8 @@ struct Tile {
 impl TiledPicture {
     /// Creates the file; draws nothing yet.
     pub fn begin(request: PictureRequest, path: &Path) -> Result<TiledPicture> {
-        let rows = PngRows::create(path, request.view.size)?;
-        Ok(TiledPicture {
-            request,
-            path: path.to_owned(),
-            rows,
-            plan: None,
-            pixels: Vec::new(),
-            notes: Vec::new(),
-        })
+        let rows = PngRows::create(path, request.view.size, request.over.clone())?;
+        Ok(TiledPicture { drawing: Drawing::new(request), path: path.to_owned(), rows })
     }
 
     pub fn path(&self) -> &Path {
@@ -177,7 +178,7 @@ impl TiledPicture {
 
     /// Returns the number of drawn tiles and of all tiles; `None` before the first.
     pub fn so_far(&self) -> Option<(usize, usize)> {
-        self.plan.as_ref().map(|plan| (plan.done, plan.tiles.len()))
+        self.drawing.plan.as_ref().map(|plan| (plan.done, plan.tiles.len()))
     }
 
     /// Draws one more tile. Returns whether it was the last. If `progress` cancels it, the call has
@@ -188,20 +189,39 @@ impl TiledPicture {
         cloud: &mut GpuCloud,
         progress: &dyn Progress,
     ) -> Result<bool> {
-        let mut plan = match self.plan.take() {
-            Some(plan) => plan,
-            None => self.plan(gpu, cloud, progress)?,
-        };
-        let drawn = self.draw_next(&mut plan, gpu, cloud, progress);
-        let is_whole = plan.done == plan.tiles.len();
-        self.plan = Some(plan);
-        drawn.map(|()| is_whole)
+        self.drawing.step(gpu, cloud, progress, &mut |pixels| self.rows.write(pixels))
     }
 
     /// Completes the file and returns the warnings.
     pub fn finish(self) -> Result<Vec<String>> {
         self.rows.finish()?;
-        Ok(self.notes)
+        Ok(self.drawing.notes)
+    }
+}
+
+/// Takes whole rows of pixels, from the top down.
+type Put<'p> = dyn FnMut(&[u8]) -> Result<()> + 'p;
+
+impl Drawing {
+    fn new(request: PictureRequest) -> Drawing {
+        Drawing { request, plan: None, pixels: Vec::new(), notes: Vec::new() }
+    }
+
+    fn step(
+        &mut self,
+        gpu: &mut Gpu,
+        cloud: &mut GpuCloud,
+        progress: &dyn Progress,
+        put: &mut Put,
+    ) -> Result<bool> {
+        let mut plan = match self.plan.take() {
+            Some(plan) => plan,
+            None => self.plan(gpu, cloud, progress)?,
+        };
+        let drawn = self.draw_next(&mut plan, gpu, cloud, progress, put);
+        let is_whole = plan.done == plan.tiles.len();
+        self.plan = Some(plan);
+        drawn.map(|()| is_whole)
     }
 
     fn plan(
@@ -210,7 +230,7 @@ impl TiledPicture {
         cloud: &mut GpuCloud,
         progress: &dyn Progress,
     ) -> Result<Plan> {
-        let PictureRequest { view, settings, lod, piece, tile } = self.request.clone();
+        let PictureRequest { view, settings, lod, piece, tile, .. } = self.request.clone();
         // For a picture in pieces, effects are decided by as much of the cloud as shows the whole
         // picture on a screen.
         let overview = if needs_pieces(gpu, view.size, piece) { PIECE } else { view.size };
@@ -233,6 +253,7 @@ impl TiledPicture {
         gpu: &mut Gpu,
         cloud: &mut GpuCloud,
         progress: &dyn Progress,
+        put: &mut Put,
     ) -> Result<()> {
         let Tile { part, loaded, row: [top, height], is_last } = plan.tiles[plan.done];
         let PictureRequest { view, lod, .. } = &self.request;
@@ -255,7 +276,7 @@ impl TiledPicture {
         self.note(notes_of(taken));
         self.note(done.notes);
         if is_last {
-            self.rows.write(&self.pixels)?;
+            put(&self.pixels)?;
             self.pixels.clear();
         }
         plan.done += 1;
@@ -312,7 +333,20 @@ fn row_of_tiles(view: &View, row: &[Piece], side_and_border: Option<(u32, u32)>)
     tiles
 }
 
-/// Draws a picture into a file. Returns warnings.
+/// Draws a picture, 8-bit RGB, and gives its rows to `put`. Returns warnings.
+pub fn draw(
+    gpu: &mut Gpu,
+    cloud: &mut GpuCloud,
+    request: PictureRequest,
+    progress: &dyn Progress,
+    put: &mut Put,
+) -> Result<Vec<String>> {
+    let mut drawing = Drawing::new(request);
+    while !drawing.step(gpu, cloud, progress, put)? {}
+    Ok(drawing.notes)
+}
+
+/// Draws a picture into a PNG file. Returns warnings.
 pub fn write(
     gpu: &mut Gpu,
     cloud: &mut GpuCloud,

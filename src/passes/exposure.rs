@@ -40,12 +40,19 @@ const SEEN: f64 = 0.05;
 pub fn called_for(context: &FrameContext, _asked: &Effects, _before: &EffectDecisions) -> Reason {
     let stations = context.stations;
     let (runs, why) = match context.balance {
-        _ if context.shown != Attribute::Rgb => (false, "points do not show colours".to_string()),
-        _ if stations < 2 => (false, "there is only one station".to_string()),
-        None => (false, "the difference of stations is unknown: none overlap, or the index is of an earlier version".to_string()),
-        Some(balance) if stops(balance) < SEEN => {
-            (false, format!("{stations} stations have the same exposure, to {:.2} stops", stops(balance)))
+        _ if !matches!(context.shown, Attribute::Rgb | Attribute::Intensity) => {
+            (false, "points show neither colours nor intensities".to_string())
         }
+        _ if stations < 2 => (false, "there is only one station".to_string()),
+        None => (
+            false,
+            "the difference of stations is unknown: none overlap, or an index does not have it"
+                .to_string(),
+        ),
+        Some(balance) if stops(balance) < SEEN => (
+            false,
+            format!("{stations} stations have the same exposure, to {:.2} stops", stops(balance)),
+        ),
         Some(balance) => {
             let uneven = super::significant(100.0 * balance.uneven);
             (

@@ -20,7 +20,7 @@ use super::exposure;
 use super::project::{self, Drawn, Group, Shallow, Strip, Walk};
 use super::resolve::ColorLookup;
 use super::{Effect, EffectDecisions, Effects, FrameContext, GBuffer, Reason, Setting, Value};
-use crate::cloud::attribute::Attribute;
+use crate::cloud::attribute::{Attribute, DisplayAttribute};
 use crate::error::{Error, Result};
 use crate::graph::{Buffer, Dispatch, Graph, Image};
 use crate::shader::{self, luminance as kernel, luminance_sum32, luminance_sum64};
@@ -102,6 +102,7 @@ pub fn called_for(context: &FrameContext, _asked: &Effects, before: &EffectDecis
         _ if !context.shown.has_luminance() => {
             (false, "points show neither colours nor intensity".to_string())
         }
+        _ if context.is_ramped => (false, "points show numbers on a coloured ramp".to_string()),
         _ if context.shown == Attribute::Corrected => {
             (false, "the colours are corrected already".to_string())
         }
@@ -135,9 +136,13 @@ pub fn called_for(context: &FrameContext, _asked: &Effects, before: &EffectDecis
     Reason { runs, why }
 }
 
-/// Returns whether values are averaged. Strokes have no points behind each other.
-pub fn averages(shown: Attribute, decisions: &EffectDecisions) -> bool {
-    decisions.runs(Effect::Luminance) && !decisions.runs(Effect::Strokes) && shown.has_luminance()
+/// Returns whether values are averaged. Strokes have no points behind each other, and colours of a
+/// ramp no mean.
+pub fn averages(shown: &DisplayAttribute, decisions: &EffectDecisions) -> bool {
+    decisions.runs(Effect::Luminance)
+        && !decisions.runs(Effect::Strokes)
+        && shown.attribute.has_luminance()
+        && !shown.is_ramped()
 }
 
 /// The sums of every pixel's points.

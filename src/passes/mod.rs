@@ -161,6 +161,8 @@ pub struct FrameContext<'s> {
     pub stations: usize,
     /// Attribute that points show.
     pub shown: Attribute,
+    /// Whether that is a number on a ramp that is not grey.
+    pub is_ramped: bool,
     /// Whether some points are transparent.
     pub transparent: bool,
     /// Layer distance of the user `[m]`; 0: automatic.
@@ -184,6 +186,7 @@ impl<'s> FrameContext<'s> {
             sampling: PointDensity::of(resident, &view.entire()),
             stations: resident.stations.len(),
             shown: resident.shown.attribute,
+            is_ramped: resident.shown.is_ramped(),
             transparent: resident.is_transparent(),
             asked_layer_m: 0.0,
             normals: resident.shown.normal().is_some(),
@@ -250,7 +253,7 @@ impl EffectDecisions {
 pub fn color_request(resident: &Resident, decisions: &EffectDecisions) -> resolve::ColorRequest {
     resolve::ColorRequest {
         gains: exposure::gains(resident, decisions),
-        averaged: luminance::averages(resident.shown.attribute, decisions),
+        averaged: luminance::averages(&resident.shown, decisions),
     }
 }
 

@@ -4,6 +4,7 @@
 use super::project::{Keys, Strip};
 use super::{GBuffer, TileLists};
 use crate::cloud::attribute::{Attribute, DisplayAttribute};
+use crate::cloud::color_scale::ColorScale;
 use crate::cloud::colormap::{self, linear_to_srgb, srgb_to_linear};
 use crate::error::Result;
 use crate::graph::{Buffer, Dispatch, Graph, Image, Kind};
@@ -36,6 +37,7 @@ pub struct ColorLookup {
     pub(super) table: Buffer,
     /// Gains of its rows.
     pub(super) gains: Vec<f64>,
+    pub(super) scale: ColorScale,
     /// 8-bit values at one exposure, row by row as in the table, if colours are averaged: a later
     /// pass then makes the colours.
     pub(super) levels: Option<Buffer>,
@@ -79,7 +81,7 @@ const CONSTANT: u32 = 4;
 fn mode(attribute: Attribute) -> u32 {
     match attribute {
         Attribute::Rgb | Attribute::Corrected => RGB,
-        Attribute::Intensity | Attribute::Elevation => RAMP,
+        Attribute::Intensity | Attribute::Elevation | Attribute::Time => RAMP,
         Attribute::Class | Attribute::Source | Attribute::Return => PALETTE,
         Attribute::Normal => NORMAL,
         Attribute::White => CONSTANT,
@@ -102,8 +104,8 @@ impl Default for ColorRequest {
 }
 
 pub fn paint(g: &mut Graph, resident: &Resident, request: &ColorRequest) -> Result<ColorLookup> {
-    let DisplayAttribute { attribute, stretch: [lo, hi], .. } = resident.shown;
-    let mode = mode(attribute);
+    let mode = mode(resident.shown.attribute);
+    let [lo, hi] = row_words(&resident.shown, &request.gains);
     let shown = g.upload("shown", &resident.addresses(0))?;
     let transparent = resident.is_transparent();
     let opacities = transparent
@@ -116,14 +118,18 @@ pub fn paint(g: &mut Graph, resident: &Resident, request: &ColorRequest) -> Resu
         .map(|word| g.upload("kinds", &resident.addresses(word)))
         .transpose()?;
     let gains = request.gains.clone();
-    let table = g.upload("table", &table(attribute, &gains))?;
-    let levels = request.averaged.then(|| g.upload("levels", &levels(&gains))).transpose()?;
+    let table = g.upload("table", &table(&resident.shown, &gains))?;
+    let levels = request
+        .averaged
+        .then(|| g.upload("levels", &levels(&resident.shown, &gains)))
+        .transpose()?;
     Ok(ColorLookup {
         shown,
         kinds,
         opacities,
         table,
         gains,
+        scale: resident.shown.scale,
         levels,
         mode,
         ramp: [lo as f32, 255.0 / (hi as f32 - lo as f32).max(1.0)],
@@ -220,28 +226,74 @@ pub fn spacing_px(view: &View, resident: &Resident) -> [f64; 2] {
     all.map_or([0.0; 2], |range| range.map(|px| if px.is_nan() { 0.0 } else { px }))
 }
 
-/// Returns the 256 linear colours of the table; for colour channels 256 for each station.
-fn table(attribute: Attribute, gains: &[f64]) -> Vec<[f32; 4]> {
-    if attribute == Attribute::Rgb {
-        return linear(gains).map(|v| [v as f32, v as f32, v as f32, 1.0]).collect();
+/// Returns the words at the ends of the table's rows: those of the ramp, or farther apart if a gain
+/// brings words from beyond it.
+fn row_words(shown: &DisplayAttribute, gains: &[f64]) -> [f64; 2] {
+    let [lo, hi] = shown.ramp_words();
+    [lo, (hi / gains.iter().copied().fold(1.0, f64::min)).max(hi)]
+}
+
+/// Returns the linear colours of the table: 256, and if the attribute depends on the station 256
+/// for each.
+fn table(shown: &DisplayAttribute, gains: &[f64]) -> Vec<[f32; 4]> {
+    let color = |[r, g, b]: [f64; 3]| [r as f32, g as f32, b as f32, 1.0];
+    match mode(shown.attribute) {
+        RGB => linear(shown, gains).map(|v| color([v; 3])).collect(),
+        RAMP => places(shown, gains)
+            .map(|place| color(shown.ramp_at(place).map(srgb_to_linear)))
+            .collect(),
+        _ => (0..256)
+            .map(|i| color(colormap::entry(shown.attribute, &shown.scale, i).map(srgb_to_linear)))
+            .collect(),
     }
-    let color = |i| {
-        let [r, g, b] = colormap::entry(attribute, i).map(|channel| srgb_to_linear(channel) as f32);
-        [r, g, b, 1.0]
+}
+
+/// Returns where each entry of the rows of numbers lies on the ramp, 0..=1, times its gain.
+fn places<'g>(shown: &DisplayAttribute, gains: &'g [f64]) -> impl Iterator<Item = f64> + use<'g> {
+    let ([lo, hi], [_, end]) = (shown.ramp_words(), row_words(shown, gains));
+    let is_neutral = gains.iter().all(|gain| *gain == 1.0);
+    gains.iter().flat_map(move |&gain| {
+        (0..256).map(move |i| {
+            let share = i as f64 / 255.0;
+            let word = gain * (lo + (end - lo) * share);
+            if is_neutral { share } else { ((word - lo) / (hi - lo).max(1.0)).clamp(0.0, 1.0) }
+        })
+    })
+}
+
+/// Returns 256 linear values of channels for each gain. The gain is one on the light that was
+/// measured, and comes before stretch and tone.
+fn linear<'g>(shown: &DisplayAttribute, gains: &'g [f64]) -> impl Iterator<Item = f64> + use<'g> {
+    let ([lo, hi], scale) = (shown.ramp_words().map(|end| end / 255.0), shown.scale);
+    let is_plain = [lo, hi] == [0.0, 1.0] && (scale.toned(0.25), scale.toned(0.75)) == (0.25, 0.75);
+    gains.iter().flat_map(move |&gain| {
+        (0..256).map(move |v| {
+            let light = (gain * srgb_to_linear(v as f64 / 255.0)).min(1.0);
+            if is_plain {
+                return light;
+            }
+            let channel = if gain == 1.0 { v as f64 / 255.0 } else { linear_to_srgb(light) };
+            let place = ((channel - lo) / (hi - lo).max(1.0 / 255.0)).clamp(0.0, 1.0);
+            srgb_to_linear(scale.toned(place))
+        })
+    })
+}
+
+/// Returns for each entry of every row the entry of the first row that shows the same: 8-bit sRGB
+/// values at one exposure, before stretch and tone.
+pub fn levels(shown: &DisplayAttribute, gains: &[f64]) -> Vec<u32> {
+    let [lo, end] = row_words(shown, gains);
+    let is_ramp = mode(shown.attribute) == RAMP;
+    let level = |gain: f64, v: usize| {
+        let share = v as f64 / 255.0;
+        let evened = match is_ramp {
+            _ if gain == 1.0 => share,
+            true => (gain * (lo + (end - lo) * share) - lo) / (end - lo).max(1.0),
+            false => linear_to_srgb((gain * srgb_to_linear(share)).min(1.0)),
+        };
+        (255.0 * evened.clamp(0.0, 1.0)).round() as u32
     };
-    (0..256).map(color).collect()
-}
-
-/// Returns 256 linear values for each gain.
-pub fn linear(gains: &[f64]) -> impl Iterator<Item = f64> + '_ {
-    gains
-        .iter()
-        .flat_map(|gain| (0..256).map(move |v| (gain * srgb_to_linear(v as f64 / 255.0)).min(1.0)))
-}
-
-/// Returns the same as 8-bit sRGB values.
-pub fn levels(gains: &[f64]) -> Vec<u32> {
-    linear(gains).map(|linear| (255.0 * linear_to_srgb(linear)).round() as u32).collect()
+    gains.iter().flat_map(|&gain| (0..256).map(move |v| level(gain, v))).collect()
 }
 
 #[cfg(test)]
@@ -250,9 +302,43 @@ mod tests {
 
     #[test]
     fn a_factor_of_one_changes_nothing_and_values_grow_with_light() {
-        let levels = levels(&[1.0, 0.5, 16.0]);
+        let mut shown = DisplayAttribute::indexed(Attribute::Rgb, [0.0; 2], [0, 255]);
+        let at = |shown: &DisplayAttribute, v: usize| {
+            let linear: Vec<f64> = linear(shown, &[1.0, 0.5]).collect();
+            [linear[v], linear[256 + v]].map(|light| (255.0 * linear_to_srgb(light)).round())
+        };
+        let dark = DisplayAttribute::indexed(Attribute::Rgb, [0.0; 2], [0, 51]);
+        assert_eq!([10, 51, 200].map(|v| at(&dark, v)[0]), [50.0, 255.0, 255.0]);
+        // A gain is one on the light before it is stretched.
+        assert!(at(&dark, 51)[1] < 255.0 && at(&dark, 200)[1] == 255.0);
+        shown.scale.range = Some([100.0, 200.0]);
+        assert_eq!([99, 150, 200].map(|v| at(&shown, v)[0]), [0.0, 128.0, 255.0]);
+        // Averages are made before stretch and tone, which the first row adds.
+        let levels = |shown: &DisplayAttribute| super::levels(shown, &[1.0, 0.5, 16.0]);
+        assert!(
+            levels(&shown)
+                == levels(&DisplayAttribute::indexed(Attribute::Rgb, [0.0; 2], [0, 255]))
+        );
+        let levels = levels(&shown);
         assert!((0..256).all(|v| levels[v] == v as u32));
         assert!(levels[256..].chunks(256).all(|row| row.is_sorted()));
         assert_eq!((levels[256 + 255], levels[512 + 255], levels[512 + 100]), (188, 255, 255));
+    }
+
+    #[test]
+    fn a_gain_on_intensities_moves_them_along_the_ramp() {
+        let shown = DisplayAttribute::indexed(Attribute::Intensity, [0.0; 2], [100, 1100]);
+        let gains = [1.0, 0.5, 2.0];
+        let [lo, hi] = row_words(&shown, &gains);
+        assert_eq!([lo, hi], [100.0, 2200.0]);
+        let places: Vec<f64> = places(&shown, &gains).collect();
+        let place =
+            |row: usize, word: f64| places[256 * row + ((word - lo) * 255.0 / (hi - lo)) as usize];
+        for (row, word, seen) in
+            [(0, 600.0, 0.5), (1, 1200.0, 0.5), (2, 300.0, 0.5), (1, 2200.0, 1.0)]
+        {
+            assert!((place(row, word) - seen).abs() < 0.02, "{row} {word} {}", place(row, word));
+        }
+        assert_eq!((place(0, 2000.0), place(2, 1000.0)), (1.0, 1.0));
     }
 }

@@ -156,7 +156,7 @@ pub fn record(
         let groups = Dispatch::Groups([width.div_ceil(64), last - first, 1]);
         // Both kernels have the same bindings and constants.
         macro_rules! run {
-            ($kernel:ident, $module:ident $(, $step:ident)?) => {{
+            ($($kernel:ident)::+, $module:ident $(, $step:ident)?) => {{
                 let push = $module::Push {
                     size: view.size,
                     first,
@@ -171,14 +171,14 @@ pub fn record(
                 };
                 let spec = $module::Spec { perspective $(, $step)? };
                 let keys = &mut keys;
-                g.run(shader::$kernel { depth, index, spacings, keys, push, spec }, groups);
+                g.run($($kernel)::+ { depth, index, spacings, keys, push, spec }, groups);
             }};
         }
         if g.gpu.device.int64_atomics {
-            run!(Splat64, splat64);
+            run!(shader::Splat64, splat64);
         } else {
             for step in [0, 1] {
-                run!(Splat32, splat32, step);
+                run!(shader::Splat32, splat32, step);
             }
         }
         g.run(

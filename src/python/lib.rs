@@ -363,8 +363,7 @@ impl State {
             shown.push(match origin {
                 Origin::Points(cloud) => Source::Files(cloud.clone()),
                 Origin::Files { paths, strict } => {
-                    let read = picture.read_options(*strict);
-                    Source::open(paths, &picture.detail.opening(read, picture.light), progress)?
+                    Source::open(paths, &picture.opening(*strict), progress)?
                 }
             });
         }

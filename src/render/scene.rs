@@ -5,6 +5,7 @@
 
 use crate::atomic_file::write_atomically;
 use crate::cloud::attribute::Attribute;
+use crate::cloud::color_scale::ColorScale;
 use crate::cloud::filter::{Condition, Filter};
 use crate::error::{Error, Result};
 use crate::passes::Effects;
@@ -23,6 +24,8 @@ pub struct Scene {
     /// Attribute to show; chosen by the points' attributes if `None`.
     pub color: Option<Attribute>,
     pub settings: RenderSettings,
+    /// How numbers and channels become colours.
+    pub scale: ColorScale,
     pub opacities: Opacities,
     pub filter: Filter,
     pub clips: Clips,
@@ -37,6 +40,9 @@ struct Words {
     camera: Camera,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     color: Option<String>,
+    /// Ramp, range, brightness, contrast and gamma; those not named have their defaults.
+    #[serde(default, skip_serializing_if = "ColorScale::is_neutral")]
+    scale: ColorScale,
     /// Effects as after `--effect`; those not named have their defaults.
     #[serde(default)]
     effects: Vec<String>,
@@ -69,6 +75,7 @@ impl Scene {
         let words = Words {
             camera: self.camera,
             color: self.color.map(Attribute::name),
+            scale: self.scale,
             effects: self.settings.effects.clone().list().iter().map(ToString::to_string).collect(),
             opacity: self.opacities.0.iter().map(ToString::to_string).collect(),
             only: self.filter.only.iter().map(ToString::to_string).collect(),
@@ -137,6 +144,7 @@ impl Scene {
         Ok(Scene {
             camera: words.camera,
             color: color.transpose()?,
+            scale: words.scale.checked()?,
             settings,
             opacities: Opacities(rules),
             filter,
@@ -149,6 +157,7 @@ impl Scene {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::cloud::color_scale::Ramp;
     use crate::view::Preset;
 
     #[test]
@@ -180,6 +189,12 @@ mod tests {
         let scene = Scene {
             camera: Camera::framing(Preset::Fit, &corners, [640, 480]),
             color: Some(Attribute::Class),
+            scale: ColorScale {
+                ramp: Some(Ramp::Viridis),
+                range: Some([0.1, 1.0 / 3.0]),
+                gamma: 1.1,
+                ..ColorScale::default()
+            },
             settings,
             opacities,
             filter: Filter {
@@ -199,5 +214,11 @@ mod tests {
         )
         .unwrap();
         assert!(Scene::read(&path).unwrap_err().to_string().contains("edl=perhaps"));
+        std::fs::write(
+            &path,
+            "{\"camera\": {\"eye\": [0,0,1], \"target\": [0,0,0]}, \"scale\": {\"gamma\": 0}}",
+        )
+        .unwrap();
+        assert!(Scene::read(&path).unwrap_err().to_string().contains("gamma"));
     }
 }

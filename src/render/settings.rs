@@ -11,6 +11,7 @@ use crate::passes::{
 use crate::resident::{PointDensity, Resident, StationOverlap};
 use crate::view::View;
 use crate::view::light::Light;
+use clap::ValueEnum;
 use std::sync::Arc;
 
 /// A set of effects that run by default.
@@ -44,6 +45,32 @@ impl Effects {
             Style::Strokes => effects.strokes.switch = Switch::On,
         }
         effects
+    }
+
+    /// Returns the switches that a style sets.
+    fn switches(&mut self) -> [&mut Switch; 6] {
+        let Effects { visibility, fill, shape, splat, edl, strokes, .. } = self;
+        [
+            &mut visibility.switch,
+            &mut fill.switch,
+            &mut shape.switch,
+            &mut splat.switch,
+            &mut edl.switch,
+            &mut strokes.switch,
+        ]
+    }
+
+    /// Returns the style that these switches are of, if there is one.
+    pub fn style(&self) -> Option<Style> {
+        let of = |effects: &Effects| effects.clone().switches().map(|switch| *switch);
+        Style::value_variants().iter().copied().find(|style| of(&Effects::of(*style)) == of(self))
+    }
+
+    /// Sets the switches of a style; settings stay.
+    pub fn set_style(&mut self, style: Style) {
+        for (to, from) in self.switches().into_iter().zip(Effects::of(style).switches()) {
+            *to = *from;
+        }
     }
 }
 

@@ -1,14 +1,17 @@
 //! Sources of points: files read whole, or an index read on demand, through one interface.
 
 use crate::cloud::attribute::{Attribute, DisplayAttribute, ExtraAttributes};
+use crate::cloud::color_scale::ColorScale;
 use crate::cloud::crs::Reference;
+use crate::cloud::digits::number;
 use crate::cloud::filter::{Filter, grouped};
 use crate::cloud::histograms::Histograms;
 use crate::cloud::rgb_range::RgbRange;
 use crate::cloud::robust_bounds::without_strays;
 use crate::cloud::strays::{RobustBounds, Strays, Treatment};
 use crate::cloud::stream::FileSummary;
-use crate::cloud::{self, Cloud, ReadOptions, Station};
+use crate::cloud::up::Up;
+use crate::cloud::{self, Cloud, Columns, Part, ReadOptions, Station};
 use crate::config;
 use crate::error::{Error, Result};
 use crate::graph::Gpu;
@@ -20,7 +23,7 @@ use crate::index::format::{Index, Plane};
 use crate::index::{self, build};
 use crate::progress::Progress;
 use crate::resident::{CloudUpload, Residency, Resident, streaming::Update};
-use crate::select::clip::{Clip, Clips};
+use crate::select::clip::{Clip, Clips, Left};
 use crate::select::lod::Detail;
 use crate::select::opacity::Opacities;
 use crate::view::View;
@@ -78,6 +81,10 @@ impl OpenOptions {
         index.hidden =
             if self.read.strays == Treatment::Hide { root_samples(&index).1 } else { None };
         index.fault = self.fault;
+        let headers = index.directory.contents.parts.iter().map(|part| &part.header);
+        let (up, note) = self.read.up.of(headers, || core_samples(&index));
+        index.up = up;
+        index.directory.contents.notes.extend(note);
         if !self.filter.is_empty() {
             let compiled = index.compile(&self.filter)?;
             let (points, counts) =
@@ -298,6 +305,14 @@ impl Source {
         }
     }
 
+    /// Returns the axis that points up.
+    pub fn up(&self) -> Up {
+        match self {
+            Source::Files(cloud) => cloud.up,
+            Source::Index(index) => index.up,
+        }
+    }
+
     /// Returns the points that a camera should frame.
     pub fn core_points(&self) -> Vec<DVec3> {
         match self {
@@ -306,10 +321,22 @@ impl Source {
         }
     }
 
+    /// Returns the points that a camera should frame of those that clip boxes leave; of all, if
+    /// they leave none.
+    pub fn framed_points(&self, clips: &Clips) -> Vec<DVec3> {
+        let kept = match self {
+            _ if clips.active() == 0 => Vec::new(),
+            Source::Files(cloud) => cloud.core_points_where(|p| clips.keep(p)),
+            Source::Index(index) => without_strays(samples_left(index, clips)),
+        };
+        if kept.is_empty() { self.core_points() } else { kept }
+    }
+
     /// Returns the attribute to display, and the reason.
     pub fn shown(&self, asked: Option<Attribute>) -> Result<(DisplayAttribute, String)> {
         let Some(attribute) = asked else {
-            let (shown, why) = self.automatic();
+            let (mut shown, why) = self.automatic();
+            self.brighten(&mut shown);
             return Ok((shown, why.to_string()));
         };
         if self.points() > 0 && !self.has(attribute) {
@@ -318,11 +345,35 @@ impl Source {
                 "--color {name}: the points do not have it; {how}"
             )));
         }
-        let shown = match self {
+        let mut shown = match self {
             Source::Files(cloud) => DisplayAttribute::new(attribute, cloud),
             Source::Index(index) => shown(index, attribute),
         };
+        self.brighten(&mut shown);
         Ok((shown, format!("requested with --color {}", attribute.name())))
+    }
+
+    /// Stretches dark colours: of all points of files, or of an index of the roots' samples.
+    fn brighten(&self, shown: &mut DisplayAttribute) {
+        match self {
+            _ if shown.attribute != Attribute::Rgb => {}
+            Source::Files(cloud) => {
+                let colors = cloud.parts.iter().filter_map(|part| part.columns.rgb.as_ref());
+                shown.brighten(colors.flatten().copied());
+            }
+            Source::Index(index) => {
+                let roots = &index.nodes()[..index.directory.roots as usize];
+                let mut colors = Vec::new();
+                for (node, root) in roots.iter().enumerate().filter(|(_, r)| r.has(Plane::Rgb)) {
+                    let mut bytes = vec![0; root.unpacked_bytes(Plane::Rgb) as usize];
+                    // An unreadable root is reported when drawn.
+                    if index.read(node, Plane::Rgb, &mut bytes).is_ok() {
+                        colors.extend_from_slice(bytes.as_chunks().0);
+                    }
+                }
+                shown.brighten(colors.into_iter());
+            }
+        }
     }
 
     /// Computes corrected colours of a cloud in memory if displayed; they replace its own.
@@ -345,6 +396,9 @@ impl Source {
             (Source::Index(index), Attribute::Corrected) if index.has(Plane::Rgb) => {
                 (indexed_files(index), "--luminance")
             }
+            (Source::Index(_), Attribute::Time) => {
+                return "draw the files themselves, since an index does not keep them".into();
+            }
             _ => return "`pointillist info` lists their attributes".into(),
         };
         self.index_again(files, option)
@@ -362,6 +416,30 @@ impl Source {
             "OUT.pnti".into()
         };
         format!("`pointillist index {}{more} -o {output} {option}` finds them", files.join(" "))
+    }
+
+    /// Returns a note if clip boxes leave nothing: of files no point, of an index no node.
+    pub fn clipped_away(&self, clips: &Clips) -> Option<String> {
+        let (is_left, bounds) = match self {
+            Source::Files(cloud) => {
+                let is_left = |part: &Part| {
+                    let Columns { x, y, z, .. } = &part.columns;
+                    let place = |i| part.lattice.world([x[i], y[i], z[i]].map(i64::from));
+                    (0..x.len()).any(|i| clips.keep(place(i)))
+                };
+                (cloud.parts.iter().any(is_left), cloud.bounds())
+            }
+            Source::Index(index) => {
+                let is_left = |node| clips.left(index.bounds(node)) != Left::Nothing;
+                let bounds = index.directory.contents.bounds.map(|[low, high]| (low, high));
+                (index.nodes().iter().any(is_left), bounds)
+            }
+        };
+        let (low, high) = bounds.filter(|_| !is_left)?;
+        let [low, high] = [low, high]
+            .map(|corner| self.reference().digits.round(corner).to_array().map(number).join(" "));
+        let points = grouped(self.points());
+        Some(format!("--clip leaves none of {points} points; they lie in {low} to {high}"))
     }
 
     /// Tests whether points need their kind on the device for a filter.
@@ -384,7 +462,9 @@ impl Source {
             Source::Files(cloud) => attribute.is_in(cloud),
             Source::Index(index) => {
                 let planes = Plane::of(attribute);
-                planes.is_empty() || planes.iter().any(|&plane| index.has(plane))
+                // Times are not kept.
+                planes.is_empty() && attribute != Attribute::Time
+                    || planes.iter().any(|&plane| index.has(plane))
             }
         }
     }
@@ -512,22 +592,27 @@ pub fn shown(index: &Index, attribute: Attribute) -> DisplayAttribute {
     shown
 }
 
-/// Returns elevation over the heights of all points; if there are strays, over those of the roots'
-/// other samples.
+/// Returns elevation over the heights of all points; if there are strays or y is up, over those of
+/// the roots' other samples.
 fn elevation(index: &Index) -> DisplayAttribute {
     let contents = &index.directory.contents;
     let (samples, core) = root_samples(index);
-    let Some(core) = core else {
+    let axis = index.up.index();
+    if core.is_none() && index.up == Up::Z {
         let heights = contents.bounds.map_or([0.0, 0.0], |[lo, hi]| [lo.z, hi.z]);
         return DisplayAttribute::indexed(
             Attribute::Elevation,
             heights,
             contents.elevation_stretch,
         );
-    };
-    let heights =
-        samples.into_iter().filter(|(p, _)| core.has(*p)).map(|(p, weight)| (p.z, weight as u64));
-    DisplayAttribute::of_heights(heights.collect())
+    }
+    let heights = samples
+        .into_iter()
+        .filter(|(p, _)| core.is_none_or(|core| core.has(*p)))
+        .map(|(p, weight)| (p[axis], weight as u64));
+    let mut shown = DisplayAttribute::of_heights(heights.collect());
+    shown.up = index.up;
+    shown
 }
 
 /// Returns samples of the roots with the number of points each stands for, and the box without
@@ -569,6 +654,36 @@ pub fn strays(index: &Index) -> Strays {
 /// Returns the points to frame as [`Cloud::core_points`], from the roots' samples.
 fn core_samples(index: &Index) -> Vec<DVec3> {
     without_strays(root_samples(index).0)
+}
+
+/// Samples that describe what clip boxes leave of an index, if there are as many; and most nodes
+/// that are read for them.
+const FRAMED_SAMPLES: usize = 1000;
+const FRAMED_NODES: usize = 64;
+
+/// Returns samples that clip boxes leave: of the roots, or of nodes below while these leave few.
+fn samples_left(index: &Index, clips: &Clips) -> Vec<(DVec3, u32)> {
+    let meets = |&node: &usize| clips.left(index.bounds(&index.nodes()[node])) != Left::Nothing;
+    let mut nodes: Vec<usize> = (0..index.directory.roots as usize).filter(meets).collect();
+    loop {
+        let kept: Vec<(DVec3, u32)> = nodes
+            .iter()
+            .flat_map(|&node| index.samples(node).unwrap_or_default())
+            .filter(|(p, _)| clips.keep(*p))
+            .collect();
+        let below: Vec<usize> = nodes
+            .iter()
+            .flat_map(|&node| match index.nodes()[node].children() {
+                children if children.is_empty() => node..node + 1,
+                children => children,
+            })
+            .filter(meets)
+            .collect();
+        if kept.len() >= FRAMED_SAMPLES || below.len() > FRAMED_NODES || below == nodes {
+            return kept;
+        }
+        nodes = below;
+    }
 }
 
 /// A cloud in device memory.
@@ -636,6 +751,14 @@ impl GpuCloud {
         match self {
             GpuCloud::Whole(resident) => resident,
             GpuCloud::Parts(residency) => residency.resident(),
+        }
+    }
+
+    /// Sets how numbers and channels become colours.
+    pub fn set_scale(&mut self, scale: ColorScale) {
+        match self {
+            GpuCloud::Whole(resident) => resident.shown.scale = scale,
+            GpuCloud::Parts(residency) => residency.resident_mut().shown.scale = scale,
         }
     }
 

@@ -9,12 +9,12 @@
 
 use super::pool::Pool;
 use super::{MOST_NODES, Resident, ResidentNode, in_metres};
-use crate::cloud::attribute::DisplayAttribute;
+use crate::cloud::attribute::{Attribute, DisplayAttribute};
 use crate::cloud::histograms::Histograms;
 use crate::cloud::{Cloud, Columns, Part, Station, spacing};
 use crate::error::{Error, Result};
 use crate::graph::Gpu;
-use crate::index::attributes::exposure;
+use crate::index::attributes::exposure::{self, Values};
 use crate::index::attributes::strokes::{self, StrokeCache};
 use crate::index::build::pack::{self, Frame};
 use crate::index::format::Axes;
@@ -70,8 +70,12 @@ impl CloudUpload {
         shown: DisplayAttribute,
         found: Option<Arc<StrokeCache>>,
     ) -> CloudUpload {
+        let values = match shown.attribute {
+            Attribute::Intensity => Values::of_intensities(shown.stretch[1]),
+            _ => Values::Colors,
+        };
         let (balance, points) =
-            (if shown.coded { exposure::balance(&cloud) } else { None }, cloud.len());
+            (shown.coded.then(|| exposure::balance_of(&cloud, &values)).flatten(), cloud.len());
         let counts = shown
             .further
             .kind

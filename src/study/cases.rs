@@ -412,5 +412,5 @@ pub(super) fn cloud(name: &str, points: &[DVec3]) -> Cloud {
     };
     let station =
         Station { part: 0, source: None, name: name.to_string(), points: points.len() as u64 };
-    Cloud { parts: vec![part], stations: vec![station], notes: Vec::new() }
+    Cloud { parts: vec![part], stations: vec![station], ..Cloud::default() }
 }

@@ -61,5 +61,5 @@ pub fn collect(
         rgb_scale: Scale::new(RgbRange::Words, By::File),
     };
     let stations = crate::cloud::stations(&part, 0);
-    Ok(Cloud { parts: vec![part], stations, notes: Vec::new() })
+    Ok(Cloud { parts: vec![part], stations, ..Cloud::default() })
 }

@@ -204,7 +204,8 @@ fn what_is_left_is_what_a_plain_loop_leaves() {
         .collect();
     assert!(expected.len() > 500 && expected.len() < all.len() / 2, "{}", expected.len());
     let output = folder.path().join("some.las");
-    let exported = export(&[file.clone()], &selection, &Thinning::default(), &output).unwrap();
+    let exported =
+        export(std::slice::from_ref(&file), &selection, &Thinning::default(), &output).unwrap();
     assert_eq!((exported.points, exported.of), (expected.len() as u64, all.len() as u64));
     assert_eq!(rows(&read(&output), 1e-3), expected);
     let input = Input::open(&[file], &options(), &Silent).unwrap();
@@ -228,7 +229,7 @@ fn one_point_a_cell_is_the_first_and_every_nth_counts_from_the_first() {
     assert!(first.len() > 1000 && first.len() < all.len() / 2, "{}", first.len());
     let output = folder.path().join("thin.laz");
     let thinned = |thinning: &Thinning| {
-        export(&[file.clone()], &Selection::default(), thinning, &output).unwrap();
+        export(std::slice::from_ref(&file), &Selection::default(), thinning, &output).unwrap();
         rows(&read(&output), 1e-3)
     };
     let thinning = Thinning { cell: Some(0.7), ..Thinning::default() };
@@ -249,7 +250,7 @@ fn an_index_gives_the_points_of_its_files() {
     let file = street(folder.path(), "street.laz");
     let index = folder.path().join("street.pnti");
     let with_times = Options { wanted: ColumnSet::ALL, ..Options::usual(false) };
-    build(&[file.clone()], &index, &with_times, &Silent).unwrap();
+    build(std::slice::from_ref(&file), &index, &with_times, &Silent).unwrap();
     for selection in [
         Selection::default(),
         only(&["ground", "z=..100.5"]),
@@ -270,7 +271,7 @@ fn an_index_gives_the_points_of_its_files() {
         assert!(none.is_empty() && said[0].contains("an index has no scan angles"), "{said:?}");
     }
     let missing = export(
-        &[index.clone()],
+        std::slice::from_ref(&index),
         &only(&["class=99"]),
         &Thinning::default(),
         &folder.path().join("none.laz"),
@@ -385,7 +386,10 @@ fn threads_change_nothing() {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         let output = folder.path().join("out.laz");
         let thinning = Thinning { cell: Some(0.3), ..Thinning::default() };
-        pool.install(|| export(&[file.clone()], &only(&["z=..104"]), &thinning, &output)).unwrap();
+        pool.install(|| {
+            export(std::slice::from_ref(&file), &only(&["z=..104"]), &thinning, &output)
+        })
+        .unwrap();
         std::fs::read(&output).unwrap()
     };
     let one = bytes(1);
@@ -403,7 +407,9 @@ fn real_las_files_are_exported_as_they_are() {
             if is_large || !(name.ends_with(".las") || name.ends_with(".laz")) {
                 continue;
             }
-            let Ok(cloud) = cloud::read(&[file.clone()], &options(), &Silent) else { continue };
+            let Ok(cloud) = cloud::read(std::slice::from_ref(&file), &options(), &Silent) else {
+                continue;
+            };
             if cloud.is_empty() {
                 continue;
             }

@@ -23,7 +23,7 @@ fn navigation(style: NavigationStyle, from: Preset) -> Navigation {
         })
         .collect();
     let mut navigation = Navigation::new(style, SIZE);
-    navigation.set_subject(Subject::of(corners));
+    navigation.set_subject(Subject::of(corners, DVec3::Z));
     navigation.handle(Input::Look { from, covered_px: 0.0 });
     navigation
 }

@@ -197,6 +197,12 @@ fn what_leaves_nothing_or_makes_no_sense_says_why() {
         let said = failed(&render(cloud, &format!("-o {} --only class=9", drawn.display())), 1);
         assert!(said.contains("leaves none of 60,000 points; classes present: 2"), "{said}");
     }
+    for cloud in [&street, &index] {
+        let line = format!("-o {} --size 32x32 --clip box:0,0,0,1,1,1", drawn.display());
+        let said = succeeded(&render(cloud, &line));
+        assert!(said.contains("--clip leaves none of 60,000 points; they lie in 4"), "{said}");
+    }
+    fs::remove_file(&drawn).unwrap();
     let said = failed(&export(&street, &output, "--only grund"), 2);
     assert!(said.contains("low-vegetation"), "{said}");
     let said = failed(&export(&street, &place.at("out.copc.laz"), ""), 1);
@@ -207,7 +213,8 @@ fn what_leaves_nothing_or_makes_no_sense_says_why() {
     assert_eq!(names(place.folder.path()), ["street.laz", "street.pnti"]);
 }
 
-/// An index with all points drawn, and the files themselves, give one picture under every filter.
+/// An index with all points drawn, and the files themselves, give one picture under every filter:
+/// without shading, which follows the spacing of the points that are left.
 #[test]
 fn filters_draw_the_same_of_files_and_of_their_index() {
     let place = Place::new();
@@ -216,7 +223,10 @@ fn filters_draw_the_same_of_files_and_of_their_index() {
     let camera = place.at("cam.json");
     let view = r#"{"eye": [500020, 4999980, 130], "target": [500000, 5000020, 103], "fov_y": 50}"#;
     fs::write(&camera, view).unwrap();
-    let line = format!("--camera {} --size 320x200 --style points --color class", camera.display());
+    let line = format!(
+        "--camera {} --size 320x200 --style points --effect edl=off --color class",
+        camera.display()
+    );
     let draw = |cloud: &Path, filter: &str| {
         let output = place.at("out.png");
         let line = format!("{line} {filter} -o {}", output.display());

@@ -28,6 +28,7 @@ mod faults;
 mod guide;
 mod hosts;
 mod indexed;
+mod pictures;
 mod python;
 mod saved_shadows;
 mod stations;

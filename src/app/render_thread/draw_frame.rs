@@ -115,6 +115,7 @@ impl RenderLoop {
             return self.blank().map(|()| true);
         };
         cloud.set_filters(scene.opacities.clone(), scene.clips.clone());
+        cloud.set_scale(scene.scale);
         self.saves.filters_replaced = false;
         times.fitting = fitting.elapsed();
         let divisor = if self.schedule.redraw == Redraw::Changed { self.scale.divisor } else { 1 };

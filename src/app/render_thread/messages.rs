@@ -5,6 +5,7 @@ use crate::app::load_thread::{CloudInfo, ProgressReporter};
 use crate::app::pick_buffer::PickBuffer;
 use crate::app::profile::Profile;
 use crate::error::Error;
+use crate::output::overlay as triangles;
 use crate::passes::EffectDecisions;
 use crate::passes::project::Statistics;
 use crate::present::overlay::Overlay;
@@ -51,6 +52,8 @@ pub enum Message {
         path: PathBuf,
         size: [u32; 2],
         layers: bool,
+        /// Drawn over the picture.
+        over: Box<triangles::Overlay>,
     },
     Close,
 }

@@ -10,8 +10,10 @@
 use super::draw_frame::settings;
 use super::{Redraw, RenderEvent, RenderLoop};
 use crate::app::warn;
+use crate::cloud::color_scale::ColorScale;
 use crate::error::{Error, Result};
 use crate::output::export;
+use crate::output::overlay::Overlay;
 use crate::output::tiled::{self, TiledPicture};
 use crate::progress::{Progress, Silent};
 use crate::render::source::GpuCloud;
@@ -38,6 +40,7 @@ pub(super) struct SaveQueue {
 /// A picture to save, and its filters.
 pub(super) struct PendingSave {
     target: SaveTarget,
+    scale: ColorScale,
     opacities: Opacities,
     clips: Clips,
 }
@@ -67,7 +70,13 @@ impl PendingSave {
 
 impl RenderLoop {
     /// Queues a picture, or saves it at once if that is quick.
-    pub(super) fn save(&mut self, path: PathBuf, size: [u32; 2], layers: bool) -> Result<()> {
+    pub(super) fn save(
+        &mut self,
+        path: PathBuf,
+        size: [u32; 2],
+        layers: bool,
+        over: Overlay,
+    ) -> Result<()> {
         let (Some(scene), Some(cloud)) = (&self.scene, &self.cloud) else {
             (self.report)(RenderEvent::SaveFailed(
                 path,
@@ -83,6 +92,7 @@ impl RenderLoop {
             lod: scene.lod,
             piece: None,
             tile: Some(TILE),
+            over,
         };
         // If the window shows everything, there is nothing to wait for.
         let is_there = self.schedule.redraw == Redraw::Nothing
@@ -98,6 +108,7 @@ impl RenderLoop {
         match target {
             Ok(target) => self.saves.queue.push_back(PendingSave {
                 target,
+                scale: scene.scale,
                 opacities: scene.opacities.clone(),
                 clips: scene.clips.clone(),
             }),
@@ -129,6 +140,7 @@ impl RenderLoop {
             return Ok(());
         };
         cloud.set_filters(saving.opacities.clone(), saving.clips.clone());
+        cloud.set_scale(saving.scale);
         let newer = self.inbox.superseded();
         let progress = if interruptible { &newer as &dyn Progress } else { &Silent };
         let written = match &mut saving.target {
@@ -197,6 +209,7 @@ impl RenderLoop {
         };
         self.saves.filters_replaced = false;
         cloud.set_filters(scene.opacities.clone(), scene.clips.clone());
+        cloud.set_scale(scene.scale);
         if let GpuCloud::Parts(residency) = cloud {
             let update = residency.update(
                 &mut self.gpu,

@@ -24,6 +24,7 @@ const PROJECTED_CITATION: u16 = 3073;
 const PROJECTION: u16 = 3075;
 const LINEAR_UNIT: u16 = 3076;
 const LINEAR_UNIT_METRES: u16 = 3077;
+const VERTICAL: u16 = 4096;
 const VERTICAL_UNIT: u16 = 4099;
 
 /// A value that is defined by other keys.
@@ -62,7 +63,10 @@ impl Records {
             .into_iter()
             .find_map(|key| self.text(key))
             .or_else(|| self.text(GEOGRAPHIC_CITATION));
-        let system = Crs { name, epsg, kind, unit, height_unit, degrees, ..Crs::default() };
+        let height_epsg =
+            self.short(VERTICAL).filter(|code| ![0, OF_THE_USER].contains(code)).map(u32::from);
+        let system =
+            Crs { name, epsg, kind, unit, height_unit, height_epsg, degrees, ..Crs::default() };
         let proj = system
             .unit
             .as_ref()

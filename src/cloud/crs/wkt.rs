@@ -39,6 +39,7 @@ pub fn parse(text: &str) -> Option<Crs> {
         kind,
         unit,
         height_unit,
+        height_epsg: vertical.and_then(Node::epsg),
         degrees,
         ..Crs::default()
     };

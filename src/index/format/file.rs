@@ -23,6 +23,7 @@ use crate::cloud::Lattice;
 use crate::cloud::crs::Reference;
 use crate::cloud::filter::Compiled;
 use crate::cloud::strays::RobustBounds;
+use crate::cloud::up::Up;
 use crate::config::{BITS_PER_PLANE, POINTS_PER_PAGE, POSITION_PLANES};
 use crate::error::{Error, Result};
 use crate::index::fault_injection::Fault;
@@ -57,6 +58,8 @@ pub struct Index {
     pub hidden: Option<RobustBounds>,
     /// Filter of the points that are drawn.
     pub filter: Option<Compiled>,
+    /// The axis that points up.
+    pub up: Up,
     /// Fault to inject, for tests.
     pub fault: Option<Fault>,
 }
@@ -134,6 +137,7 @@ impl Index {
             shadows: None,
             hidden: None,
             filter: None,
+            up: Up::Z,
             fault: None,
         })
     }

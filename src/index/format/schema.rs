@@ -84,7 +84,7 @@ impl Plane {
             Attribute::Return => &[Plane::Returns],
             Attribute::Normal => &[Plane::Normal, Plane::Facing],
             Attribute::Corrected => &[Plane::Corrected],
-            Attribute::Elevation | Attribute::White => &[],
+            Attribute::Elevation | Attribute::Time | Attribute::White => &[],
         }
     }
 }

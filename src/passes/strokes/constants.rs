@@ -98,7 +98,9 @@ impl Painting<'_> {
             .table(&self.resident.stations)
             .into_iter()
             .map(f64::from)
-            .chain(paint.gains.iter().copied());
+            .chain(paint.gains.iter().copied())
+            .chain([paint.scale.brightness, paint.scale.contrast, paint.scale.gamma])
+            .chain(paint.scale.ramp.map(|ramp| ramp as u8 as f64));
         let factors: Vec<u64> =
             of_points.chain(paint.ramp.map(f64::from)).map(f64::to_bits).collect();
         let choices = [

@@ -553,6 +553,7 @@ fn hard_00_surfaces_are_part_of_every_picture() {
         sampling: PointDensity { spacing_m: 0.01, density: 1.0, ..PointDensity::default() },
         stations: 1,
         shown: Attribute::White,
+        is_ramped: false,
         asked_layer_m: 0.0,
         overlap: StationOverlap::everywhere([16, 16]).into(),
         transparent: false,

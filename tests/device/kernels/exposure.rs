@@ -4,6 +4,7 @@ use crate::cameras::{orthographic, perspective};
 use crate::gpu::{WAYS, Way, bare, draw, part};
 use crate::points::{Random, bumpy};
 use glam::DVec3;
+use pointillist::cloud::attribute::{Attribute, DisplayAttribute};
 use pointillist::cloud::colormap::linear_to_srgb;
 use pointillist::cloud::{Cloud, Lattice, Station};
 use pointillist::index::attributes::exposure::balance;
@@ -43,13 +44,14 @@ fn scene() -> Cloud {
         name: format!("{part} {source}"),
         points: count(part, source),
     });
-    Cloud { parts, stations: stations.to_vec(), notes: Vec::new() }
+    Cloud { parts, stations: stations.to_vec(), ..Cloud::default() }
 }
 
 /// Returns the same cloud with colours of 8 bits that have one exposure.
 fn evened(cloud: &Cloud, gains: &[f64]) -> Cloud {
     assert!(gains[0] < 0.8 && gains[2] > 1.5, "{gains:?}");
-    let levels = resolve::levels(gains);
+    let levels =
+        resolve::levels(&DisplayAttribute::indexed(Attribute::Rgb, [0.0; 2], [0, 255]), gains);
     let mut evened = cloud.clone();
     for (number, part) in evened.parts.iter_mut().enumerate() {
         let source = part.columns.source.as_ref().unwrap();

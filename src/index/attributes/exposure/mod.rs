@@ -14,8 +14,8 @@ mod sample;
 use crate::cloud::colormap::srgb_to_linear;
 use crate::cloud::{Cloud, Station};
 use crate::index::format::{Balance, MAX_STOPS};
-pub use sample::Sample;
 use sample::{AXIS_BITS, Point};
+pub use sample::{Sample, Values};
 use serde::Serialize;
 use std::collections::BTreeMap;
 
@@ -126,7 +126,12 @@ pub fn exposures(cloud: &Cloud) -> Option<Exposures> {
 /// Finds the gains from a sample of the points that is quick to process and independent of their
 /// order. `None` if no two stations overlap.
 pub fn balance(cloud: &Cloud) -> Option<Balance> {
-    (cloud.stations.len() > 1).then(|| of_points(&sample::some(cloud)?, &cloud.stations))?
+    balance_of(cloud, &Values::Colors)
+}
+
+/// Finds the gains of what points show.
+pub fn balance_of(cloud: &Cloud, values: &Values) -> Option<Balance> {
+    (cloud.stations.len() > 1).then(|| of_points(&sample::some(cloud, values)?, &cloud.stations))?
 }
 
 /// Returns the balance from points that came in any order.
@@ -328,7 +333,7 @@ mod tests {
                 points: 20_000,
             })
             .to_vec();
-        let found = exposures(&Cloud { parts: vec![part], stations, notes: Vec::new() }).unwrap();
+        let found = exposures(&Cloud { parts: vec![part], stations, ..Cloud::default() }).unwrap();
         assert_eq!(found.values, [Some(188.0), Some(137.0)]);
         let Balance { gains, uneven } = found.balance.clone().unwrap();
         assert!(

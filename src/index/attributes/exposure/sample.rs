@@ -4,6 +4,7 @@
 //! The choice depends only on the cloud's bounds and number of points: building an index chooses
 //! the same points as a cloud in memory.
 
+use crate::cloud::colormap::linear_to_srgb;
 use crate::cloud::{Cloud, Part};
 use crate::index::format::morton;
 use glam::DVec3;
@@ -48,14 +49,29 @@ impl Cells {
     }
 }
 
+/// What points show: colours, or intensities as greys.
+pub enum Values {
+    Colors,
+    /// The grey of each intensity.
+    Intensities(Vec<u8>),
+}
+
+impl Values {
+    /// Returns intensities as greys, light being proportional to them, and `full` the brightest.
+    pub fn of_intensities(full: u32) -> Values {
+        let grey = |v: u32| linear_to_srgb(v as f64 / full.max(1) as f64).min(1.0);
+        Values::Intensities((0..1 << 16).map(|v| (255.0 * grey(v)).round() as u8).collect())
+    }
+}
+
 /// Returns all coloured points, in order.
 pub fn all(cloud: &Cloud) -> Option<Vec<Point>> {
-    Some(Sample::of(cloud.bounds()?, u64::MAX, usize::MAX).points_of(cloud))
+    Some(Sample::of(cloud.bounds()?, u64::MAX, usize::MAX).points_of(cloud, &Values::Colors))
 }
 
 /// Returns the sample of a cloud, in order.
-pub fn some(cloud: &Cloud) -> Option<Vec<Point>> {
-    Some(Sample::new(cloud.bounds()?, cloud.len()).points_of(cloud))
+pub fn some(cloud: &Cloud, values: &Values) -> Option<Vec<Point>> {
+    Some(Sample::new(cloud.bounds()?, cloud.len()).points_of(cloud, values))
 }
 
 /// A sample of points that arrive in any order, from any thread.
@@ -123,9 +139,16 @@ impl Sample {
     }
 
     /// Adds the points of a cloud. Returns the sample, in order.
-    fn points_of(self, cloud: &Cloud) -> Vec<Point> {
+    fn points_of(self, cloud: &Cloud, values: &Values) -> Vec<Point> {
         for (number, Part { columns, lattice, .. }) in cloud.parts.iter().enumerate() {
-            let Some(rgb) = &columns.rgb else { continue };
+            let (rgb, intensity) = (columns.rgb.as_deref(), columns.intensity.as_deref());
+            let color: Box<dyn Fn(usize) -> [u8; 3] + Sync> = match (values, rgb, intensity) {
+                (Values::Colors, Some(rgb), _) => Box::new(|i| rgb[i]),
+                (Values::Intensities(greys), _, Some(intensity)) => {
+                    Box::new(|i| [greys[intensity[i] as usize]; 3])
+                }
+                _ => continue,
+            };
             let first = cloud.stations.partition_point(|station| station.part < number);
             let end = cloud.stations.partition_point(|station| station.part <= number);
             let station = |i: usize| {
@@ -135,7 +158,7 @@ impl Sample {
             };
             let point = |i: usize| {
                 let q = [columns.x[i], columns.y[i], columns.z[i]].map(i64::from);
-                self.point(lattice.world(q), || (station(i) as u16, rgb[i]))
+                self.point(lattice.world(q), || (station(i) as u16, color(i)))
             };
             let starts = (0..columns.len()).into_par_iter().step_by(RUN);
             let end = |start: usize| columns.len().min(start + RUN);

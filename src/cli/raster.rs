@@ -1,0 +1,170 @@
+//! `pointillist raster`: files or an index in; a map of heights, intensities, counts or colours out,
+//! complete or absent. No Vulkan device is opened.
+
+use super::export;
+use super::files::{check_extension, refuse_to_overwrite};
+use super::filters::{ClipOptions, FilterOptions};
+use super::options::{ColorOptions, TextArguments};
+use super::units::Bytes;
+use crate::cloud::ReadOptions;
+use crate::cloud::crs::{Crs, Reference};
+use crate::cloud::filter::grouped;
+use crate::error::Result;
+use crate::extract::Selection;
+use crate::extract::count::count;
+use crate::extract::input::Part;
+use crate::extract::raster::{self, Filled, NO_DATA, Pick, Request, Value};
+use crate::output::geotiff::{self, Map, Sample};
+use crate::progress::Progress;
+use crate::view::map::{self, Extent, MapGrid};
+use std::path::{Path, PathBuf};
+
+const EXAMPLES: &str = "\
+Examples:
+  pointillist raster scan.laz -o surface.tif --resolution 0.5 --only return=first    the highest first returns
+  pointillist raster scan.laz -o ground.tif --resolution 1 --only ground --pick mean
+  pointillist raster scan.laz -o lowest.tif --resolution 1 --only return=last --pick lowest
+  pointillist raster scan.laz -o density.tif --resolution 1 --value count
+  pointillist raster scan.laz -o colors.tif --resolution 0.1 --value rgb
+  pointillist raster scan.laz -o strips.tif --resolution 0.5 --value intensity --only source=706
+  pointillist raster site.pnti -o part.tif --resolution 0.25 --extent 645000,5100000,645500,5100500
+
+Cells are the points' own: nothing is filled between them. Pictures of filled, shaded surfaces as maps:
+  pointillist render scan.laz -o map.tif --view top --resolution 0.25";
+
+#[derive(clap::Args, Clone, Debug)]
+#[command(after_help = EXAMPLES)]
+pub struct Arguments {
+    /// Point clouds: LAS, LAZ, COPC; also PLY, E57, OBJ, XYZ, CSV, TXT, PTS, PTX, which are read
+    /// into memory whole; or one index, PNTI
+    #[arg(required = true, value_name = "FILE")]
+    pub files: Vec<PathBuf>,
+    /// The GeoTIFF to write
+    #[arg(short, long, value_name = "OUT.tif")]
+    pub output: PathBuf,
+    /// Side of a cell, in the files' unit; metres for coordinates in degrees. Edges of cells are
+    /// multiples of it
+    #[arg(long, value_name = "METRES", value_parser = map::resolution, allow_hyphen_values = true)]
+    pub resolution: f64,
+    /// What cells hold
+    #[arg(long, value_enum, default_value_t = Value::Height)]
+    pub value: Value,
+    /// Which of a cell's points gives the value
+    #[arg(long, value_enum, default_value_t = Pick::Highest)]
+    pub pick: Pick,
+    /// West, south, east and north of the map, widened to whole cells [default: around all points
+    /// that are left]
+    #[arg(long, value_name = "X0,Y0,X1,Y1", allow_hyphen_values = true)]
+    pub extent: Option<Extent>,
+    /// Memory for cells; larger maps read the files several times
+    #[arg(long, value_name = "BYTES", default_value_t = Bytes(1 << 30))]
+    pub memory: Bytes,
+    #[command(flatten)]
+    pub filters: FilterOptions,
+    #[command(flatten)]
+    pub clips: ClipOptions,
+    /// Refuse a truncated or inconsistent file instead of keeping what is readable
+    #[arg(long)]
+    pub strict: bool,
+    #[command(flatten)]
+    pub colors: ColorOptions,
+    #[command(flatten)]
+    pub text: TextArguments,
+}
+
+/// Most cells of a side, as other programs read them.
+const LARGEST_SIDE: u32 = i32::MAX as u32;
+
+/// Cells a point from which on a note asks whether the map is meant to be so large.
+const SPARSE: u64 = 64;
+
+pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
+    let Arguments { output, resolution, value, pick, .. } = arguments;
+    refuse_to_overwrite(output, &arguments.files)?;
+    check_extension(output, &["tif", "tiff"])?;
+    let filter = arguments.filters.filter();
+    let options = ReadOptions {
+        text: arguments.text.options(),
+        rgb_range: arguments.colors.rgb_range,
+        ..ReadOptions::new(filter.wanted().and(value.wanted()), arguments.strict)
+    };
+    let input = export::open(&arguments.files, &options, progress)?;
+    let clips = arguments.clips.clips();
+    let selection = Selection { filter, clips, ..Selection::default() };
+    // The points' own bounds, since headers may be wrong.
+    let counted = count(&input, &selection, progress)?;
+    counted.notes.iter().for_each(|note| eprintln!("pointillist: note: {note}"));
+    let [low, high] = match counted.bounds {
+        Some(bounds) => bounds,
+        None => return Err(selection.leaves_none(&input, progress)),
+    };
+    let grid = match arguments.extent {
+        Some(extent) => MapGrid::covering(extent, *resolution, LARGEST_SIDE)?,
+        None => MapGrid::around(low.truncate(), high.truncate(), *resolution, LARGEST_SIDE)?,
+    };
+    if grid.cells() > SPARSE * counted.points {
+        eprintln!(
+            "pointillist: note: the map has {} x {} cells for {} points; where some points are far outside, --extent, --clip or --not noise leave them out",
+            grid.size[0],
+            grid.size[1],
+            grouped(counted.points)
+        );
+    }
+    let parts = input.parts();
+    let reference = Reference::of(parts.iter().map(|part: &Part| (&part.header, part.lattice)));
+    let unit = reference.height_unit();
+    let map = Map {
+        grid,
+        system: reference.system.as_ref(),
+        text: parts.first().and_then(|part| Crs::text_of(&part.header)),
+        sample: match value {
+            Value::Height | Value::Intensity => Sample::Float,
+            Value::Count => Sample::Count,
+            Value::Rgb => Sample::Byte,
+        },
+        bands: if *value == Value::Rgb { 4 } else { 1 },
+        named: match value {
+            Value::Height => Some(("height", unit.symbol())),
+            Value::Intensity => Some(("intensity", "")),
+            Value::Count => Some(("points", "")),
+            Value::Rgb => None,
+        },
+        no_data: matches!(value, Value::Height | Value::Intensity).then_some(NO_DATA_TEXT),
+        has_heights: *value == Value::Height,
+    };
+    note_system(map.system);
+    let request = Request { grid, value: *value, pick: *pick, memory: arguments.memory.0 };
+    let filled = geotiff::write(output, &map, |put| {
+        raster::raster(&input, &selection, &request, progress, put)
+    })?;
+    eprintln!("{}", line(output, &grid, &filled));
+    Ok(())
+}
+
+const NO_DATA_TEXT: &str = "-9999";
+const _: () = assert!(NO_DATA == -9999.0);
+
+/// Says what a map cannot state of its coordinate system.
+pub fn note_system(system: Option<&Crs>) {
+    match system {
+        None => eprintln!(
+            "pointillist: note: the files state no one coordinate system, so the map has none"
+        ),
+        Some(system) if system.epsg.is_none() => eprintln!(
+            "pointillist: note: the coordinate system \"{}\" has no EPSG number; the map has its name, and its definition where the files have it as text",
+            system.title()
+        ),
+        Some(_) => {}
+    }
+}
+
+fn line(output: &Path, grid: &MapGrid, filled: &Filled) -> String {
+    let ([width, height], cells) = (grid.size, grid.cells());
+    format!(
+        "{}: {width} x {height} cells of {}, {:.1} % with points; {} points",
+        output.display(),
+        grid.resolution,
+        100.0 * filled.cells as f64 / cells as f64,
+        grouped(filled.points)
+    )
+}

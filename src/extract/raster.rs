@@ -1,0 +1,226 @@
+//! Points in the cells of a map: heights, intensities, counts and colours.
+//!
+//! ```text
+//! points that are left -> cells of some rows -> rows of samples, from the north
+//! ```
+//! As many rows are in memory at a time as fit. Larger maps read the input several times.
+
+use super::Selection;
+use super::fields::intensity;
+use super::input::{Batch, Input};
+use crate::cloud::ColumnSet;
+use crate::error::{Error, Result};
+use crate::progress::Progress;
+use crate::view::map::MapGrid;
+use std::ops::Range;
+
+/// What cells hold.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+pub enum Value {
+    /// Height above the zero of the files, 32-bit floating point
+    Height,
+    /// Intensity as in the files, 32-bit floating point
+    Intensity,
+    /// Number of points, 32-bit unsigned
+    Count,
+    /// Red, green, blue, and alpha of 0 where there are no points, 8-bit
+    Rgb,
+}
+
+/// Which of a cell's points counts.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+pub enum Pick {
+    /// The highest; of equal ones the first in the files
+    Highest,
+    /// The lowest
+    Lowest,
+    /// The mean of all
+    Mean,
+}
+
+/// The value of cells without points.
+pub const NO_DATA: f32 = -9999.0;
+
+impl Value {
+    /// Returns the attribute to read.
+    pub fn wanted(self) -> ColumnSet {
+        ColumnSet {
+            intensity: self == Value::Intensity,
+            rgb: self == Value::Rgb,
+            ..ColumnSet::default()
+        }
+    }
+
+    fn numbers(self) -> usize {
+        match self {
+            Value::Height | Value::Intensity => 1,
+            Value::Count => 0,
+            Value::Rgb => 3,
+        }
+    }
+}
+
+/// A raster to make.
+#[derive(Clone, Copy, Debug)]
+pub struct Request {
+    pub grid: MapGrid,
+    pub value: Value,
+    pub pick: Pick,
+    /// Most bytes of cells at a time; a row fits always.
+    pub memory: u64,
+}
+
+/// Outcome of a raster.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Filled {
+    /// Cells with points.
+    pub cells: u64,
+    /// Points in cells.
+    pub points: u64,
+}
+
+/// A point in its cell.
+struct Hit {
+    cell: usize,
+    height: f64,
+    numbers: [f64; 3],
+}
+
+/// The cells of some rows.
+struct Cells {
+    counts: Vec<u32>,
+    /// The extreme height so far.
+    heights: Vec<f64>,
+    /// Sums, or the numbers of the extreme point; as many a cell as the value has.
+    numbers: Vec<f64>,
+}
+
+impl Request {
+    fn has_extremes(&self) -> bool {
+        self.pick != Pick::Mean && self.value != Value::Count
+    }
+
+    fn rows_at_once(&self) -> u64 {
+        let own = 4 + 8 * (self.has_extremes() as usize + self.value.numbers());
+        (self.memory / (own as u64 * self.grid.size[0] as u64)).max(1)
+    }
+
+    /// Returns the points of a batch that fall into some rows.
+    fn hits(&self, input: &Input, batch: &Batch, rows: &Range<u32>) -> Vec<Hit> {
+        let (part, columns) = (&input.parts()[batch.part], batch.columns);
+        let hit = |&i: &u32| {
+            let i = i as usize;
+            let place = part.lattice.world(batch.steps(i));
+            let [column, row] = self.grid.cell(place.x, place.y)?;
+            if !rows.contains(&row) {
+                return None;
+            }
+            // Points without the attribute are in no cell.
+            let numbers = match self.value {
+                Value::Height => [place.z, 0.0, 0.0],
+                Value::Intensity => {
+                    let stored = columns.intensity.as_ref()?[i];
+                    [intensity(stored, part.intensity_range), 0.0, 0.0]
+                }
+                Value::Count => [0.0; 3],
+                Value::Rgb => columns.rgb.as_ref()?[i].map(f64::from),
+            };
+            let cell = (row - rows.start) as usize * self.grid.size[0] as usize + column as usize;
+            Some(Hit { cell, height: place.z, numbers })
+        };
+        batch.left.iter().filter_map(hit).collect()
+    }
+
+    fn empty(&self, cells: usize) -> Cells {
+        Cells {
+            counts: vec![0; cells],
+            heights: vec![0.0; if self.has_extremes() { cells } else { 0 }],
+            numbers: vec![0.0; cells * self.value.numbers()],
+        }
+    }
+
+    fn add(&self, cells: &mut Cells, Hit { cell, height, numbers }: &Hit) {
+        let is_first = cells.counts[*cell] == 0;
+        cells.counts[*cell] = cells.counts[*cell].saturating_add(1);
+        let count = self.value.numbers();
+        let own = &mut cells.numbers[cell * count..(cell + 1) * count];
+        if !self.has_extremes() {
+            own.iter_mut().zip(numbers).for_each(|(sum, number)| *sum += number);
+            return;
+        }
+        let extreme = &mut cells.heights[*cell];
+        let is_beyond = match self.pick {
+            Pick::Lowest => height < extreme,
+            _ => height > extreme,
+        };
+        if is_first || is_beyond {
+            *extreme = *height;
+            own.copy_from_slice(&numbers[..count]);
+        }
+    }
+
+    /// Returns the samples of a row, as bytes of this machine.
+    fn row(&self, cells: &Cells, row: usize) -> Vec<u8> {
+        let width = self.grid.size[0] as usize;
+        let count = self.value.numbers();
+        let number = |cell: usize, k: usize| {
+            let points = if self.pick == Pick::Mean { cells.counts[cell] as f64 } else { 1.0 };
+            cells.numbers[cell * count + k] / points
+        };
+        let all = row * width..(row + 1) * width;
+        let is_empty = |cell: usize| cells.counts[cell] == 0;
+        match self.value {
+            Value::Count => bytemuck::cast_slice(&cells.counts[all]).to_vec(),
+            Value::Rgb => all
+                .flat_map(|cell| match is_empty(cell) {
+                    true => [0; 4],
+                    false => {
+                        let [r, g, b] = [0, 1, 2].map(|k| number(cell, k).round() as u8);
+                        [r, g, b, 255]
+                    }
+                })
+                .collect(),
+            Value::Height | Value::Intensity => {
+                let value = |cell| if is_empty(cell) { NO_DATA } else { number(cell, 0) as f32 };
+                bytemuck::cast_slice(&all.map(value).collect::<Vec<f32>>()).to_vec()
+            }
+        }
+    }
+}
+
+/// Gives all rows of a raster to `put`, from the north. Errors if no point is in it.
+pub fn raster(
+    input: &Input,
+    selection: &Selection,
+    request: &Request,
+    progress: &dyn Progress,
+    put: &mut dyn FnMut(&[u8]) -> Result<()>,
+) -> Result<Filled> {
+    let [width, height] = request.grid.size;
+    let at_once = u32::try_from(request.rows_at_once()).unwrap_or(u32::MAX).min(height);
+    let mut filled = Filled::default();
+    for start in (0..height).step_by(at_once as usize) {
+        let rows = start..height.min(start.saturating_add(at_once));
+        let mut cells = request.empty(rows.len() * width as usize);
+        let map = |batch: &Batch| Ok(request.hits(input, batch, &rows));
+        let mut take = |hits: Vec<Hit>| {
+            filled.points += hits.len() as u64;
+            hits.iter().for_each(|hit| request.add(&mut cells, hit));
+            Ok(())
+        };
+        input.each(selection, progress, &map, &mut take)?;
+        filled.cells += cells.counts.iter().filter(|count| **count > 0).count() as u64;
+        for row in 0..rows.len() {
+            put(&request.row(&cells, row))?;
+            progress.tick("writing rows", rows.start as u64 + row as u64 + 1, height as u64)?;
+        }
+    }
+    match (filled.points, request.value) {
+        (0, Value::Intensity | Value::Rgb) => Err(Error::Request(
+            "no point of the map has the attribute; `pointillist info` lists those of a file"
+                .into(),
+        )),
+        (0, _) => Err(Error::Request("no point is left within --extent".into())),
+        _ => Ok(filled),
+    }
+}

@@ -1,0 +1,499 @@
+//! What a report needs in a picture: title, legend, scale bar, north arrow and axes. The window and
+//! the files of pictures draw them alike; sizes are relative to the height of the picture.
+
+use super::overlay::{Corner, Overlay};
+use super::ticks::{multiples, number, round_above, round_below};
+use crate::cloud::Station;
+use crate::cloud::attribute::{Attribute, DisplayAttribute, class_name};
+use crate::cloud::colormap;
+use crate::cloud::crs::Reference;
+use crate::cloud::histograms::Histograms;
+use crate::cloud::up::Up;
+use crate::view::{Projection, View};
+use egui::epaint::{ImageDelta, Primitive, TextureId};
+use egui::{
+    Align2, Color32, Context, FontId, ImageData, LayerId, Painter, Pos2, RawInput, Rect, Shape,
+    Stroke, Vec2, pos2, vec2,
+};
+use glam::DVec3;
+
+/// What to draw.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Annotations {
+    pub title: Option<String>,
+    pub legend: bool,
+    pub scale_bar: bool,
+    pub north_arrow: bool,
+    pub axes: bool,
+}
+
+/// What a picture shows, as far as annotations name it.
+#[derive(Clone, Debug)]
+pub struct Shown {
+    pub attribute: DisplayAttribute,
+    pub reference: Reference,
+    pub up: Up,
+    pub counts: Histograms,
+    pub stations: Vec<Station>,
+}
+
+/// Height of a line of text, relative to the height of the picture, and the least `[px]`.
+const LINE: f32 = 1.0 / 36.0;
+const LEAST_LINE: f32 = 9.0;
+/// Behind what is drawn, so that it can be read on any picture.
+const BEHIND: Color32 = Color32::from_rgba_premultiplied(14, 16, 19, 190);
+const INK: Color32 = Color32::WHITE;
+/// Rows of a legend of labels at most.
+const ROWS: usize = 16;
+/// Rectangles of a ramp.
+const PARTS: u32 = 64;
+/// Widest text atlas `[px]`.
+const ATLAS: usize = 1 << 14;
+
+impl Annotations {
+    pub fn is_empty(&self) -> bool {
+        *self == Annotations::default()
+    }
+
+    /// Returns what to draw over the whole picture of a view.
+    pub fn overlay(&self, view: &View, shown: &Shown) -> Overlay {
+        if self.is_empty() {
+            return Overlay::default();
+        }
+        let context = Context::default();
+        let rect =
+            Rect::from_min_size(Pos2::ZERO, vec2(view.whole[0] as f32, view.whole[1] as f32));
+        let input = RawInput {
+            screen_rect: Some(rect),
+            max_texture_side: Some(ATLAS),
+            ..RawInput::default()
+        };
+        let output = context.run_ui(input, |ui| {
+            self.draw(&ui.ctx().layer_painter(LayerId::background()), rect, view, shown);
+        });
+        let mut overlay = Overlay::default();
+        let text = output.textures_delta.set.iter().filter(|(id, _)| **id == TextureId::default());
+        text.flat_map(|(_, deltas)| deltas).for_each(|delta| take(&mut overlay, delta));
+        for clipped in context.tessellate(output.shapes, output.pixels_per_point) {
+            let Primitive::Mesh(mesh) = clipped.primitive else { continue };
+            let corner = |&index: &u32| {
+                let vertex = mesh.vertices[index as usize];
+                Corner {
+                    at: vertex.pos.into(),
+                    uv: vertex.uv.into(),
+                    color: vertex.color.to_array().map(|channel| channel as f32 / 255.0),
+                }
+            };
+            let triangles = mesh.indices.as_chunks::<3>().0;
+            overlay.triangles.extend(triangles.iter().map(|[a, b, c]| [a, b, c].map(corner)));
+        }
+        overlay
+    }
+
+    /// Draws into a rectangle that shows a whole view.
+    pub fn draw(&self, painter: &Painter, rect: Rect, view: &View, shown: &Shown) {
+        let line = (LINE * rect.height().min(1.5 * rect.width())).max(LEAST_LINE);
+        let sheet = Sheet { painter, rect, line, view, shown };
+        let edges = if self.axes { sheet.axes() } else { Vec2::ZERO };
+        let inner = Rect::from_min_max(
+            pos2(rect.left() + edges.x + line, rect.top() + line),
+            pos2(rect.right() - line, rect.bottom() - edges.y - line),
+        );
+        if let Some(title) = &self.title {
+            let at = pos2(rect.center().x, inner.top());
+            sheet.text(at, Align2::CENTER_TOP, title, 1.6 * line, true);
+        }
+        if self.north_arrow && shown.up == Up::Z {
+            sheet.north_arrow(inner);
+        }
+        if self.scale_bar {
+            sheet.scale_bar(inner);
+        }
+        if self.legend {
+            sheet.legend(inner);
+        }
+        if self.axes && edges == Vec2::ZERO {
+            sheet.triad(inner);
+        }
+    }
+}
+
+/// Adds a change of the texture.
+fn take(overlay: &mut Overlay, delta: &ImageDelta) {
+    let ImageData::Color(image) = &delta.image;
+    let texels = image.pixels.iter().map(|pixel| pixel.to_array());
+    match delta.pos {
+        None => (overlay.texture_size, overlay.texture) = (image.size, texels.collect()),
+        Some([left, top]) => {
+            for (i, texel) in texels.enumerate() {
+                let [x, y] = [left + i % image.size[0], top + i / image.size[0]];
+                overlay.texture[y * overlay.texture_size[0] + x] = texel;
+            }
+        }
+    }
+}
+
+/// Where annotations are drawn.
+struct Sheet<'s> {
+    painter: &'s Painter,
+    rect: Rect,
+    /// Height of a line of text.
+    line: f32,
+    view: &'s View,
+    shown: &'s Shown,
+}
+
+impl Sheet<'_> {
+    /// Draws text, with a dark field behind it if `backed`. Returns its place.
+    fn text(&self, at: Pos2, align: Align2, text: &str, size: f32, backed: bool) -> Rect {
+        let font = FontId::proportional(size);
+        let galley = self.painter.layout_no_wrap(text.to_owned(), font, INK);
+        let place = align.anchor_size(at, galley.size());
+        if backed {
+            self.field(place);
+        }
+        self.painter.galley(place.min, galley, INK);
+        place
+    }
+
+    fn width_of(&self, text: &str) -> f32 {
+        let font = FontId::proportional(self.line);
+        self.painter.layout_no_wrap(text.to_owned(), font, INK).size().x
+    }
+
+    /// Draws the dark field behind a place.
+    fn field(&self, place: Rect) {
+        self.painter.rect_filled(place.expand(0.5 * self.line), 0.3 * self.line, BEHIND);
+    }
+
+    fn stroke(&self) -> Stroke {
+        Stroke::new(0.12 * self.line, INK)
+    }
+
+    /// Returns how much larger the rectangle is than the picture in pixels.
+    fn enlarged(&self) -> f64 {
+        (self.rect.width() / self.view.whole[0] as f32) as f64
+    }
+
+    /// Draws a bar of a round length; of a perspective view, at the depth of its target.
+    fn scale_bar(&self, inner: Rect) {
+        let camera = &self.view.camera;
+        let depth = match camera.projection {
+            Projection::Orthographic => 1.0,
+            Projection::Perspective => (camera.target - camera.eye).length(),
+        };
+        let per_unit = self.enlarged() * self.view.focal_px() / depth;
+        let length = round_below(0.25 * inner.width() as f64 / per_unit);
+        let unit = self.shown.reference.unit();
+        let mut label = format!("{} {}", number(length, length), unit.symbol());
+        if camera.projection == Projection::Perspective {
+            label += " at the centre";
+        }
+        let (width, line) = ((length * per_unit) as f32, self.line);
+        let whole = vec2(width.max(self.width_of(&label)), 1.7 * line);
+        let place = Rect::from_min_size(pos2(inner.left(), inner.bottom() - whole.y), whole);
+        self.field(place);
+        self.text(place.left_top(), Align2::LEFT_TOP, &label, line, false);
+        let [left, right] = [place.left_bottom(), place.left_bottom() + vec2(width, 0.0)];
+        let tick = vec2(0.0, -0.4 * line);
+        for [from, to] in [[left, right], [left, left + tick], [right, right + tick]] {
+            self.painter.line_segment([from, to], self.stroke());
+        }
+    }
+
+    /// Draws an arrow towards north, as the picture shows it, at the top right.
+    fn north_arrow(&self, inner: Rect) {
+        let (basis, line) = (&self.view.basis, self.line);
+        let seen = vec2(basis.right.y as f32, -basis.up.y as f32);
+        let way = if seen.length() < 1e-3 { vec2(0.0, -1.0) } else { seen.normalized() };
+        let place = Rect::from_min_size(
+            pos2(inner.right() - 4.0 * line, inner.top()),
+            vec2(4.0 * line, 4.0 * line),
+        );
+        self.field(place);
+        // Seen from aside it is shorter.
+        let reach = line * seen.length().clamp(0.5, 1.0);
+        let (tip, aside) = (place.center() + way * 1.1 * reach, vec2(-way.y, way.x) * 0.5 * line);
+        let tail = place.center() - way * 1.6 * reach;
+        let notch = place.center() - way * 1.1 * reach;
+        for side in [1.0, -1.0] {
+            let shape = vec![tip, tail + aside * side, notch];
+            let fill = if side > 0.0 { INK } else { Color32::from_gray(120) };
+            self.painter.add(Shape::convex_polygon(shape, fill, Stroke::NONE));
+        }
+        self.text(tip + way * 0.6 * line, Align2::CENTER_CENTER, "N", 0.9 * line, false);
+    }
+
+    /// Draws the ramp with round values, or the labels that occur, at the right.
+    fn legend(&self, inner: Rect) {
+        let attribute = &self.shown.attribute;
+        match attribute.ends() {
+            Some(ends) if ends[1] > ends[0] => self.ramp(inner, ends),
+            _ if attribute.attribute.is_label() => self.labels(inner),
+            _ => {}
+        }
+    }
+
+    fn ramp(&self, inner: Rect, [lo, hi]: [f64; 2]) {
+        let (shown, line) = (&self.shown.attribute, self.line);
+        let heading = match shown.attribute {
+            Attribute::Elevation => {
+                format!("elevation [{}]", self.shown.reference.height_unit().symbol())
+            }
+            Attribute::Time => "GPS time [s]".into(),
+            other => other.name(),
+        };
+        let step = round_above((hi - lo) / 6.0);
+        let ticks: Vec<f64> = multiples(step, [lo, hi]);
+        let labels: Vec<String> = ticks.iter().map(|&tick| number(tick, step)).collect();
+        let widest = labels.iter().map(|label| self.width_of(label)).fold(0.0, f32::max);
+        let width = (2.4 * line + widest).max(self.width_of(&heading));
+        let height = 14.0 * line;
+        let place = Rect::from_min_size(
+            pos2(inner.right() - width, inner.center().y - height / 2.0),
+            vec2(width, height),
+        );
+        self.field(place);
+        self.text(place.left_top(), Align2::LEFT_TOP, &heading, line, false);
+        let bar = Rect::from_min_max(
+            place.left_top() + vec2(0.0, 1.8 * line),
+            pos2(place.left() + 1.4 * line, place.bottom()),
+        );
+        let [low, high] = shown.ramp_words();
+        for part in 0..PARTS {
+            let word = low + (high - low) * part as f64 / (PARTS - 1) as f64;
+            let [r, g, b] = colormap::ramp_color(shown, word);
+            let y = |part: u32| bar.bottom() - bar.height() * part as f32 / PARTS as f32;
+            let part =
+                Rect::from_min_max(pos2(bar.left(), y(part + 1)), pos2(bar.right(), y(part)));
+            self.painter.rect_filled(part, 0.0, Color32::from_rgb(r, g, b));
+        }
+        for (tick, label) in ticks.iter().zip(labels) {
+            let y = bar.bottom() - bar.height() * ((tick - lo) / (hi - lo)) as f32;
+            let at = pos2(bar.right(), y);
+            self.painter.line_segment([at, at + vec2(0.5 * line, 0.0)], self.stroke());
+            self.text(at + vec2(0.9 * line, 0.0), Align2::LEFT_CENTER, &label, line, false);
+        }
+    }
+
+    fn labels(&self, inner: Rect) {
+        let (attribute, line) = (self.shown.attribute.attribute, self.line);
+        let mut rows: Vec<([u8; 3], String, u64)> = match attribute {
+            Attribute::Class => self
+                .shown
+                .counts
+                .classes
+                .iter()
+                .map(|&(class, count)| {
+                    let name = class_name(class).map_or(format!("class {class}"), str::to_owned);
+                    (colormap::code_color(attribute, class), name, count)
+                })
+                .collect(),
+            Attribute::Return => self
+                .shown
+                .counts
+                .returns
+                .iter()
+                .map(|&(number, count)| {
+                    (colormap::code_color(attribute, number), format!("return {number}"), count)
+                })
+                .collect(),
+            _ => self
+                .shown
+                .stations
+                .iter()
+                .map(|station| {
+                    let code = (station.source.unwrap_or(0) & 255) as u8;
+                    (colormap::code_color(attribute, code), station.name.clone(), station.points)
+                })
+                .collect(),
+        };
+        // The most frequent, in their own order.
+        let mut counts: Vec<u64> = rows.iter().map(|row| row.2).collect();
+        counts.sort_unstable_by(|a, b| b.cmp(a));
+        let fewest = counts.get(ROWS - 1).copied().unwrap_or(0);
+        let all = rows.len();
+        rows.retain(|row| row.2 >= fewest);
+        rows.truncate(ROWS);
+        let mut texts: Vec<String> = rows.iter().map(|row| row.1.clone()).collect();
+        if all > rows.len() {
+            texts.push(format!("and {} more", all - rows.len()));
+        }
+        let widest = texts.iter().map(|text| self.width_of(text)).fold(0.0, f32::max);
+        let size = vec2(1.5 * line + widest, 1.3 * line * texts.len() as f32);
+        let place = Rect::from_min_size(
+            pos2(inner.right() - size.x, inner.center().y - size.y / 2.0),
+            size,
+        );
+        self.field(place);
+        for (k, text) in texts.iter().enumerate() {
+            let at = place.left_top() + vec2(0.0, 1.3 * line * (k as f32 + 0.5));
+            if let Some(([r, g, b], ..)) = rows.get(k) {
+                let square = Rect::from_center_size(at + vec2(0.5 * line, 0.0), Vec2::splat(line));
+                self.painter.rect_filled(square, 0.0, Color32::from_rgb(*r, *g, *b));
+            }
+            self.text(at + vec2(1.5 * line, 0.0), Align2::LEFT_CENTER, text, line, false);
+        }
+    }
+
+    /// Draws coordinates along the left and the lower edge if the picture is a map or an elevation:
+    /// without perspective, along an axis. Returns the room that they take; none if it is neither.
+    fn axes(&self) -> Vec2 {
+        let (view, line, rect) = (self.view, self.line, self.rect);
+        let along = |way: DVec3| (0..3).find(|&axis| way[axis].abs() > 1.0 - 1e-9);
+        let (Projection::Orthographic, Some(across), Some(upward)) =
+            (view.camera.projection, along(view.basis.right), along(view.basis.up))
+        else {
+            return Vec2::ZERO;
+        };
+        let [width, height] = view.whole.map(f64::from);
+        let (start, end) = (view.ray(0.0, height).0, view.ray(width, 0.0).0);
+        let step = round_above((end - start)[across].abs().max((end - start)[upward].abs()) / 8.0);
+        let ticks = |axis: usize| {
+            let (from, to) = (start[axis], end[axis]);
+            multiples(step, [from.min(to), from.max(to)])
+                .into_iter()
+                .map(move |tick| (((tick - from) / (to - from)) as f32, number(tick, step)))
+                .collect::<Vec<_>>()
+        };
+        let (right, up) = (ticks(across), ticks(upward));
+        let widest = up.iter().map(|(_, label)| self.width_of(label)).fold(0.0, f32::max);
+        let room = vec2(widest + 1.2 * line, 1.9 * line);
+        let corner = pos2(rect.left() + room.x, rect.bottom() - room.y);
+        let left = Rect::from_min_max(rect.left_top(), pos2(corner.x, rect.bottom()));
+        let below = Rect::from_min_max(corner, rect.right_bottom());
+        for field in [left, below] {
+            self.painter.rect_filled(field, 0.0, BEHIND);
+        }
+        self.painter.line_segment([pos2(corner.x, rect.top()), corner], self.stroke());
+        self.painter.line_segment([corner, pos2(rect.right(), corner.y)], self.stroke());
+        for (share, label) in right {
+            let at = pos2(rect.left() + share * rect.width(), corner.y);
+            let half = self.width_of(&label) / 2.0;
+            if at.x - half > corner.x && at.x + half < rect.right() {
+                self.painter.line_segment([at, at + vec2(0.0, 0.4 * line)], self.stroke());
+                self.text(at + vec2(0.0, 0.5 * line), Align2::CENTER_TOP, &label, line, false);
+            }
+        }
+        for (share, label) in up {
+            let at = pos2(corner.x, rect.bottom() - share * rect.height());
+            if at.y + line < corner.y && at.y - line > rect.top() {
+                self.painter.line_segment([at, at - vec2(0.4 * line, 0.0)], self.stroke());
+                self.text(at - vec2(0.6 * line, 0.0), Align2::RIGHT_CENTER, &label, line, false);
+            }
+        }
+        room
+    }
+
+    /// Draws the three axes as the picture shows them, at the lower right.
+    fn triad(&self, inner: Rect) {
+        let (basis, line) = (&self.view.basis, self.line);
+        let place = Rect::from_min_max(
+            inner.right_bottom() - vec2(5.0 * line, 5.0 * line),
+            inner.right_bottom(),
+        );
+        self.field(place);
+        let colors = [[235, 90, 80], [110, 200, 90], [90, 150, 250]];
+        let mut arms: Vec<(f64, Vec2, usize)> = (0..3)
+            .map(|axis| {
+                let way = DVec3::AXES[axis];
+                let seen = vec2(way.dot(basis.right) as f32, -way.dot(basis.up) as f32);
+                (way.dot(basis.forward), seen, axis)
+            })
+            .collect();
+        // The farthest first.
+        arms.sort_by(|a, b| b.0.total_cmp(&a.0));
+        for (_, seen, axis) in arms {
+            let [r, g, b] = colors[axis];
+            let stroke = Stroke::new(0.2 * line, Color32::from_rgb(r, g, b));
+            let tip = place.center() + seen * 1.7 * line;
+            self.painter.line_segment([place.center(), tip], stroke);
+            let name = ["x", "y", "z"][axis];
+            self.text(tip + seen * 0.6 * line, Align2::CENTER_CENTER, name, line, false);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::view::{Camera, Preset};
+
+    #[test]
+    fn steps_are_round_and_labels_as_precise_as_they() {
+        assert_eq!([0.3, 1.0, 4.9, 5.0, 99.0].map(round_below), [0.2, 1.0, 2.0, 5.0, 50.0]);
+        assert_eq!([0.3, 1.0, 4.9, 5.1, 99.0].map(round_above), [0.5, 1.0, 5.0, 10.0, 100.0]);
+        assert_eq!(multiples(20.0, [-25.0, 41.0]), [-20.0, 0.0, 20.0, 40.0]);
+        assert_eq!([number(0.25, 0.05), number(1200.0, 200.0)], ["0.25", "1200"]);
+    }
+
+    fn shown(attribute: Attribute) -> Shown {
+        Shown {
+            attribute: DisplayAttribute::indexed(attribute, [0.0, 100.0], [0, 65_535]),
+            reference: Reference::default(),
+            up: Up::Z,
+            counts: Histograms {
+                classes: (0..40).map(|class| (class, 10 + class as u64)).collect(),
+                returns: Vec::new(),
+            },
+            stations: Vec::new(),
+        }
+    }
+
+    /// Returns the picture's pixels that annotations change.
+    fn changed(annotations: &Annotations, size: [u32; 2], preset: Preset) -> Vec<[u32; 2]> {
+        let points = [DVec3::ZERO, DVec3::new(80.0, 50.0, 30.0)];
+        let view = View::new(Camera::framing(preset, &points, size), size).unwrap();
+        let overlay = annotations.overlay(&view, &shown(Attribute::Elevation));
+        let mut pixels = vec![128; 3 * (size[0] * size[1]) as usize];
+        overlay.blend(&mut pixels, size[0] as usize, 0);
+        let changed = pixels.as_chunks::<3>().0.iter().enumerate();
+        changed
+            .filter(|(_, pixel)| **pixel != [128; 3])
+            .map(|(i, _)| [i as u32 % size[0], i as u32 / size[0]])
+            .collect()
+    }
+
+    #[test]
+    fn what_is_asked_for_is_drawn_at_its_place_and_grows_with_the_picture() {
+        let all = Annotations {
+            title: Some("Title".into()),
+            legend: true,
+            scale_bar: true,
+            north_arrow: true,
+            axes: true,
+        };
+        assert!(changed(&Annotations::default(), [64, 64], Preset::Fit).is_empty());
+        let one = |change: fn(&mut Annotations, &Annotations)| {
+            let mut one = Annotations::default();
+            change(&mut one, &all);
+            changed(&one, [640, 480], Preset::Fit)
+        };
+        let all_at = |pixels: &[[u32; 2]], within: fn(&[u32; 2]) -> bool| {
+            assert!(pixels.len() > 500 && pixels.iter().all(within), "{}", pixels.len());
+        };
+        all_at(&one(|own, all| own.title.clone_from(&all.title)), |at| at[1] < 60);
+        all_at(&one(|own, _| own.legend = true), |at| at[0] > 400);
+        all_at(&one(|own, _| own.scale_bar = true), |at| at[0] < 300 && at[1] > 400);
+        all_at(&one(|own, _| own.north_arrow = true), |at| at[0] > 500 && at[1] < 100);
+        all_at(&one(|own, _| own.axes = true), |at| at[0] > 500 && at[1] > 350);
+        // A map has its coordinates along two edges.
+        let axes = Annotations { axes: true, ..Annotations::default() };
+        let map = changed(&axes, [640, 480], Preset::Top);
+        assert!(map.contains(&[1, 1]) && map.contains(&[638, 478]) && !map.contains(&[400, 200]));
+        let shares = [[640, 480], [1280, 960]]
+            .map(|size| changed(&all, size, Preset::Fit).len() as f64 / (size[0] * size[1]) as f64);
+        assert!((shares[0] / shares[1] - 1.0).abs() < 0.5, "{shares:?}");
+    }
+
+    #[test]
+    fn a_legend_of_many_labels_names_the_most_frequent() {
+        let size = [640, 480];
+        let view = View::new(Camera::framing(Preset::Fit, &[], size), size).unwrap();
+        let legend = Annotations { legend: true, ..Annotations::default() };
+        let overlay = legend.overlay(&view, &shown(Attribute::Class));
+        assert!(!overlay.triangles.is_empty());
+        let colors = legend.overlay(&view, &shown(Attribute::Rgb));
+        assert!(colors.triangles.is_empty());
+    }
+}
