@@ -3,7 +3,7 @@
 
 use clap::{Arg, ArgAction, Command as Clap, CommandFactory, FromArgMatches, Parser};
 use pointillist::cli::{
-    bench, export, guide, index, info, raster, renamed, render, shadows, study, synth,
+    bench, export, guide, index, info, profile, raster, renamed, render, shadows, study, synth,
     terminal::Terminal, view,
 };
 use pointillist::error::Error;
@@ -46,6 +46,8 @@ enum Command {
     Raster(Box<raster::Arguments>),
     /// Print what is in a file: counts, bounds and ranges of the points themselves
     Info(info::Arguments),
+    /// Draw the points of a vertical slab between two places, or list them in a table
+    Profile(Box<profile::Arguments>),
     /// Simulate scans of analytic scenes, with ground truth
     Synth(synth::Arguments),
     /// Measure accuracy against time
@@ -106,6 +108,7 @@ fn main() -> ExitCode {
         Command::Export(arguments) => export::run(arguments, &progress),
         Command::Raster(arguments) => raster::run(arguments, &progress),
         Command::Info(arguments) => info::run(arguments, &progress),
+        Command::Profile(arguments) => profile::run(arguments, &progress),
         Command::Synth(arguments) => synth::run(arguments, &progress),
         Command::Study(arguments) => study::run(arguments, &progress),
         Command::Bench(arguments) => bench::run(arguments, &progress),

@@ -270,6 +270,14 @@ impl Camera {
         Camera::framing_beside(preset, points, size, 0.0, DVec3::Z)
     }
 
+    /// Returns the camera after a turn around an axis through its target, anticlockwise seen
+    /// from above `[rad]`.
+    pub fn turned(&self, up: DVec3, angle: f64) -> Camera {
+        let turn = DMat3::from_axis_angle(up, angle);
+        let eye = self.target + turn * (self.eye - self.target);
+        Camera { eye, up: turn * self.up, ..*self }
+    }
+
     /// Returns the camera as [`Camera::framing`] for a picture whose left part (a share in 0..1) is
     /// covered, of points whose y or z axis points `up`.
     pub fn framing_beside(

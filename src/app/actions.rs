@@ -6,7 +6,7 @@ use super::render_thread::Message;
 use super::{App, clip_box_widget};
 use crate::atomic_file::write_atomically;
 use crate::error::{Error, Result};
-use crate::resident::slab_query::Slab;
+use crate::select::slab::Slab;
 use crate::view::View;
 use std::path::{Path, PathBuf};
 use std::time::Instant;

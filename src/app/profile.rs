@@ -6,9 +6,11 @@ use super::measure;
 use crate::cloud::attribute::DisplayAttribute;
 use crate::cloud::colormap;
 use crate::cloud::crs::Reference;
-use crate::resident::slab_query::{Slab, SlabPoint, SlabPoints};
+use crate::output::section::{self, SectionPoint};
+use crate::resident::slab_query::{SlabPoint, SlabPoints};
+use crate::select::slab::Slab;
 use egui::{Color32, ColorImage, RichText, TextureHandle, TextureOptions, Ui, Vec2};
-use glam::{DVec2, DVec3};
+use glam::DVec2;
 
 /// Size of the picture `[px]`.
 const SIZE: [usize; 2] = [520, 220];
@@ -68,24 +70,18 @@ impl Profile {
     /// Returns a CSV table with a line per point: its place in the profile, its place in the world,
     /// and their unit.
     pub fn csv(&self, reference: &Reference) -> String {
-        let unit = if reference.says_unit() {
-            reference.unit().symbol().to_string()
-        } else {
-            String::new()
-        };
         let line = |found: &SlabPoint| {
-            let DVec3 { x, y, z } = reference.digits.round(found.point.position);
-            let kind = measure::kind(&found.point)
-                .map_or(",,".into(), |kind| kind.map(|number| number.to_string()).join(","));
-            let [r, g, b] = colormap::color_of(&self.shown, found.shown);
-            format!(
-                "{},{z},{},{x},{y},{z},{kind},{r},{g},{b},{unit}\n",
-                found.place.x, found.place.y
-            )
+            let point = SectionPoint {
+                place: found.place,
+                position: found.point.position,
+                labels: measure::kind(&found.point),
+                color: colormap::color_of(&self.shown, found.shown),
+            };
+            section::line(&point, reference)
         };
-        let head =
-            "distance,height,left,x,y,z,class,return,station,red,green,blue,unit\n".to_string();
-        std::iter::once(head).chain(self.section.points.iter().map(line)).collect()
+        std::iter::once(section::head("station"))
+            .chain(self.section.points.iter().map(line))
+            .collect()
     }
 
     /// Drops the texture, whose device is lost.

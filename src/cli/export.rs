@@ -97,10 +97,11 @@ impl Arguments {
     fn selection(&self) -> Result<Selection> {
         if let Some(path) = &self.scene {
             let Scene { filter, clips, opacities, .. } = Scene::read(path)?;
-            return Ok(Selection { filter, clips, opacities });
+            return Ok(Selection { filter, clips, opacities, slab: None });
         }
         let opacities = Opacities(self.opacity.clone());
-        Ok(Selection { filter: self.filters.filter(), clips: self.clips.clips(), opacities })
+        let (filter, clips) = (self.filters.filter(), self.clips.clips());
+        Ok(Selection { filter, clips, opacities, slab: None })
     }
 }
 

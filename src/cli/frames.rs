@@ -1,19 +1,22 @@
-//! `pointillist render --path`: a camera path in; numbered pictures, and layers with `--exr`, out.
+//! `pointillist render --path` and `--turntable`: a camera path, or a circle, in; numbered pictures,
+//! and layers with `--exr`, or a film out.
 //!
 //! Every file is complete or absent. Existing ones are drawn again unless `--resume` keeps them.
 
-use super::files::refuse_to_overwrite;
+use super::files::{check_extension, refuse_to_overwrite};
 use super::render::Arguments;
 use crate::atomic_file::AtomicFile;
 use crate::error::{Error, Result};
 use crate::graph::Gpu;
 use crate::output::export::Downloads;
+use crate::output::film::{self, Film};
 use crate::progress::{Progress, Whole};
 use crate::render::frame;
 use crate::render::settings::FrameConfig;
 use crate::render::source::Source;
-use crate::view::View;
 use crate::view::camera_path::CameraPath;
+use crate::view::{Camera, View};
+use glam::DVec3;
 use std::path::{Path, PathBuf};
 
 /// Digits of a frame's number at least, so that names sort like numbers.
@@ -26,20 +29,93 @@ fn numbered(output: &Path, extension: &str, number: u64, total: u64) -> PathBuf 
     output.with_file_name(format!("{stem}-{number:0digits$}.{extension}"))
 }
 
-pub fn run(arguments: &Arguments, path: &Path, progress: &dyn Progress) -> Result<()> {
-    let path = CameraPath::read(path)?;
-    let total = path.frames();
-    let [png, exr] =
-        [(&arguments.output, "png"), (&arguments.exr, "exr")].map(|(output, extension)| {
-            move |number: u64| {
-                output.as_deref().map(|output| numbered(output, extension, number + 1, total))
+/// Parses `--fps`.
+pub fn per_second(text: &str) -> std::result::Result<f64, String> {
+    let number = text.parse::<f64>().ok().filter(|number| (0.1..=1000.0).contains(number));
+    number.ok_or(format!("{text:?} is not a number of frames per second, 0.1 to 1000"))
+}
+
+/// The cameras of frames.
+enum Cameras {
+    Path(CameraPath),
+    /// So many around the target of the picture's own view.
+    Turntable(u64),
+}
+
+impl Cameras {
+    fn of(arguments: &Arguments) -> Result<Cameras> {
+        Ok(match &arguments.path {
+            Some(path) => {
+                let mut path = CameraPath::read(path)?;
+                path.frames_per_second = arguments.fps.unwrap_or(path.frames_per_second);
+                Cameras::Path(path)
             }
-        });
+            None => Cameras::Turntable(arguments.turntable.unwrap_or(1)),
+        })
+    }
+
+    fn frames(&self) -> u64 {
+        match self {
+            Cameras::Path(path) => path.frames(),
+            Cameras::Turntable(frames) => *frames,
+        }
+    }
+
+    fn per_second(&self, asked: Option<f64>) -> f64 {
+        match self {
+            Cameras::Path(path) => path.frames_per_second,
+            Cameras::Turntable(_) => {
+                asked.unwrap_or_else(|| CameraPath::default().frames_per_second)
+            }
+        }
+    }
+
+    /// Returns the camera of a frame, counted from 0.
+    fn camera(&self, number: u64, first: &Camera, up: DVec3) -> Camera {
+        match self {
+            Cameras::Path(path) => path.frame(number),
+            Cameras::Turntable(frames) => {
+                first.turned(up, std::f64::consts::TAU * number as f64 / *frames as f64)
+            }
+        }
+    }
+}
+
+pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
+    let cameras = Cameras::of(arguments)?;
+    let total = cameras.frames();
+    let options = arguments.picture.with_scene()?;
+    let mut size = options.size.0;
+    let film = arguments.output.as_deref().filter(|output| film::ending(output).is_some());
+    if let Some(film) = film {
+        refuse_to_overwrite(film, &arguments.files)?;
+        size = film::even(size);
+        if size != options.size.0 {
+            let [width, height] = size;
+            eprintln!("pointillist: note: films have even sides: drawn with {width}x{height}");
+        }
+        if arguments.resume {
+            return Err(Error::Request(format!(
+                "--resume keeps numbered frames, but {} is a film; leave it out, or name -o {}",
+                film.display(),
+                film.with_extension("png").display()
+            )));
+        }
+    } else if let Some(output) = &arguments.output {
+        check_extension(output, &["png", "mp4", "webm", "apng"])?;
+    }
+    let [png, exr] = [
+        (arguments.output.as_deref().filter(|_| film.is_none()), "png"),
+        (arguments.exr.as_deref(), "exr"),
+    ]
+    .map(|(output, extension)| {
+        move |number: u64| output.map(|output| numbered(output, extension, number + 1, total))
+    });
     let mut missing = Vec::new();
     for number in 0..total {
         let files: Vec<PathBuf> = png(number).into_iter().chain(exr(number)).collect();
         files.iter().try_for_each(|file| refuse_to_overwrite(file, &arguments.files))?;
-        if !(arguments.resume && files.iter().all(|file| file.exists())) {
+        if !(arguments.resume && film.is_none() && files.iter().all(|file| file.exists())) {
             missing.push(number);
         }
     }
@@ -50,8 +126,10 @@ pub fn run(arguments: &Arguments, path: &Path, progress: &dyn Progress) -> Resul
     let [first, ..] = missing[..] else { return Ok(()) };
     // Fails early if the folder is not writable.
     png(first).iter().chain(&exr(first)).try_for_each(|file| AtomicFile::create(file).map(drop))?;
-    let options = arguments.picture.with_scene()?;
-    let (size, settings) = (options.size.0, options.settings()?);
+    // Fails early if there is no encoder.
+    let create = |path| Film::create(path, size, total, cameras.per_second(arguments.fps));
+    let mut film = film.map(create).transpose()?;
+    let settings = options.settings()?;
     let source = Source::open(&arguments.files, &options.opening(arguments.strict), progress)?;
     let notes = source.notes(options.further()).into_iter();
     notes
@@ -59,6 +137,10 @@ pub fn run(arguments: &Arguments, path: &Path, progress: &dyn Progress) -> Resul
         .for_each(|note| eprintln!("pointillist: note: {note}"));
     let (shown, _) = options.shown(&source)?;
     let (named, annotations) = (options.named(&source, shown)?, options.report.annotations());
+    let first = match &cameras {
+        Cameras::Path(path) => path.frame(0),
+        Cameras::Turntable(_) => options.view(&source)?.camera,
+    };
     let mut gpu = Gpu::open(&arguments.device.to_options())?;
     let mut cloud = source.upload(&mut gpu, shown, options.detail.pool_bytes(), progress)?;
     cloud.set_filters(options.opacities(), options.clips());
@@ -66,7 +148,7 @@ pub fn run(arguments: &Arguments, path: &Path, progress: &dyn Progress) -> Resul
     let mut said = Vec::new();
     for number in missing {
         let frames = Whole { progress, doing: "drawing frames", done: number, total };
-        let view = View::new(path.frame(number), size)
+        let view = View::new(cameras.camera(number, &first, DVec3::AXES[named.up.index()]), size)
             .map_err(|error| Error::Request(format!("frame {}: {error}", number + 1)))?;
         // Every note once, for the first frame that it concerns.
         let mut say = |note: String| {
@@ -95,9 +177,17 @@ pub fn run(arguments: &Arguments, path: &Path, progress: &dyn Progress) -> Resul
         done.notes.into_iter().for_each(&mut say);
         let (png, exr) = (png(number), exr(number));
         let over = annotations.overlay(&view, &named);
+        if let Some(film) = &mut film {
+            let mut pixels = done.asked.pixels(&done.frame);
+            over.blend(&mut pixels, size[0] as usize, 0);
+            film.write(&pixels)?;
+        }
         done.asked.write(&done.frame, size, png.as_deref(), exr.as_deref(), over)?;
     }
     progress.tick("drawing frames", total, total)?;
+    if let Some(film) = film {
+        film.finish(progress)?;
+    }
     Ok(())
 }
 

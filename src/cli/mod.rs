@@ -10,6 +10,7 @@ pub mod index;
 pub mod indexed_info;
 pub mod info;
 pub mod options;
+pub mod profile;
 pub mod raster;
 pub mod renamed;
 pub mod render;

@@ -16,7 +16,6 @@ use crate::extract::input::Part;
 use crate::extract::raster::{self, Filled, NO_DATA, Pick, Request, Value};
 use crate::output::geotiff::{self, Map, Sample};
 use crate::progress::Progress;
-use crate::select::opacity::Opacities;
 use crate::view::map::{self, Extent, MapGrid};
 use std::path::{Path, PathBuf};
 
@@ -91,7 +90,7 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
     };
     let input = export::open(&arguments.files, &options, progress)?;
     let clips = arguments.clips.clips();
-    let selection = Selection { filter, clips, opacities: Opacities::default() };
+    let selection = Selection { filter, clips, ..Selection::default() };
     // The points' own bounds, since headers may be wrong.
     let counted = count(&input, &selection, progress)?;
     counted.notes.iter().for_each(|note| eprintln!("pointillist: note: {note}"));

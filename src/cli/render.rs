@@ -43,6 +43,8 @@ Examples:
   pointillist render scan.laz -o poster.png --size 40000x20000    in tiles, without seams
   pointillist render scan.laz -o out.png --scene scene.json  a scene saved by the window
   pointillist render scan.laz -o tour.png --path tour.json   tour-0001.png and so on, along a camera path
+  pointillist render scan.laz -o tour.mp4 --path tour.json   the same as a film; needs ffmpeg
+  pointillist render scan.laz -o turn.webm --turntable 120 --fps 30    also .mp4, .apng, or .png for frames
   pointillist render scan.laz -o map.tif --view top --resolution 0.25    a map, GeoTIFF or PNG with map.pgw; heights: raster
   pointillist render huge.las -o out.png                   indexed first; the index is kept";
 
@@ -52,8 +54,9 @@ pub struct Arguments {
     /// Point clouds: LAS, LAZ, COPC, PLY, E57, OBJ, XYZ, CSV, TXT, PTS, PTX; or one index, PNTI
     #[arg(required = true, value_name = "FILE")]
     pub files: Vec<PathBuf>,
-    /// The picture to write: PNG; with --resolution a map, as GeoTIFF or PNG with a world file
-    #[arg(short, long, value_name = "OUT.png|tif", required_unless_present = "exr")]
+    /// The picture to write: PNG; with --resolution a map, as GeoTIFF or PNG with a world file; with
+    /// --path and --turntable also a film: MP4 and WebM by ffmpeg, or animated PNG
+    #[arg(short, long, value_name = "OUT.png|tif|mp4|webm|apng", required_unless_present = "exr")]
     pub output: Option<PathBuf>,
     /// Also (or only) write layers: R G B A linear, depth.Z, index.V, coverage.V, normal.X Y Z,
     /// lit.V, raw.Z
@@ -62,20 +65,27 @@ pub struct Arguments {
     /// Draw every frame of a camera path: OUT-0001.png, OUT-0001.exr and so on
     #[arg(long, value_name = "PATH.json", conflicts_with_all = ["camera", "view", "explain", "timings"])]
     pub path: Option<PathBuf>,
-    /// Keep frames of --path that exist already; a note counts them
-    #[arg(long, requires = "path")]
+    /// Draw this many frames around the picture's target on a level circle, anticlockwise seen from
+    /// above
+    #[arg(long, value_name = "FRAMES", value_parser = clap::value_parser!(u64).range(1..=100_000), conflicts_with_all = ["path", "explain", "timings"])]
+    pub turntable: Option<u64>,
+    /// Frames per second of a film [default: those of the camera path, 25]
+    #[arg(long, value_name = "NUMBER", value_parser = frames::per_second)]
+    pub fps: Option<f64>,
+    /// Keep frames of --path or --turntable that exist already; a note counts them
+    #[arg(long)]
     pub resume: bool,
     /// Draw in pieces of at most this many pixels a side [default: whole up to 33 million pixels
     /// and the device's largest image]
-    #[arg(long, value_name = "PIXELS", value_parser = clap::value_parser!(u32).range(8..), conflicts_with = "path")]
+    #[arg(long, value_name = "PIXELS", value_parser = clap::value_parser!(u32).range(8..), conflicts_with_all = ["path", "turntable"])]
     pub piece: Option<u32>,
     /// Draw in tiles of at most this many pixels a side, as the window saves pictures; for tests
-    #[arg(long, hide = true, value_name = "PIXELS", value_parser = clap::value_parser!(u32).range(8..), conflicts_with = "path")]
+    #[arg(long, hide = true, value_name = "PIXELS", value_parser = clap::value_parser!(u32).range(8..), conflicts_with_all = ["path", "turntable"])]
     pub tile: Option<u32>,
     /// Draw a map with --view top, north up, of pixels of this size, in the files' unit; metres for
     /// coordinates in degrees. Edges of pixels are multiples of it. `pointillist raster` writes
     /// heights, intensities and counts
-    #[arg(long, value_name = "METRES", value_parser = map::resolution, allow_hyphen_values = true, requires = "output", conflicts_with_all = ["size", "camera", "scene", "path", "exr", "explain", "timings"])]
+    #[arg(long, value_name = "METRES", value_parser = map::resolution, allow_hyphen_values = true, requires = "output", conflicts_with_all = ["size", "camera", "scene", "path", "turntable", "exr", "explain", "timings"])]
     pub resolution: Option<f64>,
     /// West, south, east and north of the map, widened to whole pixels [default: around all points
     /// but strays]
@@ -112,8 +122,13 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
             png.display()
         )));
     }
-    if let Some(path) = &arguments.path {
-        return frames::run(arguments, path, progress);
+    if arguments.path.is_some() || arguments.turntable.is_some() {
+        return frames::run(arguments, progress);
+    }
+    if arguments.resume || arguments.fps.is_some() {
+        return Err(Error::Request(
+            "--resume and --fps are for --path and --turntable, which draw many frames".into(),
+        ));
     }
     let picture = arguments.picture.with_scene()?;
     arguments.check_map()?;

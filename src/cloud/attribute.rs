@@ -3,7 +3,7 @@
 
 use super::color_scale::{ColorScale, Ramp};
 use super::up::Up;
-use super::{Cloud, ColumnSet, Part, Station, octahedral};
+use super::{Cloud, ColumnSet, Columns, Lattice, Part, Station, octahedral};
 use std::str::FromStr;
 
 /// An attribute to display, as in `--color`.
@@ -339,7 +339,11 @@ impl DisplayAttribute {
     /// Computes the displayed word of a point: `rgb` 8 bits a channel, red lowest; `normal` 8 bits
     /// an axis, 127 = 0; scalars unchanged. 0 if the part lacks the attribute.
     pub fn word(&self, part: &Part, i: usize) -> u32 {
-        let columns = &part.columns;
+        self.word_of(&part.columns, &part.lattice, i)
+    }
+
+    /// Computes the same of points that are in no part.
+    pub fn word_of(&self, columns: &Columns, lattice: &Lattice, i: usize) -> u32 {
         let bytes = |[a, b, c]: [u8; 3]| a as u32 | (b as u32) << 8 | (c as u32) << 16;
         match self.attribute {
             // Colours in the cloud have been corrected in place.
@@ -356,7 +360,7 @@ impl DisplayAttribute {
                 .as_ref()
                 .map_or(0x7F7F7F, |v| bytes(v[i].map(|c| (c as i16 + 127) as u8))),
             Attribute::Elevation => {
-                let (axis, lattice) = (self.up.index(), &part.lattice);
+                let axis = self.up.index();
                 let steps = columns.along(axis)[i] as f64;
                 self.elevation(lattice.offset[axis] + lattice.step[axis] * steps)
             }

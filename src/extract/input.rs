@@ -12,6 +12,7 @@ use crate::index::format::Index;
 use crate::progress::Progress;
 use crate::select::clip::Clips;
 use crate::select::opacity::Opacities;
+use crate::select::slab::Slab;
 use glam::DVec3;
 use rayon::prelude::*;
 use std::collections::BTreeMap;
@@ -139,7 +140,7 @@ impl Input {
         map: &(dyn Fn(&Batch) -> Result<T> + Sync),
         take: &mut (dyn FnMut(T) -> Result<()> + Send),
     ) -> Result<Vec<String>> {
-        let (clips, parts) = (&selection.clips, self.parts());
+        let (clips, slab, parts) = (&selection.clips, selection.slab, self.parts());
         match self {
             Input::Files { sources, notes, .. } => {
                 let opaque = Opaque::of_files(&selection.opacities, sources, progress)?;
@@ -151,7 +152,7 @@ impl Input {
                         parts[part].intensity_range,
                         source.available().source,
                     );
-                    let chosen = Chosen { filter, clips, opaque: &opaque };
+                    let chosen = Chosen { filter, clips, slab, opaque: &opaque };
                     let each = |&stream::Batch { columns, records, .. }: &stream::Batch| {
                         let shift = [0; 3];
                         let left = chosen.left(Some(part), columns, &parts[part].lattice, shift);
@@ -165,7 +166,7 @@ impl Input {
                 let contents = &index.directory.contents;
                 let opaque = Opaque::of(&selection.opacities, &contents.stations, Vec::new())?;
                 let filter = &index.compile(&selection.filter)?;
-                let chosen = Chosen { filter, clips, opaque: &opaque };
+                let chosen = Chosen { filter, clips, slab, opaque: &opaque };
                 let id = |station: &Station| station.source.unwrap_or(0);
                 let ids: Vec<u16> = contents.stations.iter().map(id).collect();
                 let of_leaf = |&leaf: &usize| {
@@ -176,14 +177,22 @@ impl Input {
                     map(&Batch { part, columns, shift, records: &[], ids: Some(&ids), left })
                 };
                 let all = 0..index.nodes().len();
-                let leaves: Vec<usize> =
-                    all.filter(|&node| index.nodes()[node].is_leaf()).collect();
-                let (doing, mut done) = (format!("reading {}", parts[0].title), 0);
+                let is_asked = |&node: &usize| {
+                    let record = &index.nodes()[node];
+                    let meets = |slab: Slab| slab.meets(index.bounds(record));
+                    record.is_leaf() && slab.is_none_or(meets)
+                };
+                let leaves: Vec<usize> = all.filter(is_asked).collect();
+                let points = |leaves: &[usize]| -> u64 {
+                    leaves.iter().map(|&leaf| index.nodes()[leaf].points).sum()
+                };
+                let title = parts.first().map_or("the index", |part| &part.title);
+                let (doing, mut done, total) = (format!("reading {title}"), 0, points(&leaves));
                 for leaves in leaves.chunks(LEAVES * rayon::current_num_threads()) {
                     let mapped: Vec<T> = leaves.par_iter().map(of_leaf).collect::<Result<_>>()?;
                     mapped.into_iter().try_for_each(&mut *take)?;
-                    done += leaves.iter().map(|&leaf| index.nodes()[leaf].points).sum::<u64>();
-                    progress.tick(&doing, done, contents.points)?;
+                    done += points(leaves);
+                    progress.tick(&doing, done, total)?;
                 }
                 Ok(Vec::new())
             }
@@ -236,6 +245,7 @@ fn parts_of(index: &Index) -> Vec<Part> {
 struct Chosen<'c> {
     filter: &'c Compiled,
     clips: &'c Clips,
+    slab: Option<Slab>,
     opaque: &'c Opaque,
 }
 
@@ -258,6 +268,7 @@ impl Chosen<'_> {
             };
             left[i]
                 && clips.is_none_or(|clips| clips.keep(place()))
+                && self.slab.is_none_or(|slab| slab.place(place()).is_some())
                 && self.opaque.has(part, columns, i)
         };
         (0..columns.len()).filter(|&i| is_left(i)).map(|i| i as u32).collect()

@@ -23,6 +23,7 @@ use crate::error::{Error, Result};
 use crate::progress::Progress;
 use crate::select::clip::Clips;
 use crate::select::opacity::Opacities;
+use crate::select::slab::Slab;
 use input::{Batch, Input};
 use std::path::Path;
 use std::sync::Mutex;
@@ -35,6 +36,8 @@ pub struct Selection {
     pub clips: Clips,
     /// Points of opacity 0 are left out.
     pub opacities: Opacities,
+    /// Leaves what lies inside; leaves of an index outside of it are not read.
+    pub slab: Option<Slab>,
 }
 
 impl Selection {

@@ -2,6 +2,7 @@
 //! the files of pictures draw them alike; sizes are relative to the height of the picture.
 
 use super::overlay::{Corner, Overlay};
+use super::ticks::{multiples, number, round_above, round_below};
 use crate::cloud::Station;
 use crate::cloud::attribute::{Attribute, DisplayAttribute, class_name};
 use crate::cloud::colormap;
@@ -411,38 +412,6 @@ impl Sheet<'_> {
             self.text(tip + seen * 0.6 * line, Align2::CENTER_CENTER, name, line, false);
         }
     }
-}
-
-/// Returns the largest of 1, 2 and 5 times a power of ten up to a number.
-fn round_below(number: f64) -> f64 {
-    let power = 10f64.powf(number.log10().floor());
-    [5.0, 2.0, 1.0]
-        .into_iter()
-        .map(|digit| digit * power)
-        .find(|&round| round <= number)
-        .unwrap_or(power)
-}
-
-/// Returns the smallest of them from a number on.
-fn round_above(number: f64) -> f64 {
-    let power = 10f64.powf(number.log10().floor());
-    [1.0, 2.0, 5.0]
-        .into_iter()
-        .map(|digit| digit * power)
-        .find(|&round| round >= number)
-        .unwrap_or(10.0 * power)
-}
-
-/// Returns the multiples of a step within a range.
-fn multiples(step: f64, [lo, hi]: [f64; 2]) -> Vec<f64> {
-    let first = (lo / step).ceil();
-    (0..64).map(|k| (first + k as f64) * step).take_while(|&tick| tick <= hi).collect()
-}
-
-/// Formats a number with the decimals of a step.
-fn number(number: f64, step: f64) -> String {
-    let decimals = (-step.log10().floor()).clamp(0.0, 12.0) as usize;
-    format!("{number:.decimals$}")
 }
 
 #[cfg(test)]

@@ -48,6 +48,11 @@ impl Downloads {
         })
     }
 
+    /// Returns the pixels of the picture, RGB: rows from the top left.
+    pub fn pixels(&self, frame: &CompletedSubmission) -> Vec<u8> {
+        self.picture.as_ref().expect("asked for with -o").read(frame).concat()
+    }
+
     /// Writes the requested files.
     pub fn write(
         &self,

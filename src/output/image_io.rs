@@ -124,7 +124,7 @@ impl PngRows {
     }
 }
 
-fn encoding(path: &Path, error: png::EncodingError) -> Error {
+pub(super) fn encoding(path: &Path, error: png::EncodingError) -> Error {
     match error {
         png::EncodingError::IoError(source) => Error::io("write", path, source),
         other => Error::format(path, other.to_string()),

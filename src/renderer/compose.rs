@@ -11,7 +11,7 @@ use crate::gpu::raster::{self, Primitives};
 use crate::gpu::{BufferDesc, Device, LogicalDevice, Place, failed};
 use crate::graph::{Gpu, Raster};
 use crate::passes::encode::Thresholds;
-use crate::shader::{Compose, ComposeLayers, compose, compose_layers};
+use crate::shader::{self, compose, compose_layers};
 use ash::vk::{self, Handle};
 use glam::DMat4;
 
@@ -260,7 +260,7 @@ pub(super) fn record(
         let cloud = cloud as u32;
         let push = compose_layers::Push { corner, form: line, far, cloud, x, y, z };
         let triangle = Triangle {
-            stages: &<ComposeLayers as Raster>::STAGES,
+            stages: &<shader::ComposeLayers as Raster>::STAGES,
             constants: vec![(1, depth)],
             push: bytemuck::bytes_of(&push),
             colors: layers_of(targets),
@@ -272,7 +272,7 @@ pub(super) fn record(
     }
     let push = compose::Push { corner, form: line, far };
     let triangle = Triangle {
-        stages: &<Compose as Raster>::STAGES,
+        stages: &<shader::Compose as Raster>::STAGES,
         constants: vec![(0, code), (1, depth), (2, opaque as u32)],
         push: bytemuck::bytes_of(&push),
         colors: colors_of(place, code),
@@ -447,7 +447,7 @@ pub(super) fn of_colors(
     buckets: &RawBuffer,
     [picture, depth]: [RawImage; 2],
 ) -> Result<Descriptors> {
-    descriptors(gpu, &<Compose as Raster>::STAGES[1], |name| match name {
+    descriptors(gpu, &<shader::Compose as Raster>::STAGES[1], |name| match name {
         "picture" => Bound::Image(picture),
         "depth" => Bound::Image(depth),
         _ => Bound::Table(buckets),
@@ -456,7 +456,7 @@ pub(super) fn of_colors(
 
 /// Makes the descriptors of a picture's ids and normals.
 pub(super) fn of_layers(gpu: &Gpu, [index, normal, depth]: [RawImage; 3]) -> Result<Descriptors> {
-    descriptors(gpu, &<ComposeLayers as Raster>::STAGES[1], |name| {
+    descriptors(gpu, &<shader::ComposeLayers as Raster>::STAGES[1], |name| {
         Bound::Image(match name {
             "index" => index,
             "normal" => normal,

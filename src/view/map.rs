@@ -55,13 +55,13 @@ impl MapGrid {
     /// Returns the least grid around all points between two corners. Errors if a side has more
     /// than `most` cells.
     pub fn around(low: DVec2, high: DVec2, resolution: f64, most: u32) -> Result<MapGrid> {
-        MapGrid::between(low, high, resolution, most, |at| cell(at) + 1)
+        MapGrid::between(low, high, resolution, most, |at| cell(at).saturating_add(1))
     }
 
     /// Returns the least grid that covers an extent, whose own edges need no cells beyond.
     pub fn covering(extent: Extent, resolution: f64, most: u32) -> Result<MapGrid> {
         let [low, high] = extent.0;
-        MapGrid::between(low, high, resolution, most, |at| -cell(-at))
+        MapGrid::between(low, high, resolution, most, |at| cell(-at).saturating_neg())
     }
 
     fn between(

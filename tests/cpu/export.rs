@@ -197,6 +197,7 @@ fn what_is_left_is_what_a_plain_loop_leaves() {
         filter: Filter { only: conditions(&["z=..102.5"]), not: conditions(&["building"]) },
         clips: clips.clone(),
         opacities: Opacities(vec!["class:5=0".parse().unwrap(), "0.5".parse().unwrap()]),
+        ..Selection::default()
     };
     let expected: Vec<Row> = (0..all.len())
         .filter(|&i| z[i].z <= 102.5 && class[i] != 6 && class[i] != 5 && clips.keep(z[i]))

@@ -220,10 +220,13 @@ fn colors(attribute: Attribute, word: u32, [lo, hi]: [u32; 2]) -> Vec<[Bounded; 
         Attribute::White => vec![[linear(0.9); 3]],
         _ => {
             let scale = Bounded::exact(255.0f32 / (hi as f32 - lo as f32).max(1.0));
+            // The last byte is the station.
+            let word = word & 0xFF_FFFF;
             let step = ((Bounded::exact(word) - Bounded::exact(lo)) * scale).max(0.0).min(255.0);
             let steps = [step.value - step.error, step.value + step.error]
                 .map(|step| step.clamp(0.0, 255.0).floor());
-            steps.map(|step| [linear(step / 255.0); 3]).to_vec()
+            // Greys begin above the background.
+            steps.map(|step| [linear(0.2 + (1.0 - 0.2) * (step / 255.0)); 3]).to_vec()
         }
     }
 }

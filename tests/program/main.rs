@@ -25,6 +25,7 @@ mod colors;
 mod drivers;
 mod export;
 mod faults;
+mod films;
 mod guide;
 mod hosts;
 mod indexed;

@@ -16,7 +16,7 @@ use pointillist::cloud::digits::Digits;
 use pointillist::cloud::{self, ColumnSet, ReadOptions};
 use pointillist::passes::EFFECTS;
 use pointillist::progress::Silent;
-use pointillist::resident::slab_query::Slab;
+use pointillist::select::slab::Slab;
 use pointillist::synth::SceneKind;
 use pointillist::view::{Camera, View};
 use std::path::Path;

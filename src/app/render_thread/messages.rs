@@ -12,7 +12,7 @@ use crate::present::overlay::Overlay;
 use crate::render::scene::Scene;
 use crate::render::source::PreparedCloud;
 use crate::resident::Point;
-use crate::resident::slab_query::Slab;
+use crate::select::slab::Slab;
 use glam::DVec2;
 use std::path::PathBuf;
 use std::sync::Arc;

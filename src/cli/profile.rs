@@ -1,0 +1,347 @@
+//! `pointillist profile`: the points of a vertical slab between two places, as SVG and CSV. No
+//! Vulkan device is opened.
+//!
+//! The points are read twice, for their ranges and for their picture and table, so that memory does
+//! not grow with them.
+
+use super::export;
+use super::files::refuse_to_overwrite;
+use super::filters::{ClipOptions, FilterOptions};
+use super::options::{ColorOptions, TextArguments};
+use super::units::Size;
+use crate::atomic_file::AtomicFile;
+use crate::cloud::ColumnSet;
+use crate::cloud::attribute::{Attribute, DisplayAttribute, percentiles};
+use crate::cloud::colormap;
+use crate::cloud::crs::Reference;
+use crate::error::{Error, Result};
+use crate::extract::Selection;
+use crate::extract::input::{Batch, Input};
+use crate::output::section::{self, AROUND, Axes, Canvas, FINER, SectionPoint};
+use crate::progress::Progress;
+use crate::select::opacity::Opacities;
+use crate::select::slab::Slab;
+use glam::{DVec2, DVec3};
+use std::fs::File;
+use std::io::{BufWriter, Write};
+use std::path::{Path, PathBuf};
+
+const EXAMPLES: &str = "\
+Examples:
+  pointillist profile scan.laz --from 500010,5000020 --to 500060,5000020 --width 1 -o p.svg
+  pointillist profile scan.laz --from 0,0 --to 25,10 --width 0.2 -o p.svg -o p.csv
+  pointillist profile site.pnti --from 0,0 --to 900,0 --width 5 --exaggeration 2 --color class -o p.svg
+  pointillist profile scan.laz --from 0,0 --to 50,0 --width 1 --only ground -o ground.csv";
+
+/// A place on the map.
+#[derive(Clone, Copy, Debug)]
+pub struct Place(DVec2);
+
+impl std::str::FromStr for Place {
+    type Err = String;
+
+    fn from_str(text: &str) -> std::result::Result<Place, String> {
+        let numbers: Vec<f64> = text.split(',').filter_map(|v| v.trim().parse().ok()).collect();
+        match numbers[..] {
+            [x, y] if x.is_finite() && y.is_finite() && text.matches(',').count() == 1 => {
+                Ok(Place(DVec2::new(x, y)))
+            }
+            _ => Err(format!("{text:?} is not a place x,y")),
+        }
+    }
+}
+
+fn above_zero(text: &str) -> std::result::Result<f64, String> {
+    let number = text.parse::<f64>().ok().filter(|number| *number > 0.0 && number.is_finite());
+    number.ok_or(format!("{text:?} is not a number above 0"))
+}
+
+#[derive(clap::Args, Clone, Debug)]
+#[command(after_help = EXAMPLES)]
+pub struct Arguments {
+    /// Point clouds: LAS, LAZ, COPC; also PLY, E57, OBJ, XYZ, CSV, TXT, PTS, PTX, which are read
+    /// into memory whole; or one index, PNTI
+    #[arg(required = true, value_name = "FILE")]
+    pub files: Vec<PathBuf>,
+    /// Where the profile begins, in the coordinates that `info` prints
+    #[arg(long, value_name = "X,Y", allow_hyphen_values = true)]
+    pub from: Place,
+    /// Where it ends
+    #[arg(long, value_name = "X,Y", allow_hyphen_values = true)]
+    pub to: Place,
+    /// Width of the slab: half of it on either side
+    #[arg(long, value_name = "METRES", default_value_t = 1.0, value_parser = above_zero)]
+    pub width: f64,
+    /// The files to write: a picture with axes, a table with a line a point. Repeatable
+    #[arg(short, long, required = true, value_name = "OUT.svg|csv")]
+    pub output: Vec<PathBuf>,
+    /// How much larger heights are drawn than distances [default: a round number that fills the
+    /// picture]
+    #[arg(long, value_name = "FACTOR", value_parser = above_zero)]
+    pub exaggeration: Option<f64>,
+    /// Largest size of the picture, pixels
+    #[arg(long, value_name = "WxH", default_value_t = Size([1600, 800]))]
+    pub size: Size,
+    /// What the points show [default: rgb if the files have it, else intensity, else elevation];
+    /// ramps are those of the profile's points
+    #[arg(long, value_enum)]
+    pub color: Option<Attribute>,
+    #[command(flatten)]
+    pub filters: FilterOptions,
+    #[command(flatten)]
+    pub clips: ClipOptions,
+    /// Refuse a truncated or inconsistent file instead of keeping what is readable
+    #[arg(long)]
+    pub strict: bool,
+    #[command(flatten)]
+    pub colors: ColorOptions,
+    #[command(flatten)]
+    pub text: TextArguments,
+}
+
+/// Most pixels of a picture.
+const PIXELS: f64 = 64e6;
+
+/// Ranges of the points of a profile.
+struct Ranges {
+    points: u64,
+    heights: [f64; 2],
+    /// Points of each intensity.
+    intensities: Vec<u64>,
+}
+
+/// A file that is written.
+struct Output {
+    path: PathBuf,
+    whole: AtomicFile,
+}
+
+impl Arguments {
+    fn outputs(&self, ending: &str) -> Result<Vec<Output>> {
+        let is_one =
+            |path: &&PathBuf| path.extension().is_some_and(|own| own.eq_ignore_ascii_case(ending));
+        let create =
+            |path: &PathBuf| Ok(Output { path: path.clone(), whole: AtomicFile::create(path)? });
+        self.output.iter().filter(is_one).map(create).collect()
+    }
+
+    /// Returns what the points show.
+    fn shown(&self, has: ColumnSet, ranges: &Ranges) -> Result<DisplayAttribute> {
+        let stretch = percentiles(&ranges.intensities);
+        let varies = has.intensity && stretch[1] > stretch[0];
+        let usual = match () {
+            () if has.rgb => Attribute::Rgb,
+            () if varies => Attribute::Intensity,
+            () => Attribute::Elevation,
+        };
+        let attribute = self.color.unwrap_or(usual);
+        let name = attribute.name();
+        if matches!(attribute, Attribute::Corrected | Attribute::Time) {
+            return Err(Error::Request(
+                "--color corrected and time are not drawn in profiles; use another, such as rgb"
+                    .into(),
+            ));
+        }
+        if has.and(attribute.wanted()) != has {
+            return Err(Error::Request(format!(
+                "--color {name}: the points do not have it; `pointillist info` lists their attributes"
+            )));
+        }
+        Ok(match attribute {
+            Attribute::Elevation => {
+                DisplayAttribute::indexed(attribute, ranges.heights, [0, u16::MAX.into()])
+            }
+            Attribute::Intensity => DisplayAttribute::indexed(attribute, [0.0; 2], stretch),
+            _ => DisplayAttribute::indexed(attribute, [0.0; 2], [0, 255]),
+        })
+    }
+}
+
+pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
+    for output in &arguments.output {
+        refuse_to_overwrite(output, &arguments.files)?;
+        let ending = output.extension().map(|own| own.to_string_lossy().to_lowercase());
+        if !matches!(ending.as_deref(), Some("svg" | "csv")) {
+            return Err(Error::Request(format!(
+                "cannot write {}: its name must end in .svg or .csv",
+                output.display()
+            )));
+        }
+    }
+    let [from, to] = [arguments.from, arguments.to].map(|Place(place)| place.extend(0.0));
+    let slab = Slab::new(from, to, arguments.width)
+        .ok_or_else(|| Error::Request("--from and --to are the same place".into()))?;
+    let [left, top, right, bottom] = AROUND;
+    let most =
+        DVec2::from_array(arguments.size.0.map(f64::from)) - DVec2::new(left + right, top + bottom);
+    if most.min_element() < 50.0 || most.x * most.y > PIXELS {
+        return Err(Error::Request(format!(
+            "--size {}: a profile needs 250x200 pixels at least, and {} million at most",
+            arguments.size,
+            PIXELS / 1e6
+        )));
+    }
+    let (pictures, tables) = (arguments.outputs("svg")?, arguments.outputs("csv")?);
+    let options = export::reading(&arguments.text, &arguments.colors, arguments.strict);
+    let input = export::open(&arguments.files, &options, progress)?;
+    let selection = Selection {
+        filter: arguments.filters.filter(),
+        clips: arguments.clips.clips(),
+        opacities: Opacities::default(),
+        slab: Some(slab),
+    };
+    input.check(&selection.filter)?;
+    let (ranges, notes) = ranges(&input, &selection, progress)?;
+    notes.iter().for_each(|note| eprintln!("pointillist: note: {note}"));
+    if ranges.points == 0 {
+        return Err(Error::Request(nothing(&input, arguments)));
+    }
+    let parts = input.parts();
+    let reference = Reference::of(parts.iter().map(|part| (&part.header, part.lattice)));
+    let has = parts.iter().fold(ColumnSet::default(), |has, part| has.and(part.available));
+    let shown = arguments.shown(has, &ranges)?;
+    let axes = Axes::fitting(slab.length, ranges.heights, arguments.exaggeration, most, &reference);
+    let mut canvas = (!pictures.is_empty()).then(|| Canvas::new(&axes));
+    let wrote = |path: &Path| {
+        let path = path.to_owned();
+        move |error| Error::io("write", &path, error)
+    };
+    let mut files = Vec::new();
+    for table in &tables {
+        let file = File::create(table.whole.partial()).map_err(wrote(&table.path))?;
+        let mut file = BufWriter::new(file);
+        file.write_all(section::head("source").as_bytes()).map_err(wrote(&table.path))?;
+        files.push(file);
+    }
+    let side = side(&axes, ranges.points);
+    let map = |batch: &Batch| Ok(points(&input, batch, &slab, &shown));
+    let mut take = |points: Vec<SectionPoint>| {
+        canvas
+            .iter_mut()
+            .for_each(|canvas| points.iter().for_each(|point| canvas.draw(&axes, point, side)));
+        if tables.is_empty() {
+            return Ok(());
+        }
+        let lines: String = points.iter().map(|point| section::line(point, &reference)).collect();
+        files.iter_mut().zip(&tables).try_for_each(|(file, table)| {
+            file.write_all(lines.as_bytes()).map_err(wrote(&table.path))
+        })
+    };
+    input.each(&selection, progress, &map, &mut take)?;
+    let unit = reference.unit();
+    let said = format!(
+        "profile: {} points, {} long, {} wide",
+        ranges.points,
+        unit.length(slab.length, 3),
+        unit.length(slab.width, 3)
+    );
+    if let Some(canvas) = canvas {
+        let svg = section::svg(&axes, &said, &png(&canvas));
+        for Output { path, whole } in pictures {
+            std::fs::write(whole.partial(), &svg).map_err(wrote(&path))?;
+            whole.finish()?;
+        }
+    }
+    for (mut file, Output { path, whole }) in files.into_iter().zip(tables) {
+        file.flush().map_err(wrote(&path))?;
+        whole.finish()?;
+    }
+    eprintln!("{said}");
+    Ok(())
+}
+
+/// Returns the sides of points on a canvas: larger where there are few `[px]`.
+fn side(axes: &Axes, points: u64) -> usize {
+    let apart = (axes.size.x * axes.size.y / points as f64).sqrt();
+    (FINER as f64 * (0.5 * apart).clamp(1.0, 4.0)).round() as usize
+}
+
+/// Returns the points of a batch that are left.
+fn points(
+    input: &Input,
+    batch: &Batch,
+    slab: &Slab,
+    shown: &DisplayAttribute,
+) -> Vec<SectionPoint> {
+    let (lattice, columns) = (&input.parts()[batch.part].lattice, batch.columns);
+    let point = |&i: &u32| {
+        let i = i as usize;
+        let position = lattice.world(batch.steps(i));
+        let word = match shown.attribute {
+            Attribute::Elevation => shown.elevation(position.z),
+            _ => shown.word_of(columns, lattice, i),
+        };
+        let byte = |column: &Option<Vec<u8>>| column.as_ref().map_or(0, |column| column[i]);
+        let (class, returned) = (byte(&columns.class), byte(&columns.returns) & 15);
+        Some(SectionPoint {
+            place: slab.place(position)?,
+            position,
+            labels: Some([class.into(), returned.into(), batch.source(i).into()]),
+            color: colormap::color_of(shown, word),
+        })
+    };
+    batch.left.iter().filter_map(point).collect()
+}
+
+fn ranges(
+    input: &Input,
+    selection: &Selection,
+    progress: &dyn Progress,
+) -> Result<(Ranges, Vec<String>)> {
+    let mut ranges = Ranges {
+        points: 0,
+        heights: [f64::INFINITY, f64::NEG_INFINITY],
+        intensities: vec![0; 1 << 16],
+    };
+    let map = |batch: &Batch| {
+        let lattice = &input.parts()[batch.part].lattice;
+        let of = |&i: &u32| {
+            let i = i as usize;
+            let intensity = batch.columns.intensity.as_ref().map_or(0, |column| column[i]);
+            (lattice.world(batch.steps(i)).z, intensity)
+        };
+        Ok(batch.left.iter().map(of).collect::<Vec<_>>())
+    };
+    let mut take = |points: Vec<(f64, u16)>| {
+        ranges.points += points.len() as u64;
+        for (height, intensity) in points {
+            let [lo, hi] = ranges.heights;
+            ranges.heights = [lo.min(height), hi.max(height)];
+            ranges.intensities[intensity as usize] += 1;
+        }
+        Ok(())
+    };
+    let notes = input.each(selection, progress, &map, &mut take)?;
+    Ok((ranges, notes))
+}
+
+/// Describes a profile without points, and where there are some.
+fn nothing(input: &Input, arguments: &Arguments) -> String {
+    let bounds = input.parts().iter().filter_map(|part| part.bounds);
+    let whole = bounds.reduce(|(low, high), (a, b)| (low.min(a), high.max(b)));
+    let there = whole.map_or(String::new(), |(low, high): (DVec3, DVec3)| {
+        format!("; the points lie between {},{} and {},{}", low.x, low.y, high.x, high.y)
+    });
+    let [from, to] = [arguments.from.0, arguments.to.0];
+    format!(
+        "no point is left within {} of the line from {},{} to {},{}{there}",
+        arguments.width / 2.0,
+        from.x,
+        from.y,
+        to.x,
+        to.y
+    )
+}
+
+/// Returns a canvas as PNG.
+fn png(canvas: &Canvas) -> Vec<u8> {
+    let mut bytes = Vec::new();
+    let [width, height] = canvas.size();
+    let mut encoder = png::Encoder::new(&mut bytes, width, height);
+    encoder.set_color(png::ColorType::Rgba);
+    encoder
+        .write_header()
+        .and_then(|mut writer| writer.write_image_data(&canvas.rgba()))
+        .expect("a PNG in memory");
+    bytes
+}

@@ -1,0 +1,106 @@
+//! Profiles and films, as a user types them.
+
+use crate::program::{pointillist, render, succeeded, text};
+use crate::skip::skip;
+use std::path::Path;
+use std::process::Command;
+
+/// Places on a lattice of millimetres, written as a text table. Returns them.
+fn table(path: &Path) -> Vec<[f64; 3]> {
+    let mut state = 1u64;
+    let mut next = |below: u64| {
+        state =
+            state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (state >> 33) % below
+    };
+    let places: Vec<[u64; 3]> =
+        (0..3000).map(|_| [next(10_000), next(10_000), next(3000)]).collect();
+    let line = |[x, y, z]: &[u64; 3]| {
+        let metres = |mm: &u64| format!("{}.{:03}", mm / 1000, mm % 1000);
+        format!("{} {} {}\n", metres(x), metres(y), metres(z))
+    };
+    std::fs::write(path, places.iter().map(line).collect::<String>()).unwrap();
+    places.iter().map(|place| place.map(|mm| mm as f64 / 1000.0)).collect()
+}
+
+#[test]
+fn a_profile_lists_the_points_of_its_slab() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("points.xyz");
+    let places = table(&path);
+    let [csv, svg] = ["p.csv", "p.svg"].map(|name| folder.path().join(name));
+    let output = pointillist()
+        .arg("profile")
+        .arg(&path)
+        .args(["--from", "1,2", "--to", "7,10", "--width", "1", "-o"])
+        .arg(&csv)
+        .arg("-o")
+        .arg(&svg)
+        .output()
+        .unwrap();
+    succeeded(&output);
+    // Along the line, ten metres, and to its left.
+    let (along, left) = ([0.6, 0.8], [-0.8, 0.6]);
+    let on = |axis: [f64; 2], [x, y, _]: &[f64; 3]| axis[0] * (x - 1.0) + axis[1] * (y - 2.0);
+    let mut expected: Vec<[f64; 3]> = places
+        .iter()
+        .filter(|place| (0.0..=10.0).contains(&on(along, place)) && on(left, place).abs() <= 0.5)
+        .map(|place| [on(along, place), place[2], on(left, place)])
+        .collect();
+    let rows = std::fs::read_to_string(&csv).unwrap();
+    let mut lines = rows.lines();
+    assert!(lines.next().unwrap().starts_with("distance,height,left,x,y,z,"));
+    let row = |line: &str| {
+        let mut fields = line.split(',').map(|field| field.parse::<f64>().unwrap());
+        [(); 3].map(|()| fields.next().unwrap())
+    };
+    let mut got: Vec<[f64; 3]> =
+        lines.map(|line| row(&line.splitn(4, ',').take(3).collect::<Vec<_>>().join(","))).collect();
+    let order = |a: &[f64; 3], b: &[f64; 3]| a.partial_cmp(b).unwrap();
+    got.sort_by(order);
+    expected.sort_by(order);
+    assert!(
+        expected.len() > 100 && got.len() == expected.len(),
+        "{} {}",
+        got.len(),
+        expected.len()
+    );
+    for (got, expected) in got.iter().zip(&expected) {
+        assert!(
+            got.iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-9),
+            "{got:?} {expected:?}"
+        );
+    }
+    let picture = std::fs::read_to_string(svg).unwrap();
+    assert!(picture.contains(&format!("{} points, 10.000 m long", expected.len())), "{picture}");
+}
+
+#[test]
+fn a_turntable_becomes_a_film() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("points.xyz");
+    table(&path);
+    let film = folder.path().join("turn.apng");
+    let line = format!("-o {} --turntable 4 --size 65x49", film.display());
+    succeeded(&render(&path, &line));
+    let bytes = std::fs::read(&film).unwrap();
+    let at = bytes.windows(4).position(|tag| tag == b"acTL").expect("an animated PNG") + 4;
+    assert_eq!(u32::from_be_bytes(bytes[at..at + 4].try_into().unwrap()), 4);
+
+    let film = folder.path().join("turn.mp4");
+    let line = format!("-o {} --turntable 5 --fps 10 --size 65x49", film.display());
+    if Command::new("ffprobe").arg("-version").output().is_err() {
+        let refused = render(&path, &line);
+        assert!(!refused.status.success() && !film.exists());
+        assert!(text(&refused.stderr).contains("ffmpeg"), "{}", text(&refused.stderr));
+        return skip("there is no ffprobe");
+    }
+    succeeded(&render(&path, &line));
+    let probe = Command::new("ffprobe")
+        .args(["-v", "error", "-count_frames", "-select_streams", "v:0", "-of", "csv=p=0"])
+        .args(["-show_entries", "stream=width,height,r_frame_rate,nb_read_frames"])
+        .arg(&film)
+        .output()
+        .unwrap();
+    assert_eq!(text(&probe.stdout).trim(), "66,50,10/1,5");
+}
