@@ -222,7 +222,10 @@ struct Uploaded {
     /// Clouds and options that it was made of.
     key: String,
     cloud: GpuCloud,
-    core_points: Vec<glam::DVec3>,
+    /// What a camera frames.
+    framed: Vec<glam::DVec3>,
+    /// The axis that points up.
+    up: glam::DVec3,
 }
 
 struct State {
@@ -396,10 +399,10 @@ impl State {
             self.clouds.iter().filter(|entry| entry.visible).map(|entry| entry.id).collect();
         let exposes = picture.settings()?.effects.exposure.switch != Switch::Off;
         let (read, further) = (picture.read_options(false), picture.further());
-        let detail = &picture.detail;
+        let (detail, clips) = (&picture.detail, picture.clips());
         let light = detail.shadows.as_ref().map(|_| picture.light.to_string());
         let key = format!(
-            "{visible:?} {read:?} {further:?} {exposes} {:?} {:?} {detail:?} {light:?}",
+            "{visible:?} {read:?} {further:?} {exposes} {:?} {:?} {detail:?} {light:?} {clips:?}",
             picture.color, picture.opacity
         );
         if self.uploaded.as_ref().is_none_or(|uploaded| uploaded.key != key) {
@@ -407,10 +410,11 @@ impl State {
             let mut source = self.source(picture, progress)?;
             source.find(picture.color, progress)?;
             source.notes(further).iter().for_each(|note| progress.note(note));
-            let (core_points, (shown, _)) = (source.core_points(), picture.shown(&source)?);
+            let (framed, up) = (source.framed_points(&clips), source.up().axis());
+            let (shown, _) = picture.shown(&source)?;
             let pool = picture.detail.pool_bytes();
             let cloud = source.upload(&mut self.gpu, shown, pool, progress)?;
-            self.uploaded = Some(Uploaded { key, cloud, core_points });
+            self.uploaded = Some(Uploaded { key, cloud, framed, up });
         }
         Ok(self.uploaded.as_mut().expect("just uploaded"))
     }
@@ -418,7 +422,8 @@ impl State {
     fn camera(&mut self, picture: &PictureOptions, progress: &dyn Progress) -> Result<Camera> {
         let uploaded = self.upload(picture, progress)?;
         let camera = picture.camera()?;
-        let framing = || Camera::framing(picture.view, &uploaded.core_points, picture.size.0);
+        let Uploaded { framed, up, .. } = uploaded;
+        let framing = || Camera::framing_beside(picture.view, framed, picture.size.0, 0.0, *up);
         Ok(camera.unwrap_or_else(framing))
     }
 

@@ -322,11 +322,13 @@ fn every_command_takes_the_range_that_is_said() {
         (&json!(65535.0), &json!("request"), &json!([1, 0, 0]))
     );
     assert_eq!(rgb_of(&info(&[&path], ""))["by"], "values");
-    assert_eq!(drawn(&path, "--rgb-range 65535"), [1, 0, 0]);
+    // Dark colours are stretched, unless their range is given.
+    assert_eq!(drawn(&path, "--rgb-range 65535"), [255, 0, 0]);
+    assert_eq!(drawn(&path, "--rgb-range 65535 --range 0,255"), [1, 0, 0]);
     assert_eq!(drawn(&path, "--rgb-range 0..1"), [255; 3]);
-    assert_eq!(drawn(&path, "--lod 1 --rgb-range 65535"), [1, 0, 0]);
+    assert_eq!(drawn(&path, "--lod 1 --rgb-range 65535 --range 0,255"), [1, 0, 0]);
     let index = indexed(&[&path], "--rgb-range 65535");
-    assert_eq!(drawn(&index, ""), [1, 0, 0]);
+    assert_eq!(drawn(&index, "--range 0,255"), [1, 0, 0]);
     let refused =
         pointillist().arg("info").arg(&index).args(["--rgb-range", "255"]).output().unwrap();
     assert!(failed(&refused, 1).contains("is an index"), "{}", text(&refused.stderr));

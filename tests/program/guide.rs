@@ -108,6 +108,8 @@ fn commands_run() {
     for mut arguments in commands {
         let is_truth = arguments.iter().any(|argument| argument == "--truth");
         match arguments[0].as_str() {
+            // Maps have the size that their resolution gives.
+            "render" if arguments.iter().any(|argument| argument == "--resolution") => {}
             "render" => set(&mut arguments, "--size", SIZE),
             "synth" if is_truth => set(&mut arguments, "--size", SIZE),
             "synth" => set(&mut arguments, "--points", POINTS),
