@@ -12,7 +12,6 @@ use crate::error::{Error, Result};
 use crate::graph::{CompletedSubmission, Gpu, Graph};
 use crate::output::export::Downloads;
 use crate::output::geotiff::{self, Map, Sample};
-use crate::output::overlay::Overlay;
 use crate::output::tiled::{self, PictureRequest};
 use crate::output::world_file;
 use crate::passes::phong::{self, Backfaces};
@@ -181,7 +180,15 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
         || arguments.tile.is_some()
         || tiled::needs_pieces(&gpu, view.size, arguments.piece)
     {
-        return in_pieces(arguments, &picture, &view, placed, over, &mut gpu, cloud, progress);
+        let wanted = PictureRequest {
+            view,
+            settings,
+            lod: picture.detail.lod(),
+            piece: arguments.piece,
+            tile: arguments.tile,
+            over,
+        };
+        return in_pieces(arguments, wanted, placed, &mut gpu, cloud, progress);
     }
     facts.taken = cloud.wait_until_resident(
         &mut gpu,
@@ -261,10 +268,8 @@ fn left(
 /// Draws the picture in pieces; errors if anything besides the picture is asked for.
 fn in_pieces(
     arguments: &Arguments,
-    picture: &PictureOptions,
-    view: &View,
+    wanted: PictureRequest,
     placed: Option<Placed>,
-    over: Overlay,
     gpu: &mut Gpu,
     mut cloud: GpuCloud,
     progress: &dyn Progress,
@@ -274,16 +279,8 @@ fn in_pieces(
     else {
         return Err(Error::Request(format!(
             "{}x{} pixels are drawn in pieces, without --exr, --explain and --timings; leave these out, or draw a smaller --size",
-            view.size[0], view.size[1]
+            wanted.view.size[0], wanted.view.size[1]
         )));
-    };
-    let wanted = PictureRequest {
-        view: *view,
-        settings: picture.settings()?,
-        lod: picture.detail.lod(),
-        piece: arguments.piece,
-        tile: arguments.tile,
-        over,
     };
     let notes = match placed {
         None => tiled::write(gpu, &mut cloud, wanted, output, progress)?,

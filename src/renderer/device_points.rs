@@ -29,7 +29,7 @@ impl PointBuffer {
     /// Errors if its numbers make no sense.
     pub(super) fn check(&self) -> Result<()> {
         let room = self.color_offset.map_or(12, |offset| offset.saturating_add(3).max(12));
-        let aligned = self.offset % 4 == 0 && self.stride % 4 == 0;
+        let aligned = self.offset.is_multiple_of(4) && self.stride.is_multiple_of(4);
         match self.buffer != 0 && self.count > 0 && aligned && self.stride >= room {
             true => Ok(()),
             false => Err(Error::Request(format!(

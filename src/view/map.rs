@@ -103,7 +103,8 @@ impl MapGrid {
         DVec2::new(self.corner[0] as f64, self.corner[1] as f64) * self.resolution
     }
 
-    /// Returns the view from above whose pixels are the cells, up to [`SHIFT`], for points between two heights.
+    /// Returns the view from above whose pixels are the cells, to a 256th of a pixel, for points
+    /// between two heights.
     pub fn view(&self, [low, high]: [f64; 2]) -> Result<View> {
         let sides = DVec2::new(self.size[0] as f64, self.size[1] as f64) * self.resolution;
         let middle = self.north_west() + DVec2::new(sides.x, -sides.y) / 2.0;

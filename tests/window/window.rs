@@ -681,14 +681,7 @@ fn saved_scene_loads_by_key_and_by_drop() {
     let place = Place::new();
     let cloud = place.street(60_000);
     let mut viewer = place.view(&[&cloud], "");
-    let [fit, above] = [
-        ("fit.png", ""),
-        (
-            "above.png",
-            "--view top --color class --effect shape=off --clip box:-inf,-inf,-inf,500010,inf,inf",
-        ),
-    ]
-    .map(|(name, line)| place.picture(&[&cloud], name, line));
+    let fit = place.picture(&[&cloud], "fit.png", "");
     viewer.shows(&fit);
     viewer.key("7");
     let scene = place.saved(&mut viewer, "F8", "pointillist-1.json");
@@ -698,6 +691,14 @@ fn saved_scene_loads_by_key_and_by_drop() {
     words["effects"] = serde_json::json!(["shape=off"]);
     words["clip"] = serde_json::json!(["box:-inf,-inf,-inf,500010,inf,inf"]);
     std::fs::write(&scene, words.to_string()).unwrap();
+    // The camera frames all points, of which the box of the scene leaves some.
+    let camera = place.at("above.json");
+    std::fs::write(&camera, words["camera"].to_string()).unwrap();
+    let line = format!(
+        "--camera {} --color class --effect shape=off --clip box:-inf,-inf,-inf,500010,inf,inf",
+        camera.display()
+    );
+    let above = place.picture(&[&cloud], "above.png", &line);
     viewer.key("0");
     viewer.shows(&fit);
     viewer.key("F6");
