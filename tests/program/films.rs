@@ -56,7 +56,8 @@ fn a_profile_lists_the_points_of_its_slab() {
     };
     let mut got: Vec<[f64; 3]> =
         lines.map(|line| row(&line.splitn(4, ',').take(3).collect::<Vec<_>>().join(","))).collect();
-    let order = |a: &[f64; 3], b: &[f64; 3]| a.partial_cmp(b).unwrap();
+    // By height, which is exact, then by distance.
+    let order = |a: &[f64; 3], b: &[f64; 3]| a[1].total_cmp(&b[1]).then(a[0].total_cmp(&b[0]));
     got.sort_by(order);
     expected.sort_by(order);
     assert!(
