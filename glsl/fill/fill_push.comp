@@ -32,7 +32,7 @@ layout(rgba32f) readonly uniform image2D coarse_places;
 layout(r32f) readonly uniform image2D depth;
 layout(rgba32f) readonly uniform image2D places;
 layout(rgba32f) readonly uniform image2D color;
-// From 1 on for a tile of the picture without a surface, less for others (fill_scattered.comp).
+// Values of at least 1 mark a tile without a surface (fill_scattered.comp).
 layout(scalar) readonly buffer Rough { float tile[]; } rough;
 layout(r32f) writeonly uniform image2D filled_depth;
 layout(rgba32f) writeonly uniform image2D filled_color;

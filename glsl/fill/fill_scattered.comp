@@ -15,7 +15,7 @@ layout(scalar) readonly buffer Tiles { Tile tile[]; } tiles;
 // Two words per tile, one bit per pixel.
 layout(scalar) readonly buffer Invisible { uint word[]; } invisible;
 layout(scalar) readonly buffer Scattered { uint word[]; } scattered;
-// From 1 on the surroundings of a tile are no surface.
+// Share from which the surroundings of a tile are no surface.
 layout(scalar) writeonly buffer Rough { float tile[]; } rough;
 
 layout(push_constant, scalar) uniform Push {

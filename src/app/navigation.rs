@@ -296,7 +296,7 @@ impl Navigation {
             Input::Look { from, covered_px } => {
                 let covered = (covered_px / self.size[0] as f64).clamp(0.0, MOST_COVERED);
                 let Subject { core, up, .. } = &self.subject;
-                // What clip boxes leave; all, if they leave nothing.
+                // Points that clip boxes leave; all points, if they leave none.
                 let kept: Vec<DVec3> =
                     core.iter().copied().filter(|&p| self.clips.keep(p)).collect();
                 let framed = if kept.is_empty() { &**core } else { &kept };
