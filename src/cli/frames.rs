@@ -7,12 +7,9 @@ use super::files::{check_extension, refuse_to_overwrite};
 use super::render::Arguments;
 use crate::atomic_file::AtomicFile;
 use crate::error::{Error, Result};
-use crate::graph::Gpu;
 use crate::output::export::Downloads;
 use crate::output::film::{self, Film};
 use crate::progress::{Progress, Whole};
-use crate::render::frame;
-use crate::render::settings::FrameConfig;
 use crate::render::source::Source;
 use crate::view::camera_path::CameraPath;
 use crate::view::{Camera, View};
@@ -129,7 +126,8 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
     // Fails early if there is no encoder.
     let create = |path| Film::create(path, size, total, cameras.per_second(arguments.fps));
     let mut film = film.map(create).transpose()?;
-    let settings = options.settings()?;
+    // Wrong numbers are refused before anything is read.
+    options.settings()?;
     let source = Source::open(&arguments.files, &options.opening(arguments.strict), progress)?;
     let notes = source.notes(options.further()).into_iter();
     notes
@@ -141,10 +139,8 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
         Cameras::Path(path) => path.frame(0),
         Cameras::Turntable(_) => options.view(&source)?.camera,
     };
-    let mut gpu = Gpu::open(&arguments.device.to_options())?;
-    let mut cloud = source.upload(&mut gpu, shown, options.detail.pool_bytes(), progress)?;
-    cloud.set_filters(options.opacities(), options.clips());
-    cloud.set_scale(options.scale.scale()?);
+    let mut renderer = options.renderer(&arguments.device)?;
+    let cloud = renderer.add_source(source, shown, progress)?;
     let mut said = Vec::new();
     for number in missing {
         let frames = Whole { progress, doing: "drawing frames", done: number, total };
@@ -157,8 +153,8 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
                 said.push(note);
             }
         };
-        for note in cloud
-            .wait_until_resident(&mut gpu, &view, &options.detail.lod().of(size), &frames)?
+        for note in renderer
+            .load(cloud, &view, &options.detail.lod().of(size), &frames)?
             .into_iter()
             .flat_map(|taken| taken.notes)
         {
@@ -167,13 +163,12 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
             }
             say(note);
         }
-        let config = FrameConfig::new(&settings, &view, cloud.resident());
-        config.warnings(cloud.resident()).into_iter().for_each(&mut say);
+        let config = renderer.config(cloud, &view)?;
+        config.warnings(renderer.cloud(cloud)?.1.resident()).into_iter().for_each(&mut say);
         let [picture, layers] = [&arguments.output, &arguments.exr].map(Option::is_some);
-        let done =
-            frame::draw(&mut gpu, &view, cloud.resident(), &config, &frames, |g, outcome| {
-                Downloads::ask(g, outcome, picture, layers)
-            })?;
+        let done = renderer.draw(cloud, &view, &config, &frames, |g, outcome| {
+            Downloads::ask(g, outcome, picture, layers)
+        })?;
         done.notes.into_iter().for_each(&mut say);
         let (png, exr) = (png(number), exr(number));
         let over = annotations.overlay(&view, &named);

@@ -22,6 +22,7 @@ use crate::passes::{Effects, Switch};
 use crate::render::scene::Scene;
 use crate::render::settings::{Background, RenderSettings, Style};
 use crate::render::source::{OpenOptions, Source};
+use crate::renderer::{Renderer, RendererOptions};
 use crate::select::clip::Clips;
 use crate::select::lod::LodOptions;
 use crate::select::opacity::{Opacities, Rule};
@@ -454,6 +455,25 @@ impl PictureOptions {
     /// Returns the camera of `--camera` or `--scene`; None if neither is given.
     pub fn camera(&self) -> Result<Option<Camera>> {
         self.camera.as_deref().map(read_camera).transpose().map(|read| read.or(self.saved_camera))
+    }
+
+    /// Opens a device, and a renderer with these settings.
+    pub fn renderer(&self, device: &DeviceOptions) -> Result<Renderer> {
+        let options = RendererOptions {
+            memory_budget: self.detail.pool_bytes(),
+            ..RendererOptions::default()
+        };
+        let mut renderer = Renderer::open_device(&device.to_options(), options)?;
+        self.apply(&mut renderer)?;
+        Ok(renderer)
+    }
+
+    /// Gives a renderer these settings, filters and colours.
+    pub fn apply(&self, renderer: &mut Renderer) -> Result<()> {
+        renderer.set_settings(self.settings()?);
+        renderer.set_filters(self.opacities(), self.clips());
+        renderer.set_color_scale(self.scale.scale()?);
+        Ok(())
     }
 
     /// Returns what annotations name of a picture.

@@ -19,9 +19,9 @@ use crate::passes::project::{self, Statistics};
 use crate::passes::tile_stats::{self, Counts};
 use crate::passes::{Effect, Effects, count_visible, shadows, significant, strokes};
 use crate::progress::Progress;
-use crate::render::frame::{self, Done};
 use crate::render::settings::FrameConfig;
-use crate::render::source::{GpuCloud, SelectionReport, Source};
+use crate::render::source::{SelectionReport, Source};
+use crate::renderer::{CloudId, Done, Renderer};
 use crate::resident::Resident;
 use crate::view::map::{self, Extent, MapGrid};
 use crate::view::{Preset, View};
@@ -139,7 +139,8 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
         // Fails early if the folder is not writable.
         drop(AtomicFile::create(output)?);
     }
-    let settings = picture.settings()?;
+    // Wrong numbers are refused before anything is read.
+    picture.settings()?;
     let mut stages = Stages::new();
     let mut source = Source::open(&arguments.files, &picture.opening(arguments.strict), progress)?;
     source.find(picture.color, progress)?;
@@ -170,32 +171,24 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
         strokes: None,
     };
     stages.done("settings");
-    let mut gpu = Gpu::open(&arguments.device.to_options())?;
+    let mut renderer = picture.renderer(&arguments.device)?;
     stages.done("open device");
-    let mut cloud = source.upload(&mut gpu, shown, picture.detail.pool_bytes(), progress)?;
-    cloud.set_filters(picture.opacities(), picture.clips());
-    cloud.set_scale(picture.scale.scale()?);
+    let cloud = renderer.add_source(source, shown, progress)?;
     stages.done("organise");
     if placed.is_some()
         || arguments.tile.is_some()
-        || tiled::needs_pieces(&gpu, view.size, arguments.piece)
+        || tiled::needs_pieces(&renderer.gpu, view.size, arguments.piece)
     {
         let wanted = PictureRequest {
             view,
-            settings,
             lod: picture.detail.lod(),
             piece: arguments.piece,
             tile: arguments.tile,
             over,
         };
-        return in_pieces(arguments, wanted, placed, &mut gpu, cloud, progress);
+        return in_pieces(arguments, wanted, placed, &mut renderer, cloud, progress);
     }
-    facts.taken = cloud.wait_until_resident(
-        &mut gpu,
-        &view,
-        &picture.detail.lod().of(view.size),
-        progress,
-    )?;
+    facts.taken = renderer.load(cloud, &view, &picture.detail.lod().of(view.size), progress)?;
     for note in facts.taken.iter().flat_map(|taken| &taken.notes) {
         if arguments.strict {
             return Err(Error::Request(note.clone()));
@@ -203,13 +196,15 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
         eprintln!("pointillist: note: {note}");
     }
     stages.done("load");
-    let resident = cloud.resident();
-    let config = FrameConfig::new(&settings, &view, resident);
-    config.warnings(resident).iter().for_each(|note| eprintln!("pointillist: note: {note}"));
+    let config = renderer.config(cloud, &view)?;
+    config
+        .warnings(renderer.cloud(cloud)?.1.resident())
+        .iter()
+        .for_each(|note| eprintln!("pointillist: note: {note}"));
 
     let [png, exr] = [&arguments.output, &arguments.exr].map(Option::is_some);
     let Done { frame, asked, notes } =
-        frame::draw(&mut gpu, &view, resident, &config, progress, |g, outcome| {
+        renderer.draw(cloud, &view, &config, progress, |g, outcome| {
             facts.strokes = outcome.strokes.as_ref().map(|painted| painted.facts);
             facts.shadows =
                 outcome.gbuffer.light_visibility.as_ref().map(|visibility| visibility.facts);
@@ -225,18 +220,17 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
     stages.done("write");
 
     if let Some(counts) = counts {
-        facts.left = left(&mut gpu, &view, resident, &config)?;
+        let (gpu, cloud) = renderer.cloud(cloud)?;
+        let resident = cloud.resident();
+        facts.left = left(gpu, &view, resident, &config)?;
         let counts = counts.counts(&frame, view.size, &config.effects);
         match arguments.explain.as_deref() {
             Some("json") => println!(
                 "{}",
-                explain_json(&facts, &gpu, resident, &config, &statistics, &counts, &frame)
+                explain_json(&facts, gpu, resident, &config, &statistics, &counts, &frame)
             ),
             _ => {
-                eprint!(
-                    "{}",
-                    explain(&facts, &gpu, resident, &config, &statistics, &counts, &frame)
-                )
+                eprint!("{}", explain(&facts, gpu, resident, &config, &statistics, &counts, &frame))
             }
         }
     }
@@ -270,8 +264,8 @@ fn in_pieces(
     arguments: &Arguments,
     wanted: PictureRequest,
     placed: Option<Placed>,
-    gpu: &mut Gpu,
-    mut cloud: GpuCloud,
+    renderer: &mut Renderer,
+    cloud: CloudId,
     progress: &dyn Progress,
 ) -> Result<()> {
     let (Some(output), None, None, false) =
@@ -283,8 +277,8 @@ fn in_pieces(
         )));
     };
     let notes = match placed {
-        None => tiled::write(gpu, &mut cloud, wanted, output, progress)?,
-        Some(placed) => placed.write(gpu, &mut cloud, wanted, output, progress)?,
+        None => tiled::write(renderer, cloud, wanted, output, progress)?,
+        Some(placed) => placed.write(renderer, cloud, wanted, output, progress)?,
     };
     for note in notes {
         eprintln!("pointillist: note: {note}");
@@ -371,8 +365,8 @@ impl Placed {
 
     fn write(
         &self,
-        gpu: &mut Gpu,
-        cloud: &mut GpuCloud,
+        renderer: &mut Renderer,
+        cloud: CloudId,
         request: PictureRequest,
         output: &Path,
         progress: &dyn Progress,
@@ -389,11 +383,11 @@ impl Placed {
         };
         if output.extension().is_some_and(|own| own.eq_ignore_ascii_case("png")) {
             let world = world_file::create(&world_file::beside(output), &map)?;
-            let notes = tiled::write(gpu, cloud, request, output, progress)?;
+            let notes = tiled::write(renderer, cloud, request, output, progress)?;
             world.finish()?;
             return Ok(notes);
         }
-        geotiff::write(output, &map, |put| tiled::draw(gpu, cloud, request, progress, put))
+        geotiff::write(output, &map, |put| tiled::draw(renderer, cloud, request, progress, put))
     }
 }
 
