@@ -27,7 +27,8 @@
 //! - [`bench`](mod@bench): timings of passes. [`study`]: accuracy against time. [`cli`]: the
 //!   program, one file a subcommand.
 //! - [`guide`]: the pages of the guide, from the window to the numerics.
-//! - For all: [`config`] (limits and defaults), [`error`], [`progress`], [`atomic_file`].
+//! - For all: [`config`] (limits and defaults), [`error`], [`progress`], [`atomic_file`],
+//!   [`small_file`].
 //!
 //! A picture of a file, without the program:
 //!
@@ -82,6 +83,7 @@ pub mod renderer;
 pub mod resident;
 pub mod select;
 pub mod shader;
+pub mod small_file;
 #[cfg(feature = "study")]
 pub mod study;
 #[cfg(feature = "study")]

@@ -19,6 +19,9 @@ use std::path::{Path, PathBuf};
 /// Digits of a frame's number at least, so that names sort like numbers.
 const DIGITS: usize = 4;
 
+/// Most frames: nine hours at 30 a second.
+const MOST_FRAMES: u64 = 1_000_000;
+
 /// Returns the path of a frame; frames are counted from 1.
 fn numbered(output: &Path, extension: &str, number: u64, total: u64) -> PathBuf {
     let digits = total.to_string().len().max(DIGITS);
@@ -81,11 +84,17 @@ impl Cameras {
 pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
     let cameras = Cameras::of(arguments)?;
     let total = cameras.frames();
+    if total > MOST_FRAMES {
+        return Err(Error::Request(format!(
+            "the camera path has {total} frames, {} a second, more than {MOST_FRAMES}; check its times, or give --fps",
+            cameras.per_second(arguments.fps)
+        )));
+    }
     let options = arguments.picture.with_scene()?;
     let mut size = options.size.0;
     let film = arguments.output.as_deref().filter(|output| film::ending(output).is_some());
     if let Some(film) = film {
-        refuse_to_overwrite(film, &arguments.files)?;
+        refuse_to_overwrite(film, &arguments.inputs())?;
         size = film::even(size);
         if size != options.size.0 {
             let [width, height] = size;
@@ -108,10 +117,11 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
     .map(|(output, extension)| {
         move |number: u64| output.map(|output| numbered(output, extension, number + 1, total))
     });
-    let mut missing = Vec::new();
+    let (mut missing, inputs) = (Vec::new(), arguments.inputs());
     for number in 0..total {
         let files: Vec<PathBuf> = png(number).into_iter().chain(exr(number)).collect();
-        files.iter().try_for_each(|file| refuse_to_overwrite(file, &arguments.files))?;
+        files.iter().try_for_each(|file| refuse_to_overwrite(file, &inputs))?;
+        progress.tick("looking for frames", number, total)?;
         if !(arguments.resume && film.is_none() && files.iter().all(|file| file.exists())) {
             missing.push(number);
         }

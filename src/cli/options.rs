@@ -27,6 +27,7 @@ use crate::select::clip::Clips;
 use crate::select::lod::LodOptions;
 use crate::select::opacity::{Opacities, Rule};
 use crate::view::light::Light;
+use crate::small_file::read_text;
 use crate::view::{Camera, Preset, View};
 use std::path::{Path, PathBuf};
 
@@ -523,7 +524,7 @@ impl DeviceOptions {
 }
 
 pub fn read_camera(path: &Path) -> Result<Camera> {
-    let text = std::fs::read_to_string(path).map_err(|error| Error::io("read", path, error))?;
+    let text = read_text(path)?;
     serde_json::from_str(&text).map_err(|error| {
         Error::format(
             path,

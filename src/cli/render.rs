@@ -5,7 +5,7 @@ use super::frames;
 use super::options::{DeviceOptions, PictureOptions};
 use super::raster::note_system;
 use super::units::LARGEST_SIDE;
-use crate::atomic_file::AtomicFile;
+use crate::atomic_file::{AtomicFile, STANDARD_OUTPUT};
 use crate::cloud::crs::Crs;
 use crate::cloud::up::Up;
 use crate::error::{Error, Result};
@@ -45,6 +45,7 @@ Examples:
   pointillist render scan.laz -o tour.mp4 --path tour.json   the same as a film; needs ffmpeg
   pointillist render scan.laz -o turn.webm --turntable 120 --fps 30    also .mp4, .apng, or .png for frames
   pointillist render scan.laz -o map.tif --view top --resolution 0.25    a map, GeoTIFF or PNG with map.pgw; heights: raster
+  pointillist render scan.laz -o - | magick - out.jpg      a picture to standard output
   pointillist render huge.las -o out.png                   indexed first; the index is kept";
 
 #[derive(clap::Args, Clone, Debug)]
@@ -53,7 +54,7 @@ pub struct Arguments {
     /// Point clouds: LAS, LAZ, COPC, PLY, E57, OBJ, XYZ, CSV, TXT, PTS, PTX; or one index, PNTI
     #[arg(required = true, value_name = "FILE")]
     pub files: Vec<PathBuf>,
-    /// The picture to write: PNG; with --resolution a map, as GeoTIFF or PNG with a world file; with
+    /// The picture to write: PNG, - for standard output; with --resolution a map, as GeoTIFF or PNG with a world file; with
     /// --path and --turntable also a film: MP4 and WebM by ffmpeg, or animated PNG
     #[arg(short, long, value_name = "OUT.png|tif|mp4|webm|apng", required_unless_present = "exr")]
     pub output: Option<PathBuf>,
@@ -121,7 +122,17 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
             png.display()
         )));
     }
+    let pictures = [&arguments.output, &arguments.exr].into_iter().flatten();
+    let to_output = pictures.filter(|path| path.as_path() == Path::new(STANDARD_OUTPUT)).count();
+    if to_output > 0 && (arguments.explain.as_deref() == Some("json") || to_output > 1) {
+        return Err(Error::Request(
+            "standard output takes one picture, and no --explain=json beside it; name a file".into(),
+        ));
+    }
     if arguments.path.is_some() || arguments.turntable.is_some() {
+        if to_output > 0 {
+            return Err(Error::Request("frames and films are files; name one with -o".into()));
+        }
         return frames::run(arguments, progress);
     }
     if arguments.resume || arguments.fps.is_some() {
@@ -134,7 +145,7 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
     let endings: &[&str] = if arguments.resolution.is_some() { &MAPS } else { &["png"] };
     for (output, endings) in [(&arguments.output, endings), (&arguments.exr, &["exr"])] {
         let Some(output) = output else { continue };
-        refuse_to_overwrite(output, &arguments.files)?;
+        refuse_to_overwrite(output, &arguments.inputs())?;
         check_extension(output, endings)?;
         // Fails early if the folder is not writable.
         drop(AtomicFile::create(output)?);
@@ -290,6 +301,13 @@ fn in_pieces(
 const MAPS: [&str; 3] = ["tif", "tiff", "png"];
 
 impl Arguments {
+    /// Returns all files that are read.
+    pub fn inputs(&self) -> Vec<PathBuf> {
+        let PictureOptions { camera, scene, detail, .. } = &self.picture;
+        let more = [camera, scene, &detail.shadows, &self.path].into_iter().flatten();
+        self.files.iter().chain(more).cloned().collect()
+    }
+
     /// Errors if a map lacks what makes it one.
     fn check_map(&self) -> Result<()> {
         let is_tiff = |path: &PathBuf| {

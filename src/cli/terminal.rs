@@ -1,4 +1,4 @@
-//! Progress on a terminal, and Ctrl-C.
+//! Progress on a terminal, and signals that end the program: Ctrl-C, SIGTERM and SIGHUP.
 
 use crate::error::{Error, Result};
 use crate::progress::Progress;
@@ -13,7 +13,7 @@ static INTERRUPTED: AtomicBool = AtomicBool::new(false);
 /// Callbacks of [`Progress::when_interrupted`].
 static WAITING: Mutex<Vec<Box<dyn Fn() + Send>>> = Mutex::new(Vec::new());
 
-/// A progress bar for work of over a second, on a terminal only. Turns Ctrl-C into an error, so
+/// A progress bar for work of over a second, on a terminal only. Turns these signals into an error, so
 /// that half-written files are removed.
 pub struct Terminal {
     shows: bool,
@@ -23,7 +23,7 @@ pub struct Terminal {
 
 impl Terminal {
     pub fn new() -> Terminal {
-        // If no handler can be set, Ctrl-C ends the process at once.
+        // If no handler can be set, a signal ends the process at once.
         let _ = ctrlc::set_handler(|| {
             if INTERRUPTED.swap(true, Relaxed) {
                 crate::atomic_file::remove_unfinished();
