@@ -5,6 +5,7 @@
 
 use super::files::{check_extension, refuse_to_overwrite};
 use super::render::Arguments;
+use super::streams;
 use crate::atomic_file::AtomicFile;
 use crate::error::{Error, Result};
 use crate::output::export::Downloads;
@@ -98,7 +99,7 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
         size = film::even(size);
         if size != options.size.0 {
             let [width, height] = size;
-            eprintln!("pointillist: note: films have even sides: drawn with {width}x{height}");
+            streams::note(format_args!("films have even sides: drawn with {width}x{height}"));
         }
         if arguments.resume {
             return Err(Error::Request(format!(
@@ -128,7 +129,7 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
     }
     let kept = total - missing.len() as u64;
     if kept > 0 {
-        eprintln!("pointillist: note: kept {kept} of {total} frames, which exist already");
+        streams::note(format_args!("kept {kept} of {total} frames, which exist already"));
     }
     let [first, ..] = missing[..] else { return Ok(()) };
     // Fails early if the folder is not writable.
@@ -140,9 +141,7 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
     options.settings()?;
     let source = Source::open(&arguments.files, &options.opening(arguments.strict), progress)?;
     let notes = source.notes(options.further()).into_iter();
-    notes
-        .chain(source.clipped_away(&options.clips()))
-        .for_each(|note| eprintln!("pointillist: note: {note}"));
+    notes.chain(source.clipped_away(&options.clips())).for_each(streams::note);
     let (shown, _) = options.shown(&source)?;
     let (named, annotations) = (options.named(&source, shown)?, options.report.annotations());
     let first = match &cameras {
@@ -159,7 +158,7 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
         // Every note once, for the first frame that it concerns.
         let mut say = |note: String| {
             if !said.contains(&note) {
-                eprintln!("pointillist: note: frame {}: {note}", number + 1);
+                streams::note(format_args!("frame {}: {note}", number + 1));
                 said.push(note);
             }
         };

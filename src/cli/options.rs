@@ -26,8 +26,8 @@ use crate::renderer::{Renderer, RendererOptions};
 use crate::select::clip::Clips;
 use crate::select::lod::LodOptions;
 use crate::select::opacity::{Opacities, Rule};
-use crate::view::light::Light;
 use crate::small_file::read_text;
+use crate::view::light::Light;
 use crate::view::{Camera, Preset, View};
 use std::path::{Path, PathBuf};
 

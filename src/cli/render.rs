@@ -4,6 +4,7 @@ use super::files::{check_extension, refuse_to_overwrite};
 use super::frames;
 use super::options::{DeviceOptions, PictureOptions};
 use super::raster::note_system;
+use super::streams;
 use super::units::LARGEST_SIDE;
 use crate::atomic_file::{AtomicFile, STANDARD_OUTPUT};
 use crate::cloud::crs::Crs;
@@ -111,7 +112,7 @@ pub struct Arguments {
 
 pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
     if arguments.help_effects {
-        println!("{}", Effects::help());
+        streams::print(&format!("{}\n", Effects::help()))?;
         return Ok(());
     }
     if let (Some(png), Some(exr)) = (&arguments.output, &arguments.exr)
@@ -126,7 +127,8 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
     let to_output = pictures.filter(|path| path.as_path() == Path::new(STANDARD_OUTPUT)).count();
     if to_output > 0 && (arguments.explain.as_deref() == Some("json") || to_output > 1) {
         return Err(Error::Request(
-            "standard output takes one picture, and no --explain=json beside it; name a file".into(),
+            "standard output takes one picture, and no --explain=json beside it; name a file"
+                .into(),
         ));
     }
     if arguments.path.is_some() || arguments.turntable.is_some() {
@@ -156,9 +158,7 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
     let mut source = Source::open(&arguments.files, &picture.opening(arguments.strict), progress)?;
     source.find(picture.color, progress)?;
     let notes = source.notes(picture.further()).into_iter();
-    notes
-        .chain(source.clipped_away(&picture.clips()))
-        .for_each(|note| eprintln!("pointillist: note: {note}"));
+    notes.chain(source.clipped_away(&picture.clips())).for_each(streams::note);
     stages.done("read");
     let grid = arguments.grid(&picture, &source)?;
     let view = match &grid {
@@ -204,14 +204,11 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
         if arguments.strict {
             return Err(Error::Request(note.clone()));
         }
-        eprintln!("pointillist: note: {note}");
+        streams::note(note);
     }
     stages.done("load");
     let config = renderer.config(cloud, &view)?;
-    config
-        .warnings(renderer.cloud(cloud)?.1.resident())
-        .iter()
-        .for_each(|note| eprintln!("pointillist: note: {note}"));
+    config.warnings(renderer.cloud(cloud)?.1.resident()).iter().for_each(streams::note);
 
     let [png, exr] = [&arguments.output, &arguments.exr].map(Option::is_some);
     let Done { frame, asked, notes } =
@@ -225,7 +222,7 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
         })?;
     let (downloads, counts, statistics) = asked;
     stages.done("draw");
-    notes.iter().for_each(|note| eprintln!("pointillist: note: {note}"));
+    notes.iter().for_each(streams::note);
     let [png, exr] = [&arguments.output, &arguments.exr].map(Option::as_deref);
     downloads.write(&frame, view.size, png, exr, over)?;
     stages.done("write");
@@ -236,13 +233,13 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
         facts.left = left(gpu, &view, resident, &config)?;
         let counts = counts.counts(&frame, view.size, &config.effects);
         match arguments.explain.as_deref() {
-            Some("json") => println!(
-                "{}",
+            Some("json") => streams::print(&format!(
+                "{}\n",
                 explain_json(&facts, gpu, resident, &config, &statistics, &counts, &frame)
+            ))?,
+            _ => streams::say(
+                explain(&facts, gpu, resident, &config, &statistics, &counts, &frame).trim_end(),
             ),
-            _ => {
-                eprint!("{}", explain(&facts, gpu, resident, &config, &statistics, &counts, &frame))
-            }
         }
     }
     if arguments.timings {
@@ -292,7 +289,7 @@ fn in_pieces(
         Some(placed) => placed.write(renderer, cloud, wanted, output, progress)?,
     };
     for note in notes {
-        eprintln!("pointillist: note: {note}");
+        streams::note(note);
     }
     Ok(())
 }
@@ -565,14 +562,17 @@ impl Stages {
 
     fn print(&self, frame: &CompletedSubmission) {
         for (name, ms) in &self.done {
-            eprintln!("{name:<16} {ms:>9.1} ms");
+            streams::say(format_args!("{name:<16} {ms:>9.1} ms"));
             if *name == "draw" {
-                frame
-                    .passes
-                    .iter()
-                    .for_each(|(pass, ms)| eprintln!("  {pass:<14} {ms:>9.1} ms on the device"));
+                frame.passes.iter().for_each(|(pass, ms)| {
+                    streams::say(format_args!("  {pass:<14} {ms:>9.1} ms on the device"))
+                });
             }
         }
-        eprintln!("{:<16} {:>9.1} ms", "total", self.done.iter().map(|(_, ms)| ms).sum::<f64>());
+        streams::say(format_args!(
+            "{:<16} {:>9.1} ms",
+            "total",
+            self.done.iter().map(|(_, ms)| ms).sum::<f64>()
+        ));
     }
 }

@@ -1,5 +1,6 @@
 //! Progress on a terminal, and signals that end the program: Ctrl-C, SIGTERM and SIGHUP.
 
+use super::streams;
 use crate::error::{Error, Result};
 use crate::progress::Progress;
 use indicatif::{ProgressBar, ProgressStyle};
@@ -82,7 +83,7 @@ impl Progress for Terminal {
 
     fn note(&self, line: &str) {
         let shown = self.bar.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
-        let print = || eprintln!("pointillist: {line}");
+        let print = || streams::say(format_args!("pointillist: {line}"));
         shown.as_ref().map_or_else(print, |(_, bar)| bar.suspend(print));
     }
 

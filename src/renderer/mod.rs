@@ -390,7 +390,8 @@ impl Renderer {
     pub unsafe fn record(&mut self, commands: u64, frame: &Frame) -> Result<FrameReport> {
         if self.gpu.host.is_none() {
             return Err(Error::Request(
-                "this renderer has a device of its own, and no host's commands; call picture".into(),
+                "this renderer has a device of its own, and no host's commands; call picture"
+                    .into(),
             ));
         }
         if frame.number <= self.last_frame || frame.safe >= frame.number {
