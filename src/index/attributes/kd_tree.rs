@@ -10,7 +10,8 @@
 //! A tree instead of a grid, because points near a scanner are a hundred times denser than far from
 //! it. Coordinate differences are integers, so that distances are as exact 5,000 km from the origin
 //! as at it (guide: numerics, case 18). Coincident points are one place measured twice, and no
-//! neighbours of each other (guide: numerics, case 21). The tree depends neither on the order of
+//! neighbours of each other (guide: numerics, case 21). A branch whose points all coincide is
+//! looked at once, however many they are. The tree depends neither on the order of
 //! the points in the file nor on the number of threads.
 
 use crate::cloud::{Columns, Lattice};
@@ -89,7 +90,10 @@ impl KdTree {
         let leaves = points.len().div_ceil(LEAF).next_power_of_two();
         let mut boxes = vec![[Steps::default(); 2]; 2 * leaves - 1];
         let step = lattice.step.abs();
-        build(&mut points, &mut boxes, step);
+        // Coincident points are in the order of their colours, as ties are.
+        let color =
+            |number: u32| columns.rgb.as_ref().map_or([0; 3], |colors| colors[number as usize]);
+        build(&mut points, &mut boxes, step, &color);
         KdTree { points, boxes, step }
     }
 
@@ -144,7 +148,7 @@ impl KdTree {
 
     /// Extends the nearest neighbours found in other trees by those of this one.
     pub fn add_nearest(&self, query: Query, most: usize, found: &mut Vec<Neighbour>) {
-        if most > 0 && !self.is_empty() {
+        if most > 0 && self.has_others(query) {
             self.search(self.whole(), query, most, found);
         }
     }
@@ -161,17 +165,27 @@ impl KdTree {
         tied: &impl Fn(&Neighbour) -> K,
         found: &mut Vec<Neighbour>,
     ) {
-        if most > 0 && !self.is_empty() {
+        if most > 0 && self.has_others(query) {
             self.sift_branch(self.whole(), query, most, beyond, tied, found);
         }
     }
 
-    /// Adds the points within a squared distance that do not coincide with the query, in no order,
-    /// up to a number.
-    pub fn add_within(&self, query: Query, squared: f64, most: usize, found: &mut Vec<Neighbour>) {
-        if !self.is_empty() {
-            self.collect(self.whole(), query, squared, most, found);
-        }
+    /// Adds the points within a squared distance that do not coincide with the query, in no order.
+    /// Returns false, with some of them, if `found` would have more than `most`.
+    #[must_use]
+    pub fn add_within(
+        &self,
+        query: Query,
+        squared: f64,
+        most: usize,
+        found: &mut Vec<Neighbour>,
+    ) -> bool {
+        self.is_empty() || self.collect(self.whole(), query, squared, most, found)
+    }
+
+    /// Tests whether some point does not coincide with the query.
+    fn has_others(&self, query: Query) -> bool {
+        self.away(self.whole(), query.at) < f64::INFINITY
     }
 
     fn whole(&self) -> Branch {
@@ -179,8 +193,8 @@ impl KdTree {
     }
 
     fn search(&self, branch: Branch, query: Query, most: usize, found: &mut Vec<Neighbour>) {
-        if branch.nodes == 1 {
-            for neighbour in self.leaf(branch, query) {
+        if self.is_searched_through(branch) {
+            for neighbour in self.leaf(branch, query).take(most) {
                 if found.len() == most {
                     if neighbour.squared >= found[most - 1].squared {
                         continue;
@@ -200,7 +214,8 @@ impl KdTree {
             std::mem::swap(&mut near, &mut far);
         }
         for (away, half) in [near, far] {
-            if found.len() < most || away < found[most - 1].squared {
+            let reach = if found.len() < most { f64::INFINITY } else { found[most - 1].squared };
+            if away < reach {
                 self.search(half, query, most, found);
             }
         }
@@ -216,8 +231,9 @@ impl KdTree {
         tied: &impl Fn(&Neighbour) -> K,
         found: &mut Vec<Neighbour>,
     ) {
-        if branch.nodes == 1 {
-            found.extend(self.leaf(branch, query).filter(|neighbour| neighbour.squared <= *beyond));
+        if self.is_searched_through(branch) {
+            let within = self.leaf(branch, query).filter(|neighbour| neighbour.squared <= *beyond);
+            found.extend(within.take(most.max(LEAF)));
             if found.len() >= 2 * most {
                 keep_nearest(found, most, tied);
                 *beyond = beyond.min(found[most - 1].squared);
@@ -242,18 +258,29 @@ impl KdTree {
         squared: f64,
         most: usize,
         found: &mut Vec<Neighbour>,
-    ) {
-        if found.len() >= most || self.away(branch, query.at) > squared {
-            return;
+    ) -> bool {
+        if self.away(branch, query.at) > squared {
+            return true;
         }
-        if branch.nodes == 1 {
-            return found
-                .extend(self.leaf(branch, query).filter(|neighbour| neighbour.squared <= squared));
+        if self.is_one_place(branch) && found.len() + branch.count > most {
+            return false;
         }
-        branch
-            .halves()
-            .into_iter()
-            .for_each(|half| self.collect(half, query, squared, most, found));
+        if self.is_searched_through(branch) {
+            found.extend(self.leaf(branch, query).filter(|neighbour| neighbour.squared <= squared));
+            return found.len() <= most;
+        }
+        branch.halves().into_iter().all(|half| self.collect(half, query, squared, most, found))
+    }
+
+    /// Tests whether all points of a branch coincide.
+    fn is_one_place(&self, branch: Branch) -> bool {
+        let [lo, hi] = self.boxes[branch.node];
+        lo == hi
+    }
+
+    /// Tests whether the points of a branch are looked at one by one.
+    fn is_searched_through(&self, branch: Branch) -> bool {
+        branch.nodes == 1 || self.is_one_place(branch)
     }
 
     fn leaf(&self, branch: Branch, query: Query) -> impl Iterator<Item = Neighbour> + '_ {
@@ -297,7 +324,12 @@ fn difference(from: DVec3, to: Steps) -> DVec3 {
     DVec3::new(to[0] as f64, to[1] as f64, to[2] as f64) - from
 }
 
-fn build(points: &mut [Point], boxes: &mut [[Steps; 2]], step: DVec3) {
+fn build(
+    points: &mut [Point],
+    boxes: &mut [[Steps; 2]],
+    step: DVec3,
+    color: &(impl Fn(u32) -> [u8; 3] + Sync),
+) {
     let Some((own, below)) = boxes.split_first_mut() else { return };
     let Some(first) = points.first() else { return };
     *own = points.iter().fold([first.at; 2], |[lo, hi], point| {
@@ -305,7 +337,7 @@ fn build(points: &mut [Point], boxes: &mut [[Steps; 2]], step: DVec3) {
     });
     if below.is_empty() {
         // Sorted, so that a leaf does not depend on the file's order.
-        return points.sort_unstable_by_key(|point| (point.at, point.number));
+        return points.sort_unstable_by_key(|point| (point.at, color(point.number), point.number));
     }
     let extent = (difference(DVec3::ZERO, own[1]) - difference(DVec3::ZERO, own[0])) * step;
     let axis = extent
@@ -315,12 +347,13 @@ fn build(points: &mut [Point], boxes: &mut [[Steps; 2]], step: DVec3) {
         .max_by(|a, b| a.1.total_cmp(b.1))
         .map_or(0, |(axis, _)| axis);
     let middle = points.len() / 2;
-    let order = |point: &Point| (point.at[axis], point.at, point.number);
+    let order = |point: &Point| (point.at[axis], point.at, color(point.number), point.number);
     points.select_nth_unstable_by_key(middle, order);
     let parallel = points.len() > PARALLEL;
     let ((left, right), half) = (points.split_at_mut(middle), below.len() / 2);
     let (left_boxes, right_boxes) = below.split_at_mut(half);
-    let (mut one, mut two) = (|| build(left, left_boxes, step), || build(right, right_boxes, step));
+    let (mut one, mut two) =
+        (|| build(left, left_boxes, step, color), || build(right, right_boxes, step, color));
     if parallel {
         rayon::join(one, two);
     } else {
@@ -371,7 +404,7 @@ mod tests {
                     prop_assert_eq!(found.iter().map(|n| n.squared).collect::<Vec<_>>(), all[..most.min(all.len())].to_vec());
                 }
                 found.clear();
-                tree.add_within(tree.query(place), radius * radius, usize::MAX, &mut found);
+                prop_assert!(tree.add_within(tree.query(place), radius * radius, usize::MAX, &mut found));
                 prop_assert_eq!(found.len(), all.iter().filter(|squared| **squared <= radius * radius).count());
             }
         }
@@ -389,6 +422,26 @@ mod tests {
         let place = (0..tree.len()).find(|&place| tree.steps(place) == [0; 3]).unwrap();
         tree.nearest(place, 8, &mut found);
         assert_eq!(found.iter().map(|n| n.squared).collect::<Vec<_>>(), [9.0, 16.0]);
+    }
+
+    #[test]
+    fn many_points_in_few_places_are_searched_as_fast_as_few() {
+        let places = [[0; 3], [3, 0, 0], [0, 4, 0]];
+        let points: Vec<Steps> = (0..300_000).map(|number| places[number % 3]).collect();
+        let (tree, mut found, began) =
+            (tree(&points, DVec3::ONE), Vec::new(), std::time::Instant::now());
+        for place in 0..tree.len() {
+            tree.nearest(place, 8, &mut found);
+            assert_eq!(found.len(), 8);
+            let mut beyond = f64::INFINITY;
+            found.clear();
+            tree.sift(tree.query(place), 8, &mut beyond, &|n| n.place, &mut found);
+            assert!(found.len() >= 8);
+            found.clear();
+            assert!(!tree.add_within(tree.query(place), 100.0, 4096, &mut found));
+            assert!(tree.add_within(tree.query(place), 4.0, 4096, &mut found));
+        }
+        assert!(began.elapsed().as_secs() < 20, "{:?}", began.elapsed());
     }
 
     #[test]

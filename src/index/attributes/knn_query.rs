@@ -162,12 +162,14 @@ impl<'s> KnnQuery<'s> {
     ) -> Result<f64> {
         loop {
             found.clear();
-            let squared = radius * radius;
+            let (squared, fits) = (radius * radius, std::cell::Cell::new(true));
             let search = |own: &Self, query: Query, found: &mut Vec<Neighbour>| {
-                own.leaf_at(query).tree.add_within(query, squared, MAX_WITHIN + 1, found);
+                let tree = &own.leaf_at(query).tree;
+                fits.set(fits.get() && tree.add_within(query, squared, MAX_WITHIN, found));
             };
-            self.search(place, found, &search, &|_| squared)?;
-            if found.len() <= MAX_WITHIN {
+            let reach = |_: &[Neighbour]| if fits.get() { squared } else { -1.0 };
+            self.search(place, found, &search, &reach)?;
+            if fits.get() {
                 return Ok(radius);
             }
             radius /= 2.0;
