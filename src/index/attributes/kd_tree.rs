@@ -194,7 +194,7 @@ impl KdTree {
 
     fn search(&self, branch: Branch, query: Query, most: usize, found: &mut Vec<Neighbour>) {
         if self.is_searched_through(branch) {
-            for neighbour in self.leaf(branch, query).take(most) {
+            for neighbour in self.leaf(branch, query).take(most.max(LEAF)) {
                 if found.len() == most {
                     if neighbour.squared >= found[most - 1].squared {
                         continue;
