@@ -5,8 +5,7 @@
 
 layout(r32f) readonly uniform image2D depth;
 layout(r32ui) readonly uniform uimage2D index;
-// Point spacing of each node [m].
-layout(scalar) readonly buffer Spacings { float spacing[]; } spacings;
+layout(scalar) readonly buffer Clumps { Clump clump[]; } clumps;
 
 layout(constant_id = 0) const bool PERSPECTIVE = true;
 
@@ -23,8 +22,6 @@ layout(push_constant, scalar) uniform Push {
     float bulge;     // depth of the rim behind the point, per radius
 } push;
 
-const uint POINTS_PER_PAGE_LOG2 = 16u;
-
 void main() {
     ivec2 at = ivec2(gl_GlobalInvocationID.xy) + ivec2(0, int(push.first));
     ivec2 size = ivec2(push.size);
@@ -32,10 +29,10 @@ void main() {
     if (any(greaterThanEqual(at, size)) || at.y >= bottom + int(push.largest)) return;
     float z = imageLoad(depth, at).r;
     if (!(z > 0.0) || isinf(z)) return;
-    uint node = imageLoad(index, at).r >> POINTS_PER_PAGE_LOG2;
+    float spacing = clumps.clump[clump_of(imageLoad(index, at).r)].spacing;
     float scale = PERSPECTIVE ? push.px_per_m / z : push.px_per_m;
     // A point lies up to half a pixel beside the centre of its own.
-    float radius = push.cover > 0.0 ? push.cover * spacings.spacing[node] * scale + 0.5
+    float radius = push.cover > 0.0 ? push.cover * spacing * scale + 0.5
         : push.metres > 0.0 ? push.metres * scale : push.pixels;
     radius = clamp(radius, 0.5, push.largest);
     float square = radius * radius;
