@@ -303,7 +303,8 @@ impl<P: FnMut()> Thread<P> {
             read.bytes += bytes * count as u64;
             if page == 0 {
                 read.spacing = spacing(words);
-                read.clumps = scatter::clumps(words, record.bits as u32, index.lattice(record).step);
+                read.clumps =
+                    scatter::clumps(words, record.bits as u32, index.lattice(record).step);
             }
             if page < planes {
                 destination.put(page, words);

@@ -2,7 +2,9 @@
 
 use super::options::{DetailOptions, DeviceOptions};
 use super::units::{Bytes, Size};
-use crate::bench::{self, flight, index, layers, luminance, project, splat, strokes, surface, window};
+use crate::bench::{
+    self, flight, index, layers, luminance, project, splat, strokes, surface, window,
+};
 use crate::error::{Error, Result};
 use crate::progress::Progress;
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
@@ -81,8 +83,17 @@ pub struct Arguments {
 
 /// Parses the name of a benchmark; an old spelling becomes the new one.
 fn names() -> impl TypedValueParser<Value = String> {
-    let names =
-        ["project", "surface", "splat", "layers", "luminance", "strokes", "index", "flight", "window"];
+    let names = [
+        "project",
+        "surface",
+        "splat",
+        "layers",
+        "luminance",
+        "strokes",
+        "index",
+        "flight",
+        "window",
+    ];
     let values = names.map(|name| match name {
         "layers" => PossibleValue::new(name).alias("dobrev"),
         _ => PossibleValue::new(name),

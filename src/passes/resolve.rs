@@ -216,13 +216,17 @@ impl Resolved {
     }
 }
 
-/// Returns the clumps of all nodes, each with those of a whole page.
+/// Returns the clumps of all nodes, each with those of a whole page. The sparsest clumps of a node
+/// count as its other points: their splats would be balls.
 fn clumps(resident: &Resident) -> Vec<Clump> {
     let all = POINTS_PER_PAGE as usize / POINTS_PER_CLUMP;
     let mut clumps = vec![Clump::default(); all * resident.nodes.len().max(1)];
     for (to, node) in clumps.chunks_exact_mut(all).zip(&resident.nodes) {
         to.iter_mut().zip(node.clumps.iter()).for_each(|(to, clump)| {
-            *to = Clump { spacing: clump.spacing as f32, scatter: clump.scatter as f32 }
+            *to = Clump {
+                spacing: clump.spacing.min(node.spacing) as f32,
+                scatter: clump.scatter as f32,
+            }
         });
     }
     clumps

@@ -51,7 +51,11 @@ pub fn called_for(context: &FrameContext, asked: &Effects, before: &EffectDecisi
 
 /// Writes a share in percent, not 0 of some and not 100 of not all.
 fn percent(share: f64) -> f64 {
-    super::significant((100.0 * share).clamp(0.01, 100.0)).min(if share < 1.0 { 99.9 } else { 100.0 })
+    super::significant((100.0 * share).clamp(0.01, 100.0)).min(if share < 1.0 {
+        99.9
+    } else {
+        100.0
+    })
 }
 
 pub fn reach_px(_view: &View, _settings: &Settings) -> Option<u32> {

@@ -297,8 +297,7 @@ impl Ready {
                 &mut pages,
             );
             node.spacing = in_metres(spacing(&coarse), &node.lattice, &node.frame);
-            node.clumps =
-                scatter::clumps(&coarse, node.frame.bits, node.lattice.step).into();
+            node.clumps = scatter::clumps(&coarse, node.frame.bits, node.lattice.step).into();
             let done = done.fetch_add(order.len() as u64, Relaxed);
             progress.tick("organising", done, 0)
         })?;

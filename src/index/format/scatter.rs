@@ -26,7 +26,8 @@ pub const SCATTERED: f64 = 1.0 / 6.0;
 pub struct Clump {
     /// Point spacing `[m]`.
     pub spacing: f64,
-    /// Median scatter of its seeds, 0 to 1/3; 0 if too few points tell.
+    /// Median scatter of its seeds and of those of the clumps before and after it, 0 to 1/3; 0 if too
+    /// few points tell.
     pub scatter: f64,
 }
 
@@ -54,25 +55,30 @@ pub fn clumps(words: &[u32], bits: u32, step: DVec3) -> Vec<Clump> {
     let is_new = |i: &usize| *i == 0 || words[*i] != words[*i - 1];
     let firsts: Vec<usize> = (0..words.len()).filter(is_new).collect();
     let places: Vec<DVec3> = firsts.iter().map(|&i| place(words[i])).collect();
-    let clump = |start: usize| {
+    let seeds = |start: usize| -> Vec<Clump> {
         let [first, end] =
             [start, start + POINTS_PER_CLUMP].map(|point| firsts.partition_point(|&i| i < point));
         let seeds = SEEDS.min(end - first);
-        let found = (0..seeds)
+        (0..seeds)
             .map(|k| around(&places, first + (2 * k + 1) * (end - first) / (2 * seeds)))
-            .collect::<Vec<Clump>>();
-        let sorted = |of: fn(&Clump) -> f64| {
-            let mut values: Vec<f64> = found.iter().map(of).collect();
-            values.sort_by(f64::total_cmp);
-            values
-        };
-        let at = |values: Vec<f64>, share: usize| values.get(share * seeds / 4).copied();
+            .collect()
+    };
+    let seeds: Vec<Vec<Clump>> = (0..words.len()).step_by(POINTS_PER_CLUMP).map(seeds).collect();
+    let clump = |k: usize| {
+        let beside = &seeds[k.saturating_sub(1)..(k + 2).min(seeds.len())];
         Clump {
-            spacing: at(sorted(|seed| seed.spacing), 3).unwrap_or(0.0),
-            scatter: at(sorted(|seed| seed.scatter), 2).unwrap_or(0.0),
+            spacing: median(seeds[k].iter().map(|seed| seed.spacing)),
+            scatter: median(beside.iter().flatten().map(|seed| seed.scatter)),
         }
     };
-    (0..words.len()).step_by(POINTS_PER_CLUMP).map(clump).collect()
+    (0..seeds.len()).map(clump).collect()
+}
+
+/// Returns the median; 0 if there is none.
+fn median(values: impl Iterator<Item = f64>) -> f64 {
+    let mut values: Vec<f64> = values.collect();
+    values.sort_by(f64::total_cmp);
+    values.get(values.len() / 2).copied().unwrap_or(0.0)
 }
 
 /// Measures the places around one.
@@ -140,7 +146,8 @@ mod tests {
 
     #[test]
     fn planes_and_spheres_are_surfaces_and_crowns_and_wires_are_not() {
-        let plane = node([1023.0, 1023.0, 4.0], 40_000, |p| [p[0], p[1], 300.0 + 0.3 * p[0] + p[2]]);
+        let plane =
+            node([1023.0, 1023.0, 4.0], 40_000, |p| [p[0], p[1], 300.0 + 0.3 * p[0] + p[2]]);
         let [spacing, scatter] = medians(&plane);
         assert!((4.0..8.0).contains(&spacing) && scatter < 0.05, "{spacing} {scatter}");
         let sphere = node([2.0, 6.3, 1.0], 40_000, |[z, turn, _]| {
