@@ -1,13 +1,16 @@
 //! Splats: draws every point as a disc or paraboloid with a size, the nearest in front.
 //!
 //! Discs are drawn of the projected points, which are at most one a pixel, by the same atomics as
-//! points: the cost follows the covered pixels, not the cloud. Of points that were set aside
+//! points: the cost follows the covered pixels, not the cloud. A list of the points gives every lane
+//! a disc, also where points are sparse. Of points that were set aside
 //! ([`super::scattered`]) they are drawn before and behind the surface of the others, else of all.
 
 use super::project::{KEY_BYTES, strips};
-use super::{Effect, EffectDecisions, Effects, FrameContext, GBuffer, Reason, Setting, Value};
+use super::{
+    Effect, EffectDecisions, Effects, FrameContext, GBuffer, Reason, Setting, TILE_PX, Value,
+};
 use crate::graph::{Dispatch, Graph, Image, Kind};
-use crate::shader::{self, splat_resolve, splat32, splat64};
+use crate::shader::{self, splat_points, splat_resolve, splat32, splat64};
 use crate::view::{Projection, View};
 
 pub const SUMMARY: &str = "round points with a size (--style splats, --point-size)";
@@ -173,13 +176,24 @@ pub fn record(
         g.fill(&mut keys, u32::MAX);
         let first = strip.top.saturating_sub(reach);
         let last = (strip.top + rows + reach).min(view.size[1]);
-        let groups = Dispatch::Groups([width.div_ceil(64), last - first, 1]);
+        let mut counts = g.buffer("splat counts", 16);
+        g.fill(&mut counts, 0);
+        let mut points = g.buffer("splat points", 4 * (width * (last - first)) as u64);
+        g.run(
+            shader::SplatPoints {
+                depth,
+                counts: &mut counts,
+                points: &mut points,
+                push: splat_points::Push { size: view.size, first, last },
+            },
+            Dispatch::Groups([width.div_ceil(64), (last - first).div_ceil(TILE_PX), 1]),
+        );
+        let (counts, points) = (&counts, &points);
         // Both kernels have the same bindings and constants.
         macro_rules! run {
             ($($kernel:ident)::+, $module:ident $(, $step:ident)?) => {{
                 let push = $module::Push {
                     size: view.size,
-                    first,
                     top: strip.top,
                     rows,
                     px_per_m: view.focal_px() as f32,
@@ -191,7 +205,7 @@ pub fn record(
                 };
                 let spec = $module::Spec { perspective $(, $step)? };
                 let keys = &mut keys;
-                g.run($($kernel)::+ { depth, index, clumps, keys, push, spec }, groups);
+                g.run($($kernel)::+ { depth, index, clumps, counts, points, keys, push, spec }, Dispatch::Indirect(counts, 0));
             }};
         }
         if g.gpu.device.int64_atomics {

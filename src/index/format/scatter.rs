@@ -26,8 +26,8 @@ pub const SCATTERED: f64 = 1.0 / 6.0;
 pub struct Clump {
     /// Point spacing `[m]`.
     pub spacing: f64,
-    /// Median scatter of its seeds and of those of the clumps before and after it, 0 to 1/3; 0 if too
-    /// few points tell.
+    /// Median scatter of its seeds and, with less weight, of those of the clumps before and after it:
+    /// 0 to 1/3; 0 if too few points tell.
     pub scatter: f64,
 }
 
@@ -65,10 +65,12 @@ pub fn clumps(words: &[u32], bits: u32, step: DVec3) -> Vec<Clump> {
     };
     let seeds: Vec<Vec<Clump>> = (0..words.len()).step_by(POINTS_PER_CLUMP).map(seeds).collect();
     let clump = |k: usize| {
+        // Its own seeds decide if they agree, else those beside them as well.
         let beside = &seeds[k.saturating_sub(1)..(k + 2).min(seeds.len())];
+        let all = beside.iter().chain([&seeds[k], &seeds[k]]).flatten();
         Clump {
             spacing: median(seeds[k].iter().map(|seed| seed.spacing)),
-            scatter: median(beside.iter().flatten().map(|seed| seed.scatter)),
+            scatter: median(all.map(|seed| seed.scatter)),
         }
     };
     (0..seeds.len()).map(clump).collect()
