@@ -13,9 +13,10 @@ use crate::cloud::{Cloud, Columns, Header, Lattice, Part};
 use crate::error::Result;
 use crate::gpu::DeviceOptions;
 use crate::graph::{Dispatch, Gpu, Graph, Handle, Kind};
+use crate::passes::Effects;
 use crate::progress::Progress;
 use crate::render::frame;
-use crate::render::settings::{FrameConfig, RenderSettings};
+use crate::render::settings::{FrameConfig, RenderSettings, Style};
 use crate::resident::Resident;
 use crate::shader;
 use crate::synth::noise::Random;
@@ -192,7 +193,8 @@ fn draw(
     effects: &[&str],
     passes: &[&str],
 ) -> Result<BTreeMap<String, f64>> {
-    let mut settings = RenderSettings::default();
+    let mut settings =
+        RenderSettings { effects: Effects::of(Style::Surface), ..RenderSettings::default() };
     effects.iter().for_each(|effect| settings.effects.set_any(effect).expect("a constant above"));
     let config = FrameConfig::new(&settings, view, resident);
     let mut g = Graph::new(gpu);

@@ -69,18 +69,19 @@ pub fn clumps(words: &[u32], bits: u32, step: DVec3) -> Vec<Clump> {
         let beside = &seeds[k.saturating_sub(1)..(k + 2).min(seeds.len())];
         let all = beside.iter().chain([&seeds[k], &seeds[k]]).flatten();
         Clump {
-            spacing: median(seeds[k].iter().map(|seed| seed.spacing)),
-            scatter: median(all.map(|seed| seed.scatter)),
+            // Sparser areas have the larger gaps.
+            spacing: quantile(seeds[k].iter().map(|seed| seed.spacing), 0.75),
+            scatter: quantile(all.map(|seed| seed.scatter), 0.5),
         }
     };
     (0..seeds.len()).map(clump).collect()
 }
 
-/// Returns the median; 0 if there is none.
-fn median(values: impl Iterator<Item = f64>) -> f64 {
+/// Returns the value at this share of all; 0 if there is none.
+fn quantile(values: impl Iterator<Item = f64>, share: f64) -> f64 {
     let mut values: Vec<f64> = values.collect();
     values.sort_by(f64::total_cmp);
-    values.get(values.len() / 2).copied().unwrap_or(0.0)
+    values.get((share * values.len() as f64) as usize).copied().unwrap_or(0.0)
 }
 
 /// Measures the places around one.

@@ -121,3 +121,30 @@ fn splats_of_scattered_points_stand_before_and_behind_a_surface() {
         assert!(shown.iter().all(|count| *count > 100) && declined * 10 < shown[0], "{shown:?}");
     });
 }
+
+/// Rims of discs are part disc and part background, and nothing else is.
+#[test]
+fn rims_of_splats_are_blended_when_asked() {
+    let size = [63, 65];
+    canvas(|canvas| {
+        let mut keys = vec![[NO_POINT; 2]; (size[0] * size[1]) as usize];
+        keys[(32 * size[0] + 31) as usize] = [7, 5f32.to_bits()];
+        let mut effects = nothing();
+        effects.splat.switch = Switch::On;
+        effects.splat.settings = Settings { pixels: 21.0, ..Settings::default() };
+        let view = &views(size)[0];
+        let hard = canvas.draw(view, &keys, &effects).splats;
+        effects.set("antialias=on").unwrap();
+        let soft = canvas.draw(view, &keys, &effects).blended;
+        let mut blended = 0;
+        for (i, (hard, soft)) in hard.color.iter().zip(&soft.color).enumerate() {
+            let (x, y) = ((i as u32 % size[0]) as f64 - 31.0, (i as u32 / size[0]) as f64 - 32.0);
+            let from_rim = (x.hypot(y) - 10.5).abs();
+            assert_eq!(hard[3], if x.hypot(y) <= 10.5 { 1.0 } else { 0.0 });
+            assert!(from_rim < 2.0 || hard == soft, "{x} {y}");
+            blended += (soft[3] > 0.0 && soft[3] < 1.0) as usize;
+        }
+        // The circumference has 66 pixels, on both sides.
+        assert!((66..=160).contains(&blended), "{blended}");
+    });
+}
