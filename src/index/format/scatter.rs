@@ -47,7 +47,10 @@ const WINDOW: usize = 64;
 /// Returns the clumps of a node, given the words of its coarsest plane, the bits of its longest side
 /// and a lattice step `[m]`. Cells count once, however many points they hold.
 pub fn clumps(words: &[u32], bits: u32, step: DVec3) -> Vec<Clump> {
-    let cell = step.abs() * (2f64).powi(bits as i32 - BITS_PER_PLANE as i32);
+    // In units of the longest side of a cell, whose powers neither overflow nor vanish.
+    let longest = step.abs().max_element();
+    let cell = step.abs() / longest;
+    let unit = longest * (2f64).powi(bits as i32 - BITS_PER_PLANE as i32);
     let place = |word: u32| {
         let axis = |k: u32| (word >> (BITS_PER_PLANE * k) & ((1 << BITS_PER_PLANE) - 1)) as f64;
         DVec3::new(axis(0), axis(1), axis(2)) * cell
@@ -70,7 +73,7 @@ pub fn clumps(words: &[u32], bits: u32, step: DVec3) -> Vec<Clump> {
         let all = beside.iter().chain([&seeds[k], &seeds[k]]).flatten();
         Clump {
             // Sparser areas have the larger gaps.
-            spacing: quantile(seeds[k].iter().map(|seed| seed.spacing), 0.75),
+            spacing: unit * quantile(seeds[k].iter().map(|seed| seed.spacing), 0.75),
             scatter: quantile(all.map(|seed| seed.scatter), 0.5),
         }
     };
@@ -84,7 +87,7 @@ fn quantile(values: impl Iterator<Item = f64>, share: f64) -> f64 {
     values.get((share * values.len() as f64) as usize).copied().unwrap_or(0.0)
 }
 
-/// Measures the places around one.
+/// Measures the places around one, in their unit.
 fn around(places: &[DVec3], own: usize) -> Clump {
     let at = places[own];
     let window = &places[own.saturating_sub(WINDOW)..(own + WINDOW + 1).min(places.len())];
