@@ -4,7 +4,9 @@
 //! then see surfaces alone, and close them also behind leaves. [`splat`](super::splat) draws what was
 //! set aside, where it is nearer than the closed surface: keys are minima, so there is no seam.
 
-use super::{Effect, EffectDecisions, Effects, FrameContext, GBuffer, Reason, Setting, Switch};
+use super::{
+    Effect, EffectDecisions, Effects, FrameContext, GBuffer, Reason, Setting, Switch, significant,
+};
 use crate::graph::{Dispatch, Graph, Image, Kind};
 use crate::index::format::scatter::SCATTERED;
 use crate::shader::{self, scattered};
@@ -51,11 +53,8 @@ pub fn called_for(context: &FrameContext, asked: &Effects, before: &EffectDecisi
 
 /// Writes a share in percent, not 0 of some and not 100 of not all.
 fn percent(share: f64) -> f64 {
-    super::significant((100.0 * share).clamp(0.01, 100.0)).min(if share < 1.0 {
-        99.9
-    } else {
-        100.0
-    })
+    let most = if share < 1.0 { 99.9 } else { 100.0 };
+    significant((100.0 * share).clamp(0.01, most))
 }
 
 pub fn reach_px(_view: &View, _settings: &Settings) -> Option<u32> {
