@@ -22,6 +22,7 @@ use crate::config::{BITS_PER_PLANE, PATIENCE, POINTS_PER_PAGE};
 use crate::error::{Error, Result};
 use crate::index::attributes::strokes;
 use crate::index::fault_injection::FaultKind;
+use crate::index::format::scatter::{self, Clump};
 use crate::index::format::spacing::spacing;
 use crate::index::format::{Index, NodeRecord, PLANES, Plane};
 use queue::{Next, Queue};
@@ -60,12 +61,14 @@ pub enum Outcome {
 }
 
 /// Statistics of a node that was read.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 pub struct Read {
     /// Bytes of the file.
     pub bytes: u64,
     /// Point spacing [cells of the coarsest plane].
     pub spacing: f64,
+    /// How its points lie.
+    pub clumps: Vec<Clump>,
 }
 
 #[derive(Debug)]
@@ -292,14 +295,16 @@ impl<P: FnMut()> Thread<P> {
         let elevation = self.shown.attribute == Attribute::Elevation;
         let along = self.shown.up.index() as u32 * BITS_PER_PLANE;
         let mut heights = vec![0u32; if elevation { count } else { 0 }];
-        let mut read = Read { bytes: 0, spacing: 0.0 };
+        let mut read = Read { bytes: 0, spacing: 0.0, clumps: Vec::new() };
         // Elevation uses the whole position, independent of the planes that are drawn.
         let needed = if elevation { record.position_planes() } else { planes };
         for (page, &(plane, bytes)) in (0..needed).zip(&PLANES) {
             index.read(node, plane, bytemuck::cast_slice_mut(words))?;
             read.bytes += bytes * count as u64;
             if page == 0 {
-                read.spacing = spacing(count, |i| words[i]);
+                read.spacing = spacing(words);
+                read.clumps =
+                    scatter::clumps(words, record.bits as u32, index.lattice(record).step);
             }
             if page < planes {
                 destination.put(page, words);

@@ -5,14 +5,15 @@
 
 layout(r32f) readonly uniform image2D depth;
 layout(r32ui) readonly uniform uimage2D index;
-// Point spacing of each node [m].
-layout(scalar) readonly buffer Spacings { float spacing[]; } spacings;
+layout(scalar) readonly buffer Clumps { Clump clump[]; } clumps;
+// Pixels with a point, and their number in the last word of `counts` (splat_points.comp).
+layout(scalar) readonly buffer Counts { uint word[]; } counts;
+layout(scalar) readonly buffer Points { uint pixel[]; } points;
 
 layout(constant_id = 0) const bool PERSPECTIVE = true;
 
 layout(push_constant, scalar) uniform Push {
     uvec2 size;      // pixels of the picture
-    uint first;      // first row whose points reach into the strip
     uint top;        // first row of the strip
     uint rows;       // rows of the strip
     float px_per_m;  // pixels of a metre at depth 1, or everywhere without perspective
@@ -23,19 +24,17 @@ layout(push_constant, scalar) uniform Push {
     float bulge;     // depth of the rim behind the point, per radius
 } push;
 
-const uint POINTS_PER_PAGE_LOG2 = 16u;
-
-void main() {
-    ivec2 at = ivec2(gl_GlobalInvocationID.xy) + ivec2(0, int(push.first));
+// Draws the disc of a point of the list.
+void draw(uint n) {
+    uint entry = points.pixel[n];
+    ivec2 at = ivec2(entry & 0xFFFFu, entry >> 16);
     ivec2 size = ivec2(push.size);
     int bottom = int(push.top + push.rows);
-    if (any(greaterThanEqual(at, size)) || at.y >= bottom + int(push.largest)) return;
     float z = imageLoad(depth, at).r;
-    if (!(z > 0.0) || isinf(z)) return;
-    uint node = imageLoad(index, at).r >> POINTS_PER_PAGE_LOG2;
+    float spacing = clumps.clump[clump_of(imageLoad(index, at).r)].spacing;
     float scale = PERSPECTIVE ? push.px_per_m / z : push.px_per_m;
     // A point lies up to half a pixel beside the centre of its own.
-    float radius = push.cover > 0.0 ? push.cover * spacings.spacing[node] * scale + 0.5
+    float radius = push.cover > 0.0 ? push.cover * spacing * scale + 0.5
         : push.metres > 0.0 ? push.metres * scale : push.pixels;
     radius = clamp(radius, 0.5, push.largest);
     float square = radius * radius;
@@ -52,5 +51,15 @@ void main() {
             uint pixel = uint(y - int(push.top)) * push.size.x + uint(x);
             meet(pixel, z + bulge * distance, source);
         }
+    }
+}
+
+void main() {
+    uint end = counts.word[3];
+    uint n = gl_GlobalInvocationID.x;
+    if (n < end) for (;;) {
+        draw(n);
+        n += 64u * gl_NumWorkGroups.x;
+        if (n >= end) break;
     }
 }

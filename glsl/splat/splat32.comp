@@ -21,4 +21,5 @@ void meet(uint pixel, float z, uint source) {
     }
 }
 
+#include "clump.glsl"
 #include "splat.glsl"

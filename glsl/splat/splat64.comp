@@ -18,4 +18,5 @@ void meet(uint pixel, float z, uint source) {
     atomicMin(keys.key[pixel], (uint64_t(bits) << 32) | uint64_t(source));
 }
 
+#include "clump.glsl"
 #include "splat.glsl"

@@ -12,9 +12,10 @@ use crate::cloud::{self, Cloud, ReadOptions};
 use crate::error::Result;
 use crate::gpu::DeviceOptions;
 use crate::graph::{Gpu, Graph, Handle};
+use crate::passes::Effects;
 use crate::progress::Progress;
 use crate::render::frame;
-use crate::render::settings::{FrameConfig, RenderSettings};
+use crate::render::settings::{FrameConfig, RenderSettings, Style};
 use crate::resident::Resident;
 use crate::select::opacity::{Opacities, Rule, What};
 use crate::synth;
@@ -164,6 +165,7 @@ fn draw(
     // Never the same light twice, so that no shadows are cached.
     let mut settings = RenderSettings {
         light: Light::Direction(DVec3::new(0.5, 0.7, -0.8 - 1e-3 * round as f64)),
+        effects: Effects::of(Style::Surface),
         ..RenderSettings::default()
     };
     let transparency = format!("transparency=auto,layers={}", way.layers);

@@ -5,6 +5,7 @@ pub mod index;
 pub mod layers;
 pub mod luminance;
 pub mod project;
+pub mod splat;
 pub mod strokes;
 pub mod surface;
 pub mod window;

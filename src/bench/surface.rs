@@ -13,9 +13,10 @@ use crate::cloud::{Cloud, Columns, Header, Lattice, Part};
 use crate::error::Result;
 use crate::gpu::DeviceOptions;
 use crate::graph::{Dispatch, Gpu, Graph, Handle, Kind};
+use crate::passes::Effects;
 use crate::progress::Progress;
 use crate::render::frame;
-use crate::render::settings::{FrameConfig, RenderSettings};
+use crate::render::settings::{FrameConfig, RenderSettings, Style};
 use crate::resident::Resident;
 use crate::shader;
 use crate::synth::noise::Random;
@@ -119,16 +120,7 @@ const SURFACE: &[&str] = &[
 
 pub fn run(options: &DeviceOptions, plan: &Plan, progress: &dyn Progress) -> Result<Vec<Row>> {
     let mut gpu = Gpu::open(options)?;
-    let [width, height] = plan.size.map(|side| side as f64);
-    let camera = Camera {
-        eye: DVec3::new(width / 2.0, -1e5, height / 2.0),
-        target: DVec3::new(width / 2.0, 0.0, height / 2.0),
-        up: DVec3::Z,
-        fov_y: 60.0,
-        projection: Projection::Orthographic,
-        ortho_height: Some(height),
-    };
-    let view = View::new(camera, plan.size)?;
+    let view = View::new(camera(plan.size), plan.size)?;
     let mut residents = Vec::new();
     for (_, drawn, ..) in WAYS {
         if residents.iter().any(|(made, _)| *made == drawn) {
@@ -180,6 +172,19 @@ pub fn run(options: &DeviceOptions, plan: &Plan, progress: &dyn Progress) -> Res
     Ok(WAYS.into_iter().zip(times).zip(parts).map(row).collect())
 }
 
+/// Returns a camera in front of walls, with a unit a pixel.
+pub(super) fn camera(size: [u32; 2]) -> Camera {
+    let [width, height] = size.map(f64::from);
+    Camera {
+        eye: DVec3::new(width / 2.0, -1e5, height / 2.0),
+        target: DVec3::new(width / 2.0, 0.0, height / 2.0),
+        up: DVec3::Z,
+        fov_y: 60.0,
+        projection: Projection::Orthographic,
+        ortho_height: Some(height),
+    }
+}
+
 /// Returns the times of the counted passes by name `[ms]`.
 fn draw(
     gpu: &mut Gpu,
@@ -188,7 +193,8 @@ fn draw(
     effects: &[&str],
     passes: &[&str],
 ) -> Result<BTreeMap<String, f64>> {
-    let mut settings = RenderSettings::default();
+    let mut settings =
+        RenderSettings { effects: Effects::of(Style::Surface), ..RenderSettings::default() };
     effects.iter().for_each(|effect| settings.effects.set_any(effect).expect("a constant above"));
     let config = FrameConfig::new(&settings, view, resident);
     let mut g = Graph::new(gpu);
@@ -244,9 +250,14 @@ fn walls(size: [u32; 2], sparse: f64, seed: u64) -> Cloud {
 
 /// Returns two walls at the same places with this many random points per unit.
 fn strewn(size: [u32; 2], density: f64, seed: u64) -> Cloud {
-    let mut columns = Columns::default();
     let count = (density * size[0] as f64 * size[1] as f64) as u64;
-    for behind in [0, 50] {
+    wall(&[0, 50], count, size, seed)
+}
+
+/// Returns walls this far behind each other, each with as many random points.
+pub(super) fn wall(behind: &[i32], count: u64, size: [u32; 2], seed: u64) -> Cloud {
+    let mut columns = Columns::default();
+    for &behind in behind {
         for i in 0..count {
             let mut random = Random::new(seed, behind as u64, i);
             let [x, z] = size.map(|side| (random.unit() * 4.0 * side as f64) as i32);

@@ -3,7 +3,9 @@
 use super::options::{DetailOptions, DeviceOptions};
 use super::streams;
 use super::units::{Bytes, Size};
-use crate::bench::{self, flight, index, layers, luminance, project, strokes, surface, window};
+use crate::bench::{
+    self, flight, index, layers, luminance, project, splat, strokes, surface, window,
+};
 use crate::error::{Error, Result};
 use crate::progress::Progress;
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
@@ -15,6 +17,7 @@ Examples:
   pointillist bench                                        the default benchmarks
   pointillist bench project --points 1000000 --size 1024x1024
   pointillist bench surface --size 1024x768                visibility, filling and shape, as plain 3 x 3 passes
+  pointillist bench splat --size 1024x768                  round points, against one-pixel points that cover as much
   pointillist bench luminance --points 1000000,4000000,16000000,64000000 --size 1920x1080
                                                            frames with and without luminance correction
   pointillist bench strokes --points 14000000 --size 1000x1000 --model dragon.ply    paintings, against plain points of the same cloud: table 2 of the paper
@@ -30,7 +33,7 @@ Examples:
 #[command(after_help = EXAMPLES)]
 pub struct Arguments {
     /// Which benchmarks to run [default: project, and with --index also flight]: project, surface,
-    /// layers, luminance, strokes, index, flight, window
+    /// splat, layers, luminance, strokes, index, flight, window
     #[arg(value_name = "NAME", value_parser = names())]
     pub names: Vec<String>,
     /// Numbers of points
@@ -81,8 +84,17 @@ pub struct Arguments {
 
 /// Parses the name of a benchmark; an old spelling becomes the new one.
 fn names() -> impl TypedValueParser<Value = String> {
-    let names =
-        ["project", "surface", "layers", "luminance", "strokes", "index", "flight", "window"];
+    let names = [
+        "project",
+        "surface",
+        "splat",
+        "layers",
+        "luminance",
+        "strokes",
+        "index",
+        "flight",
+        "window",
+    ];
     let values = names.map(|name| match name {
         "layers" => PossibleValue::new(name).alias("dobrev"),
         _ => PossibleValue::new(name),
@@ -109,6 +121,7 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
     };
     let surfaces =
         if asked("surface", false) { surfaces(arguments, progress)? } else { Vec::new() };
+    let splats = if asked("splat", false) { splats(arguments, progress)? } else { Vec::new() };
     let luminances =
         if asked("luminance", false) { luminances(arguments, progress)? } else { Vec::new() };
     let paintings =
@@ -125,6 +138,7 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
         let values =
             rows.iter().map(serde_json::to_value).chain(indexes.iter().map(serde_json::to_value));
         let values = values.chain(surfaces.iter().map(serde_json::to_value));
+        let values = values.chain(splats.iter().map(serde_json::to_value));
         let values = values.chain(luminances.iter().map(serde_json::to_value));
         let values = values.chain(paintings.iter().map(serde_json::to_value));
         let values = values.chain(layer_rows.iter().map(serde_json::to_value));
@@ -146,6 +160,9 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
     }
     if !surfaces.is_empty() {
         streams::print(&surface::table(&surfaces))?;
+    }
+    if !splats.is_empty() {
+        print!("{}", splat::table(&splats));
     }
     if !luminances.is_empty() {
         streams::print(&luminance::table(&luminances))?;
@@ -199,6 +216,19 @@ fn surfaces(arguments: &Arguments, progress: &dyn Progress) -> Result<Vec<surfac
             seed: arguments.seed,
         };
         rows.extend(surface::run(&arguments.device.to_options(), &plan, progress)?);
+    }
+    Ok(rows)
+}
+
+fn splats(arguments: &Arguments, progress: &dyn Progress) -> Result<Vec<splat::Row>> {
+    let mut rows = Vec::new();
+    for size in sizes(arguments) {
+        let plan = splat::Plan {
+            size,
+            repeat: arguments.repeat.unwrap_or(9) as usize,
+            seed: arguments.seed,
+        };
+        rows.extend(splat::run(&arguments.device.to_options(), &plan, progress)?);
     }
     Ok(rows)
 }

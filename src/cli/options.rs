@@ -146,7 +146,7 @@ pub struct PictureOptions {
     /// Switch an effect and set its values; repeatable
     #[arg(long, value_name = "NAME=off|on|auto[,key=value...]", value_parser = effect)]
     pub effect: Vec<String>,
-    /// How points are drawn [default: surface; splats with --point-size]
+    /// How points are drawn [default: auto; splats with --point-size]
     #[arg(long, value_enum)]
     pub style: Option<Style>,
     /// Diameter of points, for --style splats and points: pixels such as 3, metres such as 0.05m,
@@ -354,13 +354,13 @@ impl PictureOptions {
     pub fn settings(&self) -> Result<RenderSettings> {
         // Wrong numbers are refused before anything is read.
         self.scale.scale()?;
-        let usual = if self.point_size.is_some() { Style::Splats } else { Style::Surface };
+        let usual = if self.point_size.is_some() { Style::Splats } else { Style::Auto };
         let style = self.style.unwrap_or(usual);
         let mut effects = Effects::of(style);
         if let Some(size) = self.point_size {
             if !matches!(style, Style::Points | Style::Splats) {
                 return Err(Error::Request(
-                    "--point-size is for --style points and splats; surfaces and strokes find their own sizes".into(),
+                    "--point-size is for --style points and splats; the others find their own sizes".into(),
                 ));
             }
             effects.splat.switch = Switch::On;

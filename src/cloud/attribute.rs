@@ -261,7 +261,8 @@ impl DisplayAttribute {
             .parts
             .iter()
             .all(|part| part.columns.intensity.is_some() || part.columns.is_empty());
-        if everywhere && intensity.stretch[1] > intensity.stretch[0] {
+        let varies = intensity.stretch[1] > intensity.stretch[0] && !mostly_one_intensity(cloud);
+        if everywhere && varies {
             return (intensity, "no colours, but an intensity that varies");
         }
         (
@@ -456,6 +457,15 @@ impl DisplayAttribute {
         }
         percentiles(&counts)
     }
+}
+
+/// Tests whether most points have the same intensity, as files of meshes do whose intensity is a
+/// default: the others would be specks.
+fn mostly_one_intensity(cloud: &Cloud) -> bool {
+    let mut counts = vec![0u64; 1 << 16];
+    let intensities = cloud.parts.iter().filter_map(|part| part.columns.intensity.as_ref());
+    intensities.flatten().for_each(|&intensity| counts[intensity as usize] += 1);
+    counts.iter().max().is_some_and(|most| 2 * most > cloud.len())
 }
 
 /// Returns the words at the ends of [`STRETCH`], by how often each occurs.

@@ -14,6 +14,7 @@ pub mod phong;
 pub mod predicate;
 pub mod project;
 pub mod resolve;
+pub mod scattered;
 pub mod shadows;
 pub mod shape;
 pub mod smooth;
@@ -61,6 +62,10 @@ pub struct GBuffer {
     pub shading: Option<Image>,
     /// Point spacing of every node of the frame `[m]`, f32.
     pub spacings: Buffer,
+    /// How the points of every node lie, clump by clump (glsl/lib/clump.glsl).
+    pub clumps: Buffer,
+    /// Points that lie on no surface, if they were set aside.
+    pub aside: Option<scattered::Aside>,
     /// Smallest and largest point spacing on the screen `[px]`; infinite if the camera is within a
     /// node.
     pub spacing_px: [f64; 2],
@@ -365,9 +370,10 @@ effects! {
     luminance Luminance,       // sums, values -> color
     strokes Strokes,           // keys and color in place of projected points; color -> color
     shadows Shadows,           // light visibility, index, color -> color, or shadow factor
+    scattered Scattered,       // depth, index, color -> the same of surfaces; the others aside
     visibility Visibility,     // depth, index, color -> the same without what is hidden; holes
-    splat Splat,               // depth, index, color -> the same, of discs
     fill Fill,                 // depth, color, shadow factor, holes -> depth, color, shadow factor
+    splat Splat,               // what was set aside, or all -> depth, index, color of discs
     smooth Smooth,             // depth, color -> depth, color; all of it: shadow factor, too
     shape Shape,               // depth -> shading
     phong Phong,               // depth, color, shadow factor, index, normals of points -> color

@@ -6,10 +6,12 @@ use super::{GBuffer, TileLists};
 use crate::cloud::attribute::{Attribute, DisplayAttribute};
 use crate::cloud::color_scale::ColorScale;
 use crate::cloud::colormap::{self, linear_to_srgb, srgb_to_linear};
+use crate::config::POINTS_PER_PAGE;
 use crate::error::Result;
 use crate::graph::{Buffer, Dispatch, Graph, Image, Kind};
+use crate::index::format::scatter::POINTS_PER_CLUMP;
 use crate::resident::Resident;
-use crate::shader::{self, resolve::Push, resolve::Spec};
+use crate::shader::{self, Clump, resolve::Push, resolve::Spec};
 use crate::view::{Projection, View};
 
 /// The images that `record` fills strip by strip.
@@ -184,6 +186,7 @@ impl Resolved {
         let spacings: Vec<f32> =
             resident.nodes.iter().map(|node| node.spacing as f32).chain([0.0]).collect();
         let spacings = g.upload("spacings", &spacings)?;
+        let clumps = g.upload("clumps", &clumps(resident))?;
         let normal_pages = resident
             .shown
             .normal()
@@ -202,6 +205,8 @@ impl Resolved {
             luminance_sums: None,
             shading: None,
             spacings,
+            clumps,
+            aside: None,
             spacing_px: spacing_px(&view.entire(), resident),
             flat_px: 1,
             depth_source: None,
@@ -209,6 +214,22 @@ impl Resolved {
             tile_lists: TileLists::default(),
         })
     }
+}
+
+/// Returns the clumps of all nodes, each with those of a whole page. The sparsest clumps of a node
+/// count as its other points: their splats would be balls.
+fn clumps(resident: &Resident) -> Vec<Clump> {
+    let all = POINTS_PER_PAGE as usize / POINTS_PER_CLUMP;
+    let mut clumps = vec![Clump::default(); all * resident.nodes.len().max(1)];
+    for (to, node) in clumps.chunks_exact_mut(all).zip(&resident.nodes) {
+        to.iter_mut().zip(node.clumps.iter()).for_each(|(to, clump)| {
+            *to = Clump {
+                spacing: clump.spacing.min(node.spacing) as f32,
+                scatter: clump.scatter as f32,
+            }
+        });
+    }
+    clumps
 }
 
 /// Returns the smallest and largest point spacing of all nodes in view `[px]`.

@@ -1,12 +1,16 @@
 //! Splats: draws every point as a disc or paraboloid with a size, the nearest in front.
 //!
 //! Discs are drawn of the projected points, which are at most one a pixel, by the same atomics as
-//! points: the cost follows the covered pixels, not the cloud.
+//! points: the cost follows the covered pixels, not the cloud. A list of the points gives every lane
+//! a disc, also where points are sparse. Of points that were set aside
+//! ([`super::scattered`]) they are drawn before and behind the surface of the others, else of all.
 
 use super::project::{KEY_BYTES, strips};
-use super::{EffectDecisions, Effects, FrameContext, GBuffer, Reason, Setting, Value, shadows};
-use crate::graph::{Dispatch, Graph, Kind};
-use crate::shader::{self, splat_resolve, splat32, splat64};
+use super::{
+    Effect, EffectDecisions, Effects, FrameContext, GBuffer, Reason, Setting, TILE_PX, Value,
+};
+use crate::graph::{Dispatch, Graph, Image, Kind};
+use crate::shader::{self, splat_points, splat_resolve, splat32, splat64};
 use crate::view::{Projection, View};
 
 pub const SUMMARY: &str = "round points with a size (--style splats, --point-size)";
@@ -128,8 +132,11 @@ pub fn reach_px(_view: &View, settings: &Settings) -> Option<u32> {
     Some((0.5 * settings.largest).ceil() as u32)
 }
 
-pub fn called_for(_context: &FrameContext, _asked: &Effects, _before: &EffectDecisions) -> Reason {
-    Reason { runs: false, why: "splats run only with --style splats or --point-size".to_string() }
+pub fn called_for(_context: &FrameContext, _asked: &Effects, before: &EffectDecisions) -> Reason {
+    match before.runs(Effect::Scattered) {
+        true => Reason { runs: true, why: "points on no surface were set aside".to_string() },
+        false => Reason { runs: false, why: "no points were set aside".to_string() },
+    }
 }
 
 pub fn record(
@@ -143,23 +150,50 @@ pub fn record(
     let by_spacing = settings.pixels == 0.0 && settings.metres == 0.0;
     let largest = 0.5 * settings.largest as f32;
     let reach = largest as u32;
-    let mut splat_depth = g.image("splat depth", view.size, Kind::R32f);
-    let mut splat_index = g.image("splat index", view.size, Kind::R32ui);
-    let mut splat_color = g.image("splat color", view.size, Kind::Rgba32f);
-    let GBuffer { depth, index, color, spacings, .. } = &gbuffer;
+    let aside = gbuffer.aside.as_ref();
+    let depth = aside.map_or(&gbuffer.depth, |aside| &aside.depth);
+    let index = aside.map_or(&gbuffer.index, |aside| &aside.index);
+    let clumps = &gbuffer.clumps;
+    // Colours of points and of the surface; and their light, if lighting follows.
+    let factor = aside.map_or(gbuffer.shadow_factor.as_ref(), |aside| aside.shadow_factor.as_ref());
+    let shown: Vec<(&Image, &Image)> =
+        [Some(aside.map_or(&gbuffer.color, |aside| &aside.color)), factor]
+            .into_iter()
+            .flatten()
+            .zip(gbuffer.colors())
+            .collect();
+    let mut splats: Vec<[Image; 3]> = Vec::new();
+    for _ in &shown {
+        splats.push([
+            g.image("splat depth", view.size, Kind::R32f),
+            g.image("splat index", view.size, Kind::R32ui),
+            g.image("splat color", view.size, Kind::Rgba32f),
+        ]);
+    }
     for strip in strips(view.size, KEY_BYTES, g.binding_limit()) {
         let [width, rows] = strip.size;
         let mut keys = g.buffer("splat keys", KEY_BYTES * strip.pixels());
         g.fill(&mut keys, u32::MAX);
         let first = strip.top.saturating_sub(reach);
         let last = (strip.top + rows + reach).min(view.size[1]);
-        let groups = Dispatch::Groups([width.div_ceil(64), last - first, 1]);
+        let mut counts = g.buffer("splat counts", 16);
+        g.fill(&mut counts, 0);
+        let mut points = g.buffer("splat points", 4 * (width * (last - first)) as u64);
+        g.run(
+            shader::SplatPoints {
+                depth,
+                counts: &mut counts,
+                points: &mut points,
+                push: splat_points::Push { size: view.size, first, last },
+            },
+            Dispatch::Groups([width.div_ceil(64), (last - first).div_ceil(TILE_PX), 1]),
+        );
+        let (counts, points) = (&counts, &points);
         // Both kernels have the same bindings and constants.
         macro_rules! run {
             ($($kernel:ident)::+, $module:ident $(, $step:ident)?) => {{
                 let push = $module::Push {
                     size: view.size,
-                    first,
                     top: strip.top,
                     rows,
                     px_per_m: view.focal_px() as f32,
@@ -171,7 +205,7 @@ pub fn record(
                 };
                 let spec = $module::Spec { perspective $(, $step)? };
                 let keys = &mut keys;
-                g.run($($kernel)::+ { depth, index, spacings, keys, push, spec }, groups);
+                g.run($($kernel)::+ { depth, index, clumps, counts, points, keys, push, spec }, Dispatch::Indirect(counts, 0));
             }};
         }
         if g.gpu.device.int64_atomics {
@@ -181,26 +215,37 @@ pub fn record(
                 run!(shader::Splat32, splat32, step);
             }
         }
-        g.run(
-            shader::SplatResolve {
-                keys: &keys,
-                index,
-                color,
-                splat_depth: &mut splat_depth,
-                splat_index: &mut splat_index,
-                splat_color: &mut splat_color,
-                push: splat_resolve::Push { size: strip.size, top: strip.top },
-            },
-            Dispatch::Groups([width.div_ceil(64), rows, 1]),
-        );
+        for ((color, surface_color), [splat_depth, splat_index, splat_color]) in
+            shown.iter().zip(&mut splats)
+        {
+            g.run(
+                shader::SplatResolve {
+                    keys: &keys,
+                    index,
+                    color,
+                    surface_depth: &gbuffer.depth,
+                    surface_index: &gbuffer.index,
+                    surface_color,
+                    splat_depth,
+                    splat_index,
+                    splat_color,
+                    push: splat_resolve::Push { size: strip.size, top: strip.top },
+                    spec: splat_resolve::Spec { over: aside.is_some() },
+                },
+                Dispatch::Groups([width.div_ceil(64), rows, 1]),
+            );
+        }
     }
-    let splats = GBuffer {
-        depth: splat_depth,
-        index: splat_index,
-        color: splat_color,
-        flat_px: if settings.shape == Shape::Disc { reach.max(1) } else { 1 },
+    let mut splats = splats.into_iter();
+    let [depth, index, color] = splats.next().expect("colours");
+    GBuffer {
+        depth,
+        index,
+        color,
+        shadow_factor: splats.next().map(|[_, _, factor]| factor),
+        flat_px: if settings.shape == Shape::Disc { reach.max(1) } else { gbuffer.flat_px },
         holes: None,
+        aside: None,
         ..gbuffer
-    };
-    shadows::shadow_factor(g, view.size, splats)
+    }
 }

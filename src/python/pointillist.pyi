@@ -32,7 +32,7 @@ def render(
     intensities: npt.ArrayLike | None = None,
     classes: npt.ArrayLike | None = None,
     device: str | None = None,
-    style: Literal["surface", "points", "strokes"] = ...,
+    style: Literal["auto", "surface", "points", "splats", "strokes"] = ...,
     effects: Sequence[str] = ...,
     background: str = ...,
     **options: Any,

@@ -17,8 +17,10 @@ use std::sync::Arc;
 /// A set of effects that run by default.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
 pub enum Style {
-    /// A surface: what is hidden is hidden, holes are filled, shape is shaded
+    /// A surface, and splats where points lie on no surface, such as leaves
     #[default]
+    Auto,
+    /// A surface: what is hidden is hidden, holes are filled, shape is shaded
     Surface,
     /// Every point one pixel
     Points,
@@ -31,13 +33,17 @@ pub enum Style {
 impl Effects {
     pub fn of(style: Style) -> Effects {
         let mut effects = Effects::default();
-        if style != Style::Surface {
+        if style != Style::Auto {
+            effects.scattered.switch = Switch::Off;
+            effects.splat.switch = Switch::Off;
+        }
+        if !matches!(style, Style::Auto | Style::Surface) {
             effects.visibility.switch = Switch::Off;
             effects.fill.switch = Switch::Off;
             effects.shape.switch = Switch::Off;
         }
         match style {
-            Style::Surface | Style::Points => {}
+            Style::Auto | Style::Surface | Style::Points => {}
             Style::Splats => {
                 effects.splat.switch = Switch::On;
                 effects.edl.switch = Switch::On;
@@ -48,9 +54,10 @@ impl Effects {
     }
 
     /// Returns the switches that a style sets.
-    fn switches(&mut self) -> [&mut Switch; 6] {
-        let Effects { visibility, fill, shape, splat, edl, strokes, .. } = self;
+    fn switches(&mut self) -> [&mut Switch; 7] {
+        let Effects { scattered, visibility, fill, shape, splat, edl, strokes, .. } = self;
         [
+            &mut scattered.switch,
             &mut visibility.switch,
             &mut fill.switch,
             &mut shape.switch,

@@ -11,7 +11,7 @@ use clap::ValueEnum;
 impl Renderer {
     /// Sets what a scene file or the command line has under `name`:
     ///
-    /// - `style`: `surface`, `points` or `strokes`, which sets all effects
+    /// - `style`: `auto`, `surface`, `points`, `splats` or `strokes`, which sets all effects
     /// - `effect`: `NAME=off|on|auto[,key=value...]`
     /// - `light`: such as `camera` or `direction:1,-2,-3`
     /// - `background`: `RRGGBB` in hexadecimal digits

@@ -11,7 +11,7 @@ use super::pool::Pool;
 use super::{MOST_NODES, Resident, ResidentNode, in_metres};
 use crate::cloud::attribute::{Attribute, DisplayAttribute};
 use crate::cloud::histograms::Histograms;
-use crate::cloud::{Cloud, Columns, Part, Station, spacing};
+use crate::cloud::{self, Cloud, Columns, Part, Station};
 use crate::error::{Error, Result};
 use crate::graph::Gpu;
 use crate::index::attributes::exposure::{self, Values};
@@ -19,6 +19,8 @@ use crate::index::attributes::strokes::{self, StrokeCache};
 use crate::index::build::pack::{self, Frame};
 use crate::index::format::Axes;
 use crate::index::format::Balance;
+use crate::index::format::scatter;
+use crate::index::format::spacing::spacing;
 use crate::index::{self, Partition};
 use crate::progress::{self, Progress};
 use crate::select::clip::Clips;
@@ -80,7 +82,7 @@ impl CloudUpload {
             .further
             .kind
             .then(|| Histograms::of(cloud.parts.iter().map(|part| &part.columns)));
-        let spacing_m = spacing::spacing(&cloud).unwrap_or(0.0);
+        let spacing_m = cloud::spacing::spacing(&cloud).unwrap_or(0.0);
         let axes = if shown.further.strokes {
             index::attributes::axes::of(&cloud.parts)
         } else {
@@ -262,6 +264,7 @@ impl Ready {
                 first_page,
                 planes,
                 spacing: 0.0,
+                clumps: Arc::default(),
                 station,
             });
         }
@@ -285,7 +288,7 @@ impl Ready {
                 }
                 words
             };
-            let spacing = pack::pack(
+            let coarse = pack::pack(
                 &part.columns,
                 &node.frame,
                 order,
@@ -293,7 +296,8 @@ impl Ready {
                 words,
                 &mut pages,
             );
-            node.spacing = in_metres(spacing, &node.lattice, &node.frame);
+            node.spacing = in_metres(spacing(&coarse), &node.lattice, &node.frame);
+            node.clumps = scatter::clumps(&coarse, node.frame.bits, node.lattice.step).into();
             let done = done.fetch_add(order.len() as u64, Relaxed);
             progress.tick("organising", done, 0)
         })?;

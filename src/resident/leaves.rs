@@ -16,6 +16,7 @@ use crate::index::format::{Index, NodeRecord, PLANES, Plane};
 use crate::select::clip::Clips;
 use crate::select::opacity::Opacities;
 use rayon::prelude::*;
+use std::sync::Arc;
 
 /// Leaves sampled for the point spacing.
 const ASKED: usize = 64;
@@ -31,7 +32,7 @@ fn frame(record: &NodeRecord) -> Frame {
 
 /// Returns the point spacing of a node from the words of its coarsest plane `[m]`.
 fn spacing_m(index: &Index, record: &NodeRecord, coarse: &[u32]) -> f64 {
-    in_metres(spacing(coarse.len(), |i| coarse[i]), &index.lattice(record), &frame(record))
+    in_metres(spacing(coarse), &index.lattice(record), &frame(record))
 }
 
 impl Resident {
@@ -103,6 +104,7 @@ impl Resident {
                 first_page,
                 planes,
                 spacing: 0.0,
+                clumps: Arc::default(),
                 station: None,
             });
         }

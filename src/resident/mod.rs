@@ -34,6 +34,7 @@ use crate::index;
 use crate::index::build::pack::Frame;
 use crate::index::format::Axes;
 use crate::index::format::Balance;
+use crate::index::format::scatter::Clump;
 use crate::index::format::shadow_file::ShadowContents;
 use crate::progress::Progress;
 use crate::select::clip::{Clips, Left};
@@ -42,6 +43,7 @@ use crate::view::View;
 use glam::DVec3;
 use pages::PAGE_BYTES;
 use pool::Pool;
+use std::sync::Arc;
 
 /// A node in GPU memory.
 #[derive(Clone, Debug)]
@@ -59,6 +61,8 @@ pub struct ResidentNode {
     pub planes: u32,
     /// Point spacing `[m]`.
     pub spacing: f64,
+    /// How its points lie, clump by clump.
+    pub clumps: Arc<[Clump]>,
     /// Station of all its points, if it is one and known.
     pub station: Option<u32>,
 }

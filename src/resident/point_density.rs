@@ -2,6 +2,7 @@
 //! whole.
 
 use super::{Resident, ResidentNode};
+use crate::index::format::scatter::POINTS_PER_CLUMP;
 use crate::view::{Projection, View};
 
 /// Density of a view, from its visible nodes.
@@ -17,6 +18,8 @@ pub struct PointDensity {
     /// Point spacing on the screen `[px]` that 90% of the covered area does not exceed; 0 if there
     /// are none.
     pub apart_px: f64,
+    /// Share of the points that lie on no surface ([`scatter`](crate::index::format::scatter)).
+    pub scattered: f64,
 }
 
 impl PointDensity {
@@ -33,6 +36,7 @@ impl PointDensity {
             spacing_m: resident.spacing_m(),
             pixel_m: weighted_median(number(|node| Some(node.pixel_m))),
             density: weighted_median(number(density)),
+            scattered: scattered(resident, view),
             apart_px: quantile(seen.iter().map(|node| (node.apart, node.covered)).collect(), 0.9),
         }
     }
@@ -41,6 +45,20 @@ impl PointDensity {
     pub fn spacing_px(&self) -> f64 {
         if self.pixel_m > 0.0 { self.spacing_m / self.pixel_m } else { 0.0 }
     }
+}
+
+/// Returns the share of the points of nodes in view whose clumps lie on no surface.
+fn scattered(resident: &Resident, view: &View) -> f64 {
+    let mut points = [0, 0];
+    for (_, node) in resident.seen(view) {
+        let mut left = node.count as u64;
+        for clump in node.clumps.iter() {
+            let own = left.min(POINTS_PER_CLUMP as u64);
+            points[clump.is_scattered() as usize] += own;
+            left -= own;
+        }
+    }
+    points[1] as f64 / (points[0] + points[1]).max(1) as f64
 }
 
 /// A node as seen at its centre.

@@ -31,6 +31,7 @@ use crate::gpu::memory::MappedRange;
 use crate::gpu::timeline::Timeline;
 use crate::graph::Gpu;
 use crate::index::build::pack::Frame;
+use crate::index::format::scatter::Clump;
 use crate::index::format::{Index, Plane};
 use crate::loader::{Answer, Destination, Loader, NodeRequest, Outcome};
 use crate::progress::Progress;
@@ -57,6 +58,8 @@ struct Entry {
     here: Option<Run>,
     /// Point spacing [cells of the coarsest plane].
     spacing: f64,
+    /// How its points lie.
+    clumps: Arc<[Clump]>,
     /// Pages that the loader is writing.
     coming: Option<Run>,
     /// Last update that drew it.
@@ -426,6 +429,7 @@ impl Residency {
             Outcome::Done(read) => {
                 let before = entry.here.replace(run);
                 entry.spacing = read.spacing;
+                entry.clumps = read.clumps.into();
                 let read_by = entry.read_by;
                 self.retired.extend(before.map(|before| (before, read_by)));
                 self.bytes_read += read.bytes;
@@ -687,7 +691,8 @@ impl Residency {
             let Run { first_page, planes, .. } = self.here(node).expect("resident");
             let record = &self.index.nodes()[node];
             let (lattice, frame) = (self.index.lattice(record), self.frame(node));
-            let spacing = in_metres(self.entries[&node].spacing, &lattice, &frame);
+            let Entry { spacing, clumps, .. } = &self.entries[&node];
+            let spacing = in_metres(*spacing, &lattice, &frame);
             let station = record.single_station().map(u32::from);
             ResidentNode {
                 lattice,
@@ -697,6 +702,7 @@ impl Residency {
                 first_page,
                 planes,
                 spacing,
+                clumps: clumps.clone(),
                 station,
             }
         });

@@ -1299,3 +1299,22 @@ fn a_point_that_is_looked_up_comes_with_every_attribute_of_its_file() {
     }
     assert!(colours > 0 && extras > 0, "{colours} wide colours, {extras} with extra bytes");
 }
+
+/// Meshes carry an intensity that most vertices share; the others would be specks on them.
+#[test]
+fn an_intensity_that_most_points_share_is_not_shown_on_its_own() {
+    use pointillist::cloud::attribute::{Attribute, DisplayAttribute};
+    let shown = |sharing: usize| {
+        let point = |i: usize| {
+            let intensity = if i < sharing { 0.5 } else { i as f64 / 1000.0 };
+            format!("{} {} {} {intensity}\n", i % 10, i / 10, i % 7)
+        };
+        let header = "ply\nformat ascii 1.0\nelement vertex 100\nproperty float x\nproperty float y\n\
+                      property float z\nproperty float intensity\nend_header\n";
+        let file = header.to_string() + &(0..100).map(point).collect::<String>();
+        let cloud = read_bytes("mesh.ply", file.as_bytes()).unwrap();
+        DisplayAttribute::automatic(&cloud).0.attribute
+    };
+    assert_eq!([0, 40].map(shown), [Attribute::Intensity; 2]);
+    assert_eq!([60, 100].map(shown), [Attribute::Elevation; 2]);
+}

@@ -148,6 +148,20 @@ fn splats() {
 }
 
 #[test]
+fn splats_of_scattered_points() {
+    check_scene(
+        synth::SceneKind::Terrain,
+        &[],
+        Light::default(),
+        Style::Auto,
+        "scattered",
+        Attribute::Rgb,
+        "",
+        Preset::Iso,
+    );
+}
+
+#[test]
 fn edl() {
     check("edl", Attribute::White, "edl=on", Preset::Fit);
 }

@@ -8,11 +8,12 @@ use pointillist::cloud::{Cloud, Columns, Header, Lattice, Part};
 use pointillist::config::NO_POINT;
 use pointillist::gpu::{DeviceOptions, TestOverrides};
 use pointillist::graph::{Buffer, CompletedSubmission, Gpu, Graph};
+use pointillist::index::format::scatter::{Clump, POINTS_PER_CLUMP, SCATTERED};
 use pointillist::passes;
 use pointillist::passes::project::{Keys, Strip};
 use pointillist::passes::{
-    EFFECTS, Effects, FrameContext, Switch, antialias, ao, composite, fill, phong, resolve, shape,
-    smooth, splat, visibility,
+    EFFECTS, Effects, FrameContext, Switch, antialias, ao, composite, fill, phong, resolve,
+    scattered, shape, smooth, splat, visibility,
 };
 use pointillist::progress::Silent;
 use pointillist::render::frame;
@@ -198,6 +199,26 @@ impl Canvas<'_> {
         self.resident.nodes[0].spacing
     }
 
+    /// Spacing [m] of the splat of a point.
+    pub fn splat_spacing(&self, id: u32) -> f64 {
+        let node = &self.resident.nodes[0];
+        node.clumps
+            .get(id as usize / POINTS_PER_CLUMP)
+            .map_or(0.0, |clump| clump.spacing)
+            .min(node.spacing)
+    }
+
+    /// Lets the points of every other clump lie on no surface.
+    pub fn scatter(&mut self) -> &[ResidentNode] {
+        let node = &mut self.resident.nodes[0];
+        let scattered = |(k, clump): (usize, &Clump)| Clump {
+            scatter: if k % 2 == 0 { 2.0 * SCATTERED } else { 0.0 },
+            ..*clump
+        };
+        node.clumps = node.clumps.iter().enumerate().map(scattered).collect();
+        &self.resident.nodes
+    }
+
     pub fn draw(&mut self, view: &View, keys: &[[u32; 2]], effects: &Effects) -> Surface {
         self.draw_in(Light::default(), view, keys, effects)
     }
@@ -228,17 +249,20 @@ impl Canvas<'_> {
         let raw = keep(&mut g, &gbuffer);
         let (mut seen, mut splats, mut filled, mut smoothed, mut shaded, mut blended) =
             (None, None, None, None, None, None);
+        if effects.scattered.switch != Switch::Off {
+            gbuffer = scattered::record(&mut g, &scene, &effects.scattered.settings, gbuffer);
+        }
         if effects.visibility.switch != Switch::Off {
             gbuffer = visibility::record(&mut g, &scene, &effects.visibility.settings, gbuffer);
             seen = Some(keep(&mut g, &gbuffer));
         }
-        if effects.splat.switch != Switch::Off {
-            gbuffer = splat::record(&mut g, &scene, &effects.splat.settings, gbuffer);
-            splats = Some(keep(&mut g, &gbuffer));
-        }
         if effects.fill.switch != Switch::Off {
             gbuffer = fill::record(&mut g, &scene, &effects.fill.settings, gbuffer);
             filled = Some(keep(&mut g, &gbuffer));
+        }
+        if effects.splat.switch != Switch::Off {
+            gbuffer = splat::record(&mut g, &scene, &effects.splat.settings, gbuffer);
+            splats = Some(keep(&mut g, &gbuffer));
         }
         if effects.smooth.switch != Switch::Off {
             gbuffer = smooth::record(&mut g, &scene, &effects.smooth.settings, gbuffer);

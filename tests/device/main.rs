@@ -42,3 +42,4 @@ mod residency;
 mod shadows;
 mod strokes;
 mod study;
+mod styles;

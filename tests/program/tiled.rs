@@ -39,6 +39,7 @@ fn no_seam_shows_whatever_is_drawn() {
     for look in [
         "",
         "--style points",
+        "--style splats",
         "--style strokes --effect strokes=largest=0.03",
         "--style strokes --effect strokes=largest=0.03,blend=blur,brush=ribbons",
         "--light direction:0.3,1,-0.8 --effect shadows=on,samples=2,radius=2 --effect luminance=on",

@@ -11,7 +11,6 @@ use crate::cloud::Columns;
 use crate::cloud::attribute::Words;
 use crate::config::{BITS_PER_PLANE, POSITION_PLANES};
 use crate::index::format::morton;
-use crate::index::format::spacing::spacing;
 
 const MASK: u32 = (1 << BITS_PER_PLANE) - 1;
 
@@ -45,7 +44,7 @@ pub fn frame(columns: &Columns, order: &[u32]) -> Frame {
 }
 
 /// Sorts the points, unless shuffled, and writes `frame.planes` pages of positions, then the pages
-/// of their attribute words. Returns the point spacing [cells of the coarsest plane] ([`spacing`]).
+/// of their attribute words. Returns the words of the coarsest plane.
 pub fn pack(
     columns: &Columns,
     frame: &Frame,
@@ -53,7 +52,7 @@ pub fn pack(
     arrangement: Arrangement,
     words: impl Fn(usize) -> Words,
     pages: &mut [&mut [u32]],
-) -> f64 {
+) -> Vec<u32> {
     let pad = BITS_PER_PLANE * frame.planes - frame.bits;
     let cells = |i: u32| {
         let i = i as usize;
@@ -84,7 +83,7 @@ pub fn pack(
         page.iter_mut().zip(&keys).for_each(|(place, &key)| *place = words(key as u32 as usize)[k]);
     }
     // Not read back from the pages, since mapped device memory may be slow to read.
-    spacing(keys.len(), |i| word(keys[i], coarse))
+    keys.iter().map(|&key| word(key, coarse)).collect()
 }
 
 #[cfg(test)]

@@ -8,6 +8,7 @@ mod file;
 mod mmap;
 pub mod morton;
 pub mod samples;
+pub mod scatter;
 pub mod schema;
 pub mod shadow_file;
 pub mod spacing;

@@ -14,12 +14,11 @@ const WINDOW: usize = 64;
 
 /// Returns the spacing [cells of the coarsest plane], given that plane's words; 0 for a single
 /// place. Of places that most points share, one point each is sampled.
-pub fn spacing(count: usize, word: impl Fn(usize) -> u32) -> f64 {
-    let places: Vec<u32> = (0..count).map(word).collect();
+pub fn spacing(places: &[u32]) -> f64 {
     let mut runs: Vec<usize> = places.chunk_by(|a, b| a == b).map(<[u32]>::len).collect();
     let middle = runs.len() / 2;
     let often = if runs.is_empty() { 1 } else { *runs.select_nth_unstable(middle).1 };
-    let places: Vec<u32> = places.into_iter().step_by(often).collect();
+    let places: Vec<u32> = places.iter().copied().step_by(often).collect();
     let count = places.len();
     let place = |i: usize| {
         let axis =
@@ -59,7 +58,7 @@ mod tests {
     #[test]
     fn a_square_lattice_and_random_points_on_a_plane_are_as_far_apart_as_they_are() {
         let lattice = sorted((0..100 * 100).map(|i| [i % 100 * 10, i / 100 * 10, 500]).collect());
-        let found = spacing(lattice.len(), |i| lattice[i]);
+        let found = spacing(&lattice);
         assert!((8.0..16.0).contains(&found), "{found}");
         let mut state = 1u64;
         let mut random = || {
@@ -69,14 +68,14 @@ mod tests {
             (state >> 54) as u32
         };
         let points = sorted((0..10_000).map(|_| [random(), random(), 3]).collect());
-        let found = spacing(points.len(), |i| points[i]);
+        let found = spacing(&points);
         assert!((8.0..16.0).contains(&found), "{found}");
     }
 
     #[test]
     fn one_place_has_no_spacing() {
-        assert_eq!(spacing(1, |_| 0), 0.0);
-        assert_eq!(spacing(1000, |_| 77), 0.0);
-        assert_eq!(spacing(0, |_| 0), 0.0);
+        assert_eq!(spacing(&[0]), 0.0);
+        assert_eq!(spacing(&[77; 1000]), 0.0);
+        assert_eq!(spacing(&[]), 0.0);
     }
 }

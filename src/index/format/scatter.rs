@@ -1,0 +1,180 @@
+//! How the points of a node lie: on surfaces or scattered, and how far apart, clump by clump.
+//!
+//! Points are in Morton order, so a run of them lies together, and neighbours in space are mostly
+//! neighbours in the list. Around seeds of a clump the covariance of the nearest places, with
+//! eigenvalues a <= b <= c, tells how they lie. Its invariants give a measure without eigenvalues:
+//!
+//! ```text
+//! scatter = det trace / minors^2 = abc (a + b + c) / (ab + bc + ca)^2
+//! ```
+//! It is 0 on a plane, near a / b on a narrow one, 1/4 around a line, and at most 1/3, where points
+//! lie in all directions alike. Noise of a surface is small beside the extent of many neighbours.
+
+use crate::cloud::spacing::{NEIGHBOURS, apart};
+use crate::config::BITS_PER_PLANE;
+use glam::DVec3;
+
+/// Points of a clump.
+pub const POINTS_PER_CLUMP: usize = 1024;
+
+/// Scatter from which points lie on no surface: half of what points in all directions have.
+/// Surfaces with noise, and rough ones, have less; crowns and undergrowth have more.
+pub const SCATTERED: f64 = 1.0 / 6.0;
+
+/// How the points of a clump lie.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Clump {
+    /// Point spacing `[m]`.
+    pub spacing: f64,
+    /// Median scatter of its seeds and, with less weight, of those of the clumps before and after it:
+    /// 0 to 1/3; 0 if too few points tell.
+    pub scatter: f64,
+}
+
+impl Clump {
+    /// Tests whether the points lie on no surface.
+    pub fn is_scattered(&self) -> bool {
+        self.scatter >= SCATTERED
+    }
+}
+
+/// Seeds of a clump.
+const SEEDS: usize = 8;
+/// Places whose covariance is computed, among a window of the list.
+const AROUND: usize = 32;
+const WINDOW: usize = 64;
+
+/// Returns the clumps of a node, given the words of its coarsest plane, the bits of its longest side
+/// and a lattice step `[m]`. Cells count once, however many points they hold.
+pub fn clumps(words: &[u32], bits: u32, step: DVec3) -> Vec<Clump> {
+    // In units of the longest side of a cell, whose powers neither overflow nor vanish.
+    let longest = step.abs().max_element();
+    let cell = step.abs() / longest;
+    let unit = longest * (2f64).powi(bits as i32 - BITS_PER_PLANE as i32);
+    let place = |word: u32| {
+        let axis = |k: u32| (word >> (BITS_PER_PLANE * k) & ((1 << BITS_PER_PLANE) - 1)) as f64;
+        DVec3::new(axis(0), axis(1), axis(2)) * cell
+    };
+    let is_new = |i: &usize| *i == 0 || words[*i] != words[*i - 1];
+    let firsts: Vec<usize> = (0..words.len()).filter(is_new).collect();
+    let places: Vec<DVec3> = firsts.iter().map(|&i| place(words[i])).collect();
+    let seeds = |start: usize| -> Vec<Clump> {
+        let [first, end] =
+            [start, start + POINTS_PER_CLUMP].map(|point| firsts.partition_point(|&i| i < point));
+        let seeds = SEEDS.min(end - first);
+        (0..seeds)
+            .map(|k| around(&places, first + (2 * k + 1) * (end - first) / (2 * seeds)))
+            .collect()
+    };
+    let seeds: Vec<Vec<Clump>> = (0..words.len()).step_by(POINTS_PER_CLUMP).map(seeds).collect();
+    let clump = |k: usize| {
+        // Its own seeds decide if they agree, else those beside them as well.
+        let beside = &seeds[k.saturating_sub(1)..(k + 2).min(seeds.len())];
+        let all = beside.iter().chain([&seeds[k], &seeds[k]]).flatten();
+        Clump {
+            // Sparser areas have the larger gaps.
+            spacing: unit * quantile(seeds[k].iter().map(|seed| seed.spacing), 0.75),
+            scatter: quantile(all.map(|seed| seed.scatter), 0.5),
+        }
+    };
+    (0..seeds.len()).map(clump).collect()
+}
+
+/// Returns the value at this share of all; 0 if there is none.
+fn quantile(values: impl Iterator<Item = f64>, share: f64) -> f64 {
+    let mut values: Vec<f64> = values.collect();
+    values.sort_by(f64::total_cmp);
+    values.get((share * values.len() as f64) as usize).copied().unwrap_or(0.0)
+}
+
+/// Measures the places around one, in their unit.
+fn around(places: &[DVec3], own: usize) -> Clump {
+    let at = places[own];
+    let window = &places[own.saturating_sub(WINDOW)..(own + WINDOW + 1).min(places.len())];
+    let mut near: Vec<(f64, DVec3)> =
+        window.iter().map(|&place| (place.distance_squared(at), place - at)).collect();
+    // The place itself is the nearest.
+    let by_distance = |a: &(f64, DVec3), b: &(f64, DVec3)| a.0.total_cmp(&b.0);
+    if near.len() > AROUND {
+        near.select_nth_unstable_by(AROUND, by_distance);
+        near.truncate(AROUND + 1);
+    }
+    let neighbours = NEIGHBOURS.min(near.len() - 1);
+    let (_, &mut (farthest, _), _) = near.select_nth_unstable_by(neighbours, by_distance);
+    let spacing = if neighbours > 0 { apart(farthest, neighbours) } else { 0.0 };
+    Clump { spacing, scatter: if near.len() > AROUND { scatter(&near) } else { 0.0 } }
+}
+
+/// Returns the scatter of places; that of a line if they lie on one.
+fn scatter(places: &[(f64, DVec3)]) -> f64 {
+    let mean = places.iter().map(|(_, place)| *place).sum::<DVec3>() / places.len() as f64;
+    let [mut xx, mut yy, mut zz, mut xy, mut yz, mut zx] = [0.0; 6];
+    for (_, place) in places {
+        let d = *place - mean;
+        (xx, yy, zz) = (xx + d.x * d.x, yy + d.y * d.y, zz + d.z * d.z);
+        (xy, yz, zx) = (xy + d.x * d.y, yz + d.y * d.z, zx + d.z * d.x);
+    }
+    let trace = xx + yy + zz;
+    let minors = xx * yy - xy * xy + yy * zz - yz * yz + zz * xx - zx * zx;
+    let det = xx * (yy * zz - yz * yz) + xy * (yz * zx - xy * zz) + zx * (xy * yz - yy * zx);
+    // Rounding leaves a little of the minors of a line.
+    if minors <= 1e-12 * trace * trace { 0.25 } else { (det * trace / (minors * minors)).max(0.0) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::index::format::morton;
+
+    /// Returns the coarsest plane of points in a box of this many cells.
+    fn node(side: [f64; 3], count: usize, bend: impl Fn([f64; 3]) -> [f64; 3]) -> Vec<u32> {
+        let mut state = 1u64;
+        let mut random = || {
+            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888);
+            (state >> 11) as f64 / (1u64 << 53) as f64
+        };
+        let mut points: Vec<[u32; 3]> = (0..count)
+            .map(|_| bend(side.map(|side| side * random())).map(|at| at.clamp(0.0, 1023.0) as u32))
+            .collect();
+        points.sort_by_key(|&p| morton::code(p));
+        points.iter().map(|[x, y, z]| x | y << 10 | z << 20).collect()
+    }
+
+    fn medians(words: &[u32]) -> [f64; 2] {
+        let clumps = clumps(words, BITS_PER_PLANE, DVec3::ONE);
+        assert_eq!(clumps.len(), words.len().div_ceil(POINTS_PER_CLUMP));
+        [|clump: &Clump| clump.spacing, |clump: &Clump| clump.scatter].map(|of| {
+            let mut values: Vec<f64> = clumps.iter().map(of).collect();
+            values.sort_by(f64::total_cmp);
+            values[values.len() / 2]
+        })
+    }
+
+    #[test]
+    fn planes_and_spheres_are_surfaces_and_crowns_and_wires_are_not() {
+        let plane =
+            node([1023.0, 1023.0, 4.0], 40_000, |p| [p[0], p[1], 300.0 + 0.3 * p[0] + p[2]]);
+        let [spacing, scatter] = medians(&plane);
+        assert!((4.0..8.0).contains(&spacing) && scatter < 0.05, "{spacing} {scatter}");
+        let sphere = node([2.0, 6.3, 1.0], 40_000, |[z, turn, _]| {
+            let around = (1.0 - (z - 1.0) * (z - 1.0)).max(0.0).sqrt();
+            [around * turn.cos(), around * turn.sin(), z - 1.0].map(|at| 500.0 + 480.0 * at)
+        });
+        assert!(medians(&sphere)[1] < 0.05, "{:?}", medians(&sphere));
+        let crown = node([1023.0; 3], 40_000, |p| p);
+        let [spacing, scatter] = medians(&crown);
+        assert!((20.0..60.0).contains(&spacing) && scatter > 0.22, "{spacing} {scatter}");
+        let wire = node([1023.0, 3.0, 3.0], 900, |p| p);
+        assert!(medians(&wire)[1] > 0.2, "{:?}", medians(&wire));
+    }
+
+    #[test]
+    fn few_points_tell_nothing_and_a_line_is_no_surface() {
+        assert_eq!(clumps(&[], 1, DVec3::ONE), []);
+        assert_eq!(clumps(&[7; 3000], 1, DVec3::ONE), [Clump::default(); 3]);
+        let [spacing, scatter] = medians(&node([9.0; 3], AROUND, |p| p));
+        assert!(spacing > 0.0 && scatter == 0.0);
+        let line: Vec<u32> = (0..1000).collect();
+        assert_eq!(medians(&line)[1], 0.25);
+    }
+}
