@@ -47,23 +47,39 @@ impl AtomicFile {
     }
 
     /// Syncs the contents, renames the file, and syncs the folder.
-    pub fn finish(mut self) -> Result<()> {
-        let synced =
-            OpenOptions::new().write(true).open(self.partial()).and_then(|file| file.sync_all());
-        let named = synced.and_then(|()| self.rename());
-        named
-            .and_then(|()| sync_folder(&self.path))
-            .map_err(|error| Error::io("write", &self.path, error))
+    pub fn finish(self) -> Result<()> {
+        finish_together([self])
     }
 
-    fn rename(&mut self) -> std::io::Result<()> {
-        // Under the lock, because after the rename another writer may take the partial name.
-        let mut unfinished = unfinished();
+    fn sync(&self) -> Result<()> {
+        let synced = OpenOptions::new().write(true).open(self.partial());
+        synced.and_then(|file| file.sync_all()).map_err(|error| self.failed(error))
+    }
+
+    fn failed(&self, error: std::io::Error) -> Error {
+        Error::io("write", &self.path, error)
+    }
+
+    fn rename(&mut self, unfinished: &mut Vec<PathBuf>) -> std::io::Result<()> {
         std::fs::rename(self.partial(), &self.path)?;
         let partial = self.partial.take();
         unfinished.retain(|other| Some(other) != partial.as_ref());
         Ok(())
     }
+}
+
+/// Finishes files in this order, all complete before the first gets its name: an interruption leaves
+/// all or none.
+pub fn finish_together<const N: usize>(mut files: [AtomicFile; N]) -> Result<()> {
+    files.iter().try_for_each(AtomicFile::sync)?;
+    // Under the lock, because after a rename another writer may take the partial name, and the
+    // process may be exiting.
+    let mut unfinished = unfinished();
+    for file in &mut files {
+        file.rename(&mut unfinished).map_err(|error| file.failed(error))?;
+    }
+    drop(unfinished);
+    files.iter().try_for_each(|file| sync_folder(&file.path).map_err(|error| file.failed(error)))
 }
 
 impl Drop for AtomicFile {

@@ -347,7 +347,7 @@ impl<P: FnMut()> Thread<P> {
                 words
                     .iter_mut()
                     .zip(&heights)
-                    .for_each(|(word, &cell)| *word = self.shown.elevation(height(cell)));
+                    .for_each(|(word, &cell)| *word = self.shown.place(height(cell)));
             }
             None => words.fill(lacking(self.shown.attribute)),
         }

@@ -16,6 +16,7 @@ pub mod renamed;
 pub mod render;
 pub mod shadows;
 pub mod study;
+pub mod suggestions;
 pub mod synth;
 pub mod terminal;
 pub mod units;

@@ -389,9 +389,7 @@ impl Placed {
         };
         if output.extension().is_some_and(|own| own.eq_ignore_ascii_case("png")) {
             let world = world_file::create(&world_file::beside(output), &map)?;
-            let notes = tiled::write(gpu, cloud, request, output, progress)?;
-            world.finish()?;
-            return Ok(notes);
+            return tiled::write_map(gpu, cloud, request, output, world, progress);
         }
         geotiff::write(output, &map, |put| tiled::draw(gpu, cloud, request, progress, put))
     }

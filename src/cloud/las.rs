@@ -9,6 +9,7 @@
 
 pub mod header;
 mod laz;
+mod number;
 pub mod raw;
 pub mod read_point;
 pub mod records;
@@ -154,7 +155,7 @@ impl Las {
     ) -> Result<Self> {
         let layout = header::read(input, notes)?;
         notes.extend(layout.lies.iter().map(|what| format!("{}: {what}", input.name())));
-        let fields = Fields::new(&layout);
+        let fields = Fields::new(&layout, wanted.scalar);
         let available = fields.available(wanted);
         let (coding, places, odd) = if layout.compressed {
             let (coding, places, odd) = laz::open(input, &layout, available, keeps_records)?;

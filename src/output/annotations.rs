@@ -241,6 +241,7 @@ impl Sheet<'_> {
                 format!("elevation [{}]", self.shown.reference.height_unit().symbol())
             }
             Attribute::Time => "GPS time [s]".into(),
+            Attribute::Scalar(scalar) => scalar.title(),
             other => other.name(),
         };
         let step = round_above((hi - lo) / 6.0);

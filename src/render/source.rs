@@ -396,7 +396,10 @@ impl Source {
             (Source::Index(index), Attribute::Corrected) if index.has(Plane::Rgb) => {
                 (indexed_files(index), "--luminance")
             }
-            (Source::Index(_), Attribute::Time) => {
+            (Source::Files(cloud), Attribute::Scalar(_)) if !cloud.parts.is_empty() => {
+                return format!("they have {}", Attribute::names_of(&cloud.parts[0]).join(", "));
+            }
+            (Source::Index(_), Attribute::Time | Attribute::Scalar(_)) => {
                 return "draw the files themselves, since an index does not keep them".into();
             }
             _ => return "`pointillist info` lists their attributes".into(),
@@ -462,8 +465,8 @@ impl Source {
             Source::Files(cloud) => attribute.is_in(cloud),
             Source::Index(index) => {
                 let planes = Plane::of(attribute);
-                // Times are not kept.
-                planes.is_empty() && attribute != Attribute::Time
+                // Times and scalars are not kept.
+                planes.is_empty() && !matches!(attribute, Attribute::Time | Attribute::Scalar(_))
                     || planes.iter().any(|&plane| index.has(plane))
             }
         }
@@ -588,7 +591,7 @@ pub fn shown(index: &Index, attribute: Attribute) -> DisplayAttribute {
         _ => DisplayAttribute::indexed(attribute, [0.0; 2], stretch),
     };
     // Without exposures, the station codes are not needed.
-    shown.coded = attribute == Attribute::Rgb && contents.balance.is_some();
+    shown.coded = contents.balance_of(attribute).is_some();
     shown
 }
 

@@ -203,7 +203,7 @@ impl Entry {
         strokes: bool,
     ) -> Result<Entry> {
         let color = settings.color.as_deref().map(|name| {
-            <Attribute as clap::ValueEnum>::from_str(name, false)
+            name.parse::<Attribute>()
                 .map_err(|_| Error::Request(format!("there is no attribute {name:?}")))
         });
         let color = color.transpose()?;

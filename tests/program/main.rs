@@ -18,6 +18,8 @@ mod program;
 mod shared;
 #[path = "../support/skip.rs"]
 mod skip;
+#[path = "../support/witness.rs"]
+mod witness;
 
 mod bad;
 mod cli;
@@ -29,6 +31,7 @@ mod films;
 mod guide;
 mod hosts;
 mod indexed;
+mod jobs;
 mod maps;
 mod pictures;
 mod python;

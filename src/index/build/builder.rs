@@ -90,6 +90,7 @@ pub(super) struct Builder<'a> {
     /// Parts by source number.
     pub parts: Vec<Option<IndexedPart>>,
     pub colors: Vec<Colors>,
+    /// Histogram of intensities.
     pub intensities: Vec<u64>,
     pub tally: Tally,
     /// End of the planes written so far.

@@ -137,6 +137,11 @@ impl Layout {
         self.at.source.map_or(0, |at| u16::from_le_bytes(first(&record[at..])))
     }
 
+    /// Returns the intensity, or 0.
+    pub fn intensity(&self, record: &[u8]) -> u16 {
+        self.at.intensity.map_or(0, |at| u16::from_le_bytes(first(&record[at..])))
+    }
+
     /// Returns a colour as after [`Layout::settle`].
     pub fn color(&self, record: &[u8], found: &[Colors]) -> [u8; 3] {
         let color = self.at.rgb.map_or([255; 3], |at| first(&record[at..]));

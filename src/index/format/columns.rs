@@ -18,6 +18,7 @@ impl NodeRecord {
             source: Plane::STATIONS.into_iter().any(|plane| self.has(plane)),
             normal: self.has(Plane::Normal),
             gps_time: self.has(Plane::GpsTime),
+            scalar: None,
         }
     }
 }

@@ -84,7 +84,7 @@ impl Plane {
             Attribute::Return => &[Plane::Returns],
             Attribute::Normal => &[Plane::Normal, Plane::Facing],
             Attribute::Corrected => &[Plane::Corrected],
-            Attribute::Elevation | Attribute::Time | Attribute::White => &[],
+            Attribute::Elevation | Attribute::Time | Attribute::Scalar(_) | Attribute::White => &[],
         }
     }
 }
@@ -271,6 +271,9 @@ pub struct Contents {
     /// names. Missing in old indexes.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub balance: Option<Balance>,
+    /// The same of intensities.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub intensity_balance: Option<Balance>,
     /// Histograms of the input's points, not of samples. Missing in old indexes.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub counts: Option<Histograms>,
@@ -283,6 +286,17 @@ pub struct Directory {
     pub nodes: Vec<NodeRecord>,
     pub roots: u32,
     pub contents: Contents,
+}
+
+impl Contents {
+    /// Returns the exposure gains of what points show.
+    pub fn balance_of(&self, attribute: Attribute) -> Option<&Balance> {
+        match attribute {
+            Attribute::Rgb => self.balance.as_ref(),
+            Attribute::Intensity => self.intensity_balance.as_ref(),
+            _ => None,
+        }
+    }
 }
 
 /// Returns the lattice of a node's `origin` and `extent`. Rounded positions lie at the centres of
