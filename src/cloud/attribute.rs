@@ -271,17 +271,17 @@ impl DisplayAttribute {
         DisplayAttribute { stretch: shown.stretched(cloud), ..shown }
     }
 
-    /// Returns elevation over these heights, each with its number of points.
-    pub fn of_heights(heights: Vec<(f64, u64)>) -> DisplayAttribute {
+    /// Returns elevations, times or scalars over these, each with its number of points.
+    pub fn of_numbers(attribute: Attribute, numbers: Vec<(f64, u64)>) -> DisplayAttribute {
         let fold = |pick: fn(f64, f64) -> f64, from: f64| {
-            heights.iter().map(|&(height, _)| height).fold(from, pick)
+            numbers.iter().map(|&(number, _)| number).fold(from, pick)
         };
         let ends = [fold(f64::min, f64::INFINITY), fold(f64::max, f64::NEG_INFINITY)];
-        let shown = DisplayAttribute::indexed(Attribute::Elevation, ends, [0, 255]);
+        let shown = DisplayAttribute::indexed(attribute, ends, [0, 255]);
         let mut counts = vec![0u64; 1 << 16];
-        heights
+        numbers
             .iter()
-            .for_each(|&(height, points)| counts[shown.place(height) as usize & 0xFFFF] += points);
+            .for_each(|&(number, points)| counts[shown.place(number) as usize & 0xFFFF] += points);
         DisplayAttribute { stretch: percentiles(&counts), ..shown }
     }
 

@@ -33,12 +33,12 @@ impl Scalar {
         matches!(self, Scalar::Extra(own) if own.eq_ignore_ascii_case(name))
     }
 
-    /// Returns what a legend says, without a unit of length.
+    /// Returns what a legend says.
     pub fn title(self) -> String {
         match self {
-            Scalar::NearInfrared => "Near infrared".into(),
-            Scalar::ScanAngle => "Scan angle [degrees]".into(),
-            Scalar::HeightAboveGround => "Height above ground".into(),
+            Scalar::NearInfrared => "near infrared".into(),
+            Scalar::ScanAngle => "scan angle [degrees]".into(),
+            Scalar::HeightAboveGround => "height above ground".into(),
             Scalar::Extra(name) => name.into(),
         }
     }

@@ -66,8 +66,10 @@ fn drawn(png: &Png, background: [u8; 3]) -> Vec<[u8; 3]> {
 fn job_01_points_of_a_sparse_scan_are_seen() {
     let Some(desk) = Desk::with("data/ground/pine_plot.laz") else { return };
     let pixels = |options: &str| {
-        let options = format!("{options} --background ff00ff --effect antialias=off");
-        drawn(&desk.draws(&options), [255, 0, 255]).len()
+        desk.types(&format!(
+            "render SCAN -o @drawn.png --size 1600x1000 --background ff00ff {options}"
+        ));
+        drawn(&read_png(&desk.at("drawn.png")), [255, 0, 255]).len()
     };
     let single = pixels("--style points --effect visibility=off");
     let [auto, thick] = ["--point-size auto", "--style splats --point-size 5"].map(pixels);
@@ -340,11 +342,24 @@ print(len(ours))
         values.clone().max().unwrap() - values.min().unwrap()
     };
     assert!(spread(0) > 100);
+    // An index keeps one of them.
+    let differ = |a: &Png, b: &Png| {
+        let far = |(a, b): &(&[u8; 3], &[u8; 3])| (0..3).any(|k| a[k].abs_diff(b[k]) > 24);
+        a.pixels.iter().zip(&b.pixels).filter(far).count()
+    };
+    desk.types("index SCAN -o @strips.pnti --keep scan-angle");
+    assert!(desk.types("info @strips.pnti").contains("white, scan-angle"));
+    let line = format!("{plain} --color scan-angle");
+    let of_file = desk.draws(&line);
+    desk.types(&format!("render @strips.pnti --lod 0 -o @drawn.png --size 320x240 {line}"));
+    let of_index = read_png(&desk.at("drawn.png"));
+    assert!(differ(&of_file, &of_index) < 50, "{}", differ(&of_file, &of_index));
+    let said = failed(&desk.run("render @strips.pnti -o @no.png --color time"), 1);
+    assert!(said.contains("strips.pnti --keep time` finds them"), "{said}");
+    let said = failed(&desk.run("info @strips.pnti --count --where gps-time=1..2"), 1);
+    assert!(said.contains("--gps-time` keeps it"), "{said}");
     let said = failed(&desk.run("render SCAN -o @no.png --color extra:nothing"), 1);
-    assert!(
-        said.contains("do not have it; they have rgb") || said.contains("scan-angle"),
-        "{said}"
-    );
+    assert!(said.contains("do not have it; they have scan-angle, height-above-ground"), "{said}");
 }
 
 #[test]

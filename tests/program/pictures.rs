@@ -213,6 +213,13 @@ fn strips_of_different_intensity_are_evened_and_times_grow_along_the_flight() {
     assert!(left > 1.4 * right, "{left} {right}");
     let [left, right] = sides(&drawn(&format!("{apart} --effect exposure=on")).0);
     assert!((left / right - 1.0).abs() < 0.03, "{left} {right}");
-    let [left, right] = sides(&drawn("--color time --ramp grey").0);
-    assert!(right > 1.5 * left, "{left} {right}");
+    // By default too, and of an index as of the file.
+    let even = drawn(&format!("{apart} --lod 0")).0;
+    let [left, right] = sides(&even);
+    assert!((left / right - 1.0).abs() < 0.03, "{left} {right}");
+    assert_eq!(difference(&even, &drawn(apart).0), 0);
+    for keeps in ["", "--lod 0"] {
+        let [left, right] = sides(&drawn(&format!("--color time --ramp grey {keeps}")).0);
+        assert!(right > 1.5 * left, "{left} {right}");
+    }
 }

@@ -7,7 +7,7 @@ use super::point_record::{Batch, Colors, Layout};
 use super::spill_bucket::{self, Bucket, Grid, Sorter};
 use crate::cloud::histograms::Tally;
 use crate::cloud::stream::{self, Source};
-use crate::cloud::{ColumnSet, Lattice, Station};
+use crate::cloud::{ColumnSet, Header, Lattice, Station};
 use crate::error::{Error, Result};
 use crate::index::attributes::exposure;
 use crate::index::format::samples::{Cell, DerivedPlanes};
@@ -94,6 +94,8 @@ impl Builder<'_> {
         // Several stations need a number per point, even if no file names them.
         let has = ColumnSet {
             source: has.source || group.members.len() > 1 || self.sources.len() > 1,
+            // A scalar takes the place of times.
+            gps_time: has.gps_time || has.scalar.is_some(),
             ..has
         };
         let parts: Vec<u16> = group.members.iter().map(|&(number, _)| number as u16).collect();
@@ -258,7 +260,8 @@ impl Builder<'_> {
 
     fn part(&mut self, number: usize, group: &Group, streamed: &stream::Streamed) {
         let source = &self.sources[number];
-        let mut header = source.header().clone();
+        // Scalars can be read from the file only.
+        let mut header = Header { scalars: Vec::new(), ..source.header().clone() };
         // A note has reported bounds that are not finite.
         header.bounds.take_if(|corners| !corners.as_flattened().iter().all(|v| v.is_finite()));
         self.parts[number] = Some(IndexedPart {

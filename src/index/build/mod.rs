@@ -111,7 +111,9 @@ pub fn build(
         }
         let writer = Writer::create(output)?;
         let spill = Spill::new(output, options.bucket_bytes())?;
-        let contents = Contents { notes, ..Contents::default() };
+        let scalar = sources.iter().find_map(|source| source.available().scalar);
+        let scalar = scalar.map(|scalar| scalar.to_string());
+        let contents = Contents { notes, scalar, ..Contents::default() };
         let mut builder = Builder {
             sources: &sources,
             options,

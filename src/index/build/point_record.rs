@@ -99,7 +99,8 @@ impl Layout {
             rows.put_column(at.normal, &columns.normal, &range, [0; 3], |normal| {
                 normal.map(|v| v as u8)
             });
-            rows.put_column(at.gps_time, &columns.gps_time, &range, 0.0, f64::to_le_bytes);
+            let number = if columns.scalar.is_some() { &columns.scalar } else { &columns.gps_time };
+            rows.put_column(at.gps_time, number, &range, 0.0, f64::to_le_bytes);
             rows.put(at.part, range.map(|_| batch.part.to_le_bytes()));
         }
     }
