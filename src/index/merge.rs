@@ -49,13 +49,18 @@ impl Gains {
     /// Fraction bits: gains of 2^-4 to 2^4 become 2^8 to 2^16, whose products with 16 bits of light
     /// fit 32.
     const BITS: i32 = 12;
+    /// Fraction bits of gains of intensities, whose means are of 16 bits.
+    const INTENSITY_BITS: i32 = 24;
 
     pub fn new(colors: Option<&Balance>, intensities: Option<&Balance>) -> Gains {
-        let fixed = |balance: Option<&Balance>| -> Vec<u32> {
+        let fixed = |balance: Option<&Balance>, bits: i32| -> Vec<u32> {
             let gains = balance.map_or(&[][..], |balance| &balance.gains);
-            gains.iter().map(|gain| (gain * 2f64.powi(Gains::BITS)).round() as u32).collect()
+            gains.iter().map(|gain| (gain * 2f64.powi(bits)).round() as u32).collect()
         };
-        Gains { colors: fixed(colors), intensities: fixed(intensities) }
+        Gains {
+            colors: fixed(colors, Gains::BITS),
+            intensities: fixed(intensities, Gains::INTENSITY_BITS),
+        }
     }
 }
 
@@ -501,9 +506,7 @@ mod tests {
                 q: vec![[9; 3]; all.len()],
                 rgb: Some(all.iter().map(|(_, v)| [*v, 0, *v]).collect()),
                 // Half of the light, in steps of 16 bits.
-                intensity: Some(
-                    all.iter().map(|(_, v)| (DECODE[*v as usize] / 2) as u16).collect(),
-                ),
+                intensity: Some(all.iter().map(|(_, v)| DECODE[*v as usize] / 2).collect()),
                 source: Some(all.iter().map(|(station, _)| *station).collect()),
                 ..Samples::default()
             };

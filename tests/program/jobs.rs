@@ -349,7 +349,10 @@ print(len(ours))
     };
     desk.types("index SCAN -o @strips.pnti --keep scan-angle");
     assert!(desk.types("info @strips.pnti").contains("white, scan-angle"));
-    let line = format!("{plain} --color scan-angle");
+    let view =
+        r#"{"eye": [770525, 6277525, 120], "target": [770525, 6277525, 25], "up": [0, 1, 0]}"#;
+    fs::write(desk.at("cam.json"), view).unwrap();
+    let line = format!("{plain} --color scan-angle").replace("--view top", "--camera @cam.json");
     let of_file = desk.draws(&line);
     desk.types(&format!("render @strips.pnti --lod 0 -o @drawn.png --size 320x240 {line}"));
     let of_index = read_png(&desk.at("drawn.png"));
