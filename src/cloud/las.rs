@@ -153,7 +153,8 @@ impl Las {
         keeps_records: bool,
         notes: &mut Vec<String>,
     ) -> Result<Self> {
-        let layout = header::read(input, notes)?;
+        let mut layout = header::read(input, notes)?;
+        layout.header.scalars = number::names(&layout);
         notes.extend(layout.lies.iter().map(|what| format!("{}: {what}", input.name())));
         let fields = Fields::new(&layout, wanted.scalar);
         let available = fields.available(wanted);

@@ -202,11 +202,8 @@ impl Entry {
         settings: &OpenSettings,
         strokes: bool,
     ) -> Result<Entry> {
-        let color = settings.color.as_deref().map(|name| {
-            name.parse::<Attribute>()
-                .map_err(|_| Error::Request(format!("there is no attribute {name:?}")))
-        });
-        let color = color.transpose()?;
+        let color = settings.color.as_deref().map(str::parse::<Attribute>);
+        let color = color.transpose().map_err(Error::Request)?;
         let wanted = color.map_or(
             ColumnSet { rgb: true, intensity: true, ..ColumnSet::default() },
             Attribute::wanted,

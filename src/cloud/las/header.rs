@@ -4,7 +4,6 @@
 //! for a bad projection record. Every field that controls reading is therefore checked here, and
 //! every other one is only reported.
 
-use super::number;
 use crate::cloud::crs::{Crs, geotiff, wkt};
 use crate::cloud::digits::number;
 use crate::cloud::input::Input;
@@ -199,7 +198,6 @@ pub fn read(input: &Input, notes: &mut Vec<String>) -> Result<Layout> {
         bounds: Some([[bound(1), bound(3), bound(5)], [bound(0), bound(2), bound(4)]]),
         facts,
         system: projection.system(),
-        scalars: number::names(&layout),
         ..Header::default()
     };
     Ok(layout)
