@@ -390,8 +390,11 @@ type Choice = (vk::PhysicalDevice, bool);
 fn choose(instance: &ash::Instance, options: &DeviceOptions) -> Result<Choice> {
     let wanted = options.device.as_deref();
     // SAFETY: plain query of a live instance.
-    let devices = unsafe { instance.enumerate_physical_devices() }
-        .map_err(failed("vkEnumeratePhysicalDevices"))?;
+    let devices = unsafe { instance.enumerate_physical_devices() }.map_err(|code| match code {
+        // Drivers without their cards.
+        vk::Result::ERROR_INITIALIZATION_FAILED => Error::Device(no_device()),
+        code => failed("vkEnumeratePhysicalDevices")(code),
+    })?;
     let rank = |kind| match kind {
         vk::PhysicalDeviceType::DISCRETE_GPU => 0,
         vk::PhysicalDeviceType::INTEGRATED_GPU => 1,

@@ -404,7 +404,10 @@ impl Source {
                 return format!("they have {}; `pointillist info` lists all", names.join(", "));
             }
             (Source::Index(_), Attribute::Scalar(Scalar::HeightAboveGround)) => {
-                return "draw the files themselves, since an index does not keep it".into();
+                return format!(
+                    "it is found for files that are drawn without an index, of up to {} points",
+                    grouped(config::WHOLE_POINTS)
+                );
             }
             (Source::Index(index), Attribute::Time | Attribute::Scalar(_)) => {
                 let option = format!("--keep {}", attribute.name());

@@ -27,7 +27,8 @@ const ANGLE_STEP: f64 = 0.006;
 pub fn names(layout: &Layout) -> Vec<String> {
     let own = [Scalar::NearInfrared, Scalar::ScanAngle].into_iter();
     let own = own.filter(|&scalar| Number::of(layout, scalar).is_some());
-    let extra = layout.extra_bytes.iter().filter(|extra| (1..=10).contains(&extra.kind));
+    let is_number = |extra: &&ExtraBytes| (1..=10).contains(&extra.kind) && !extra.name.is_empty();
+    let extra = layout.extra_bytes.iter().filter(is_number);
     let extra = extra.map(|extra| Scalar::extra_name(&extra.name));
     own.map(|scalar| scalar.to_string()).chain(extra).collect()
 }
