@@ -293,6 +293,20 @@ mod tests {
     }
 
     #[test]
+    fn files_that_are_finished_together_appear_together() {
+        let folder = tempfile::tempdir().unwrap();
+        let [world, picture] = ["a.pgw", "a.png"].map(|name| folder.path().join(name));
+        let create = || [&world, &picture].map(|path| AtomicFile::create(path).unwrap());
+        let files = create();
+        std::fs::remove_file(files[1].partial()).unwrap();
+        assert!(finish_together(files).is_err());
+        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0);
+        finish_together(create()).unwrap();
+        assert!(world.exists() && picture.exists());
+        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 2);
+    }
+
+    #[test]
     fn what_fails_leaves_nothing_and_keeps_what_was_there() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("picture.png");

@@ -1,7 +1,7 @@
 //! Heights of points above the ground: above a coarse surface of cells.
 //!
 //! With points of class 2 (ground), a cell has the mean of their heights. Without, it has its lowest
-//! point, and what is narrower than [`WIDEST`] is then taken away: a morphological opening, the
+//! point, and what is narrower than 30 metres is then taken away: a morphological opening, the
 //! lowest of the cells around, then the highest of these. Empty cells have the mean of ever larger
 //! cells, interpolated. Between the centres of cells heights are interpolated bilinearly.
 
