@@ -31,6 +31,7 @@ mod films;
 mod guide;
 mod hosts;
 mod indexed;
+mod inputs_and_outputs;
 mod jobs;
 mod maps;
 mod pictures;

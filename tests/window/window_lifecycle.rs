@@ -481,7 +481,7 @@ fn views_frame_the_cloud_beside_the_panel() {
     let cloud = place.street(60_000);
     let size = [640, 480];
     let mut viewer = place.view_with_panel(&[&cloud], size, "");
-    viewer.until("panel", |viewer| viewer.photograph().pixels[480 / 2 * 640 + 20] == [27; 3]);
+    viewer.until("panel", |viewer| viewer.photograph().pixels[480 / 2 * 640 + 11] == [27; 3]);
     let all = points(&cloud);
     for (number, key) in ["0", "7", "1"].into_iter().enumerate() {
         viewer.key(key);
