@@ -2,7 +2,8 @@
 //!
 //! With points of class 2 (ground), a cell has the mean of their heights. Without, it has its lowest
 //! point, and what is narrower than 30 metres is then taken away: a morphological opening, the
-//! lowest of the cells around, then the highest of these. Empty cells have the mean of ever larger
+//! lowest of the cells around, then the highest of these. At the edges of a cloud that takes away
+//! the upper ends of slopes, too. Empty cells have the mean of ever larger
 //! cells, interpolated. Between the centres of cells heights are interpolated bilinearly.
 
 use super::crs::Reference;
@@ -210,8 +211,8 @@ mod tests {
         for i in 0..2400 {
             let p = DVec2::new((i % 60) as f64 + 0.3, (i / 60) as f64 + 0.8);
             let off = surface.at(p) - slope(p.x, p.y);
-            // Near the edges the grid ends, and in the hole cells are coarser.
-            assert!(off.abs() < 1.3, "{p} {off}");
+            // At the upper end of a slope the opening takes away 6 cells of 0.2 and 0.1.
+            assert!(off.abs() < 2.0, "{p} {off}");
             if (8..52).contains(&(i % 60)) && (8..32).contains(&(i / 60)) && off.abs() > 0.7 {
                 panic!("{p} {off}");
             }
