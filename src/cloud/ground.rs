@@ -3,8 +3,8 @@
 //! With points of class 2 (ground), a cell has the mean of their heights. Without, it has its lowest
 //! point, and what is narrower than 30 metres is then taken away: a morphological opening, the
 //! lowest of the cells around, then the highest of these. At the edges of a cloud that takes away
-//! the upper ends of slopes, too. Empty cells have the mean of ever larger
-//! cells, interpolated. Between the centres of cells heights are interpolated bilinearly.
+//! the upper ends of slopes, too. Empty cells have the mean of ever larger cells, interpolated.
+//! Between the centres of cells heights are interpolated bilinearly.
 
 use super::crs::Reference;
 use super::scalar::Scalar;
@@ -213,7 +213,8 @@ mod tests {
             let off = surface.at(p) - slope(p.x, p.y);
             // At the upper end of a slope the opening takes away 6 cells of 0.2 and 0.1.
             assert!(off.abs() < 2.0, "{p} {off}");
-            if (8..52).contains(&(i % 60)) && (8..32).contains(&(i / 60)) && off.abs() > 0.7 {
+            if (8..52).contains(&(i % 60)) && (8..32).contains(&(i / 60)) && off.abs() > 0.8 {
+                // Where the house stood, the ground is that at its lower side.
                 panic!("{p} {off}");
             }
         }
