@@ -55,7 +55,7 @@ impl AtomicFile {
     }
 
     /// Syncs the contents, renames the file, and syncs the folder.
-    pub fn finish(mut self) -> Result<()> {
+    pub fn finish(self) -> Result<()> {
         if self.path == Path::new(STANDARD_OUTPUT) {
             let mut out = std::io::stdout().lock();
             let copied = File::open(self.partial())
@@ -63,22 +63,38 @@ impl AtomicFile {
                 .and_then(|_| out.flush());
             return copied.map_err(|error| Error::io("write", Path::new("standard output"), error));
         }
-        let synced =
-            OpenOptions::new().write(true).open(self.partial()).and_then(|file| file.sync_all());
-        let named = synced.and_then(|()| self.rename());
-        named
-            .and_then(|()| sync_folder(&self.path))
-            .map_err(|error| Error::io("write", &self.path, error))
+        finish_together([self])
     }
 
-    fn rename(&mut self) -> std::io::Result<()> {
-        // Under the lock, because after the rename another writer may take the partial name.
-        let mut unfinished = unfinished();
+    fn sync(&self) -> Result<()> {
+        let synced = OpenOptions::new().write(true).open(self.partial());
+        synced.and_then(|file| file.sync_all()).map_err(|error| self.failed(error))
+    }
+
+    fn failed(&self, error: std::io::Error) -> Error {
+        Error::io("write", &self.path, error)
+    }
+
+    fn rename(&mut self, unfinished: &mut Vec<PathBuf>) -> std::io::Result<()> {
         std::fs::rename(self.partial(), &self.path)?;
         let partial = self.partial.take();
         unfinished.retain(|other| Some(other) != partial.as_ref());
         Ok(())
     }
+}
+
+/// Finishes files in this order, all complete before the first gets its name: an interruption leaves
+/// all or none.
+pub fn finish_together<const N: usize>(mut files: [AtomicFile; N]) -> Result<()> {
+    files.iter().try_for_each(AtomicFile::sync)?;
+    // Under the lock, because after a rename another writer may take the partial name, and the
+    // process may be exiting.
+    let mut unfinished = unfinished();
+    for file in &mut files {
+        file.rename(&mut unfinished).map_err(|error| file.failed(error))?;
+    }
+    drop(unfinished);
+    files.iter().try_for_each(|file| sync_folder(&file.path).map_err(|error| file.failed(error)))
 }
 
 impl Drop for AtomicFile {
@@ -335,6 +351,20 @@ mod tests {
         let left = std::fs::read(&path).unwrap();
         assert!(left.len() == 5000 && left.iter().all(|&v| v == left[0]));
         assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1);
+    }
+
+    #[test]
+    fn files_that_are_finished_together_appear_together() {
+        let folder = tempfile::tempdir().unwrap();
+        let [world, picture] = ["a.pgw", "a.png"].map(|name| folder.path().join(name));
+        let create = || [&world, &picture].map(|path| AtomicFile::create(path).unwrap());
+        let files = create();
+        std::fs::remove_file(files[1].partial()).unwrap();
+        assert!(finish_together(files).is_err());
+        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0);
+        finish_together(create()).unwrap();
+        assert!(world.exists() && picture.exists());
+        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 2);
     }
 
     #[test]

@@ -319,7 +319,17 @@ impl<P: FnMut()> Thread<P> {
                 self.bytes.resize(record.unpacked_bytes(plane) as usize, 0);
                 index.read(node, plane, &mut self.bytes)?;
                 read.bytes += record.range(plane).1;
-                widen(plane, &self.bytes, words);
+                match plane {
+                    Plane::GpsTime => {
+                        let numbers =
+                            self.bytes.as_chunks().0.iter().map(|&v| f64::from_le_bytes(v));
+                        words
+                            .iter_mut()
+                            .zip(numbers)
+                            .for_each(|(word, v)| *word = self.shown.place(v));
+                    }
+                    _ => widen(plane, &self.bytes, words),
+                }
                 if Plane::STATIONS.contains(&plane) {
                     // The file's own station number; nodes store its place in the list.
                     let stations = &index.directory.contents.stations;
@@ -352,7 +362,7 @@ impl<P: FnMut()> Thread<P> {
                 words
                     .iter_mut()
                     .zip(&heights)
-                    .for_each(|(word, &cell)| *word = self.shown.elevation(height(cell)));
+                    .for_each(|(word, &cell)| *word = self.shown.place(height(cell)));
             }
             None => words.fill(lacking(self.shown.attribute)),
         }

@@ -3,8 +3,8 @@
 
 use clap::{Arg, ArgAction, Command as Clap, CommandFactory, FromArgMatches, Parser};
 use pointillist::cli::{
-    bench, export, guide, index, info, profile, raster, renamed, render, shadows, study, synth,
-    terminal::Terminal, view,
+    bench, export, guide, index, info, profile, raster, renamed, render, shadows, study,
+    suggestions, synth, terminal::Terminal, view,
 };
 use pointillist::error::Error;
 use std::io::Write;
@@ -81,13 +81,15 @@ impl log::Log for Logger {
 }
 
 /// Parses the arguments. Help is a line or two an option, for `--help` as for `-h`.
-fn parse() -> Program {
+fn parse(words: &[String]) -> Program {
     let help = |command: Clap| {
         let help = Arg::new("help").short('h').long("help").action(ArgAction::HelpShort);
         command.disable_help_flag(true).arg(help.help("Print help"))
     };
-    let matches = help(Program::command()).mut_subcommands(help).get_matches();
-    Program::from_arg_matches(&matches).unwrap_or_else(|error| error.exit())
+    let mut program = help(Program::command()).mut_subcommands(help);
+    let parsed = program.try_get_matches_from_mut(std::env::args_os());
+    let parsed = parsed.and_then(|matches| Program::from_arg_matches(&matches));
+    parsed.unwrap_or_else(|error| suggestions::keep_visible(error, &program, words).exit())
 }
 
 fn main() -> ExitCode {
@@ -95,9 +97,9 @@ fn main() -> ExitCode {
     if log::set_logger(&Logger).is_ok() {
         log::set_max_level(log::LevelFilter::Error);
     }
-    let program = parse();
     let arguments: Vec<String> =
         std::env::args_os().skip(1).map(|word| word.to_string_lossy().into_owned()).collect();
+    let program = parse(&arguments);
     renamed::notes(&arguments).iter().for_each(|note| say(&format!("note: {note}")));
     let progress = Terminal::new();
     let done = match &program.command {

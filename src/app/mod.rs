@@ -53,6 +53,7 @@ use std::io::Write as _;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Instant;
+use winit::error::EventLoopError;
 use winit::event_loop::{EventLoop, EventLoopProxy};
 use winit::window::Window;
 
@@ -69,9 +70,6 @@ enum Event {
 
 /// Opens a window, and returns when it is closed or `progress` interrupts it.
 pub fn run(options: Options, progress: &dyn Progress) -> Result<Summary> {
-    let no_window = |error| {
-        Error::Device(format!("cannot open a window ({error}); `render` works without one"))
-    };
     let events = EventLoop::<Event>::with_user_event().build().map_err(no_window)?;
     let interrupted = events.create_proxy();
     progress.when_interrupted(Box::new(move || drop(interrupted.send_event(Event::Interrupted))));
@@ -137,6 +135,24 @@ struct App {
     /// Time of the last loss of the device.
     device_lost: Option<Instant>,
     exit_error: Option<Error>,
+}
+
+/// Says why there is no window.
+fn no_window(error: EventLoopError) -> Error {
+    let has = |name| std::env::var_os(name).is_some_and(|value| !value.is_empty());
+    if cfg!(target_os = "linux")
+        && !["WAYLAND_DISPLAY", "WAYLAND_SOCKET", "DISPLAY"].map(has).contains(&true)
+    {
+        return Error::Device(
+            "no display: neither WAYLAND_DISPLAY nor DISPLAY is set; `render` draws without one"
+                .into(),
+        );
+    }
+    // The message of the window library begins with a place in its source.
+    let text = error.to_string();
+    let why = text.split_once(": ").filter(|_| matches!(error, EventLoopError::Os(_)));
+    let why = why.map_or(&text[..], |(_, why)| why);
+    Error::Device(format!("cannot open a window ({why}); `render` draws without one"))
 }
 
 /// Prints to standard output; the window goes on if that is closed.

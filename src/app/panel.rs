@@ -469,7 +469,7 @@ fn color(ui: &mut Ui, state: &UiState, scene: &mut Scene) {
         .selected_text(scene.color.map_or_else(automatic, Attribute::name))
         .show_ui(ui, |ui| {
             ui.selectable_value(&mut scene.color, None, "auto");
-            for &attribute in Attribute::value_variants() {
+            for &attribute in &Attribute::NAMED {
                 ui.selectable_value(&mut scene.color, Some(attribute), attribute.name());
             }
         });

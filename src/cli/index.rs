@@ -5,6 +5,8 @@ use super::options::{ColorOptions, TextArguments};
 use super::streams;
 use super::units::Bytes;
 use crate::cloud::ColumnSet;
+use crate::cloud::attribute::Attribute;
+use crate::cloud::scalar::Scalar;
 use crate::config;
 use crate::error::{Error, Result};
 use crate::index::build::{self, DerivedPlanes, Options, Summary};
@@ -41,6 +43,10 @@ pub struct Arguments {
     /// Keep GPS times, 8 bytes a point
     #[arg(long)]
     pub gps_time: bool,
+    /// Keep a number of each point for --color, 8 bytes a point: nir, scan-angle, extra:NAME; or
+    /// time, as --gps-time does
+    #[arg(long, value_name = "NAME", value_parser = kept, conflicts_with = "gps_time")]
+    pub keep: Option<Attribute>,
     /// Compute normals where files have none, from a plane through the points around each: for
     /// `phong` and `--color normal`; 4 bytes a point
     #[arg(long)]
@@ -82,9 +88,22 @@ impl Arguments {
             strokes: self.strokes,
             luminance: self.luminance,
         };
-        let wanted = ColumnSet { gps_time: self.gps_time, ..usual.wanted };
+        let kept = self.keep.map(Attribute::wanted).unwrap_or_default();
+        let gps_time = self.gps_time || kept.gps_time;
+        let wanted = ColumnSet { gps_time, scalar: kept.scalar, ..usual.wanted };
         let (text, rgb_range) = (self.text.options(), self.colors.rgb_range);
         Ok(Options { memory: self.memory.0, threads, wanted, text, rgb_range, derive, ..usual })
+    }
+}
+
+/// Parses `--keep`.
+fn kept(text: &str) -> std::result::Result<Attribute, String> {
+    match text.parse()? {
+        Attribute::Scalar(Scalar::HeightAboveGround) => {
+            Err("heights above ground are found for files that are drawn without an index".into())
+        }
+        kept @ (Attribute::Time | Attribute::Scalar(_)) => Ok(kept),
+        other => Err(format!("{} is kept without being asked for", other.name())),
     }
 }
 

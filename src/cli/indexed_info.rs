@@ -11,13 +11,14 @@ use super::info::{
     Bounds, Class, LISTED, Spacing, gain, listed, system_words, uneven, unit_words, words,
 };
 use crate::cloud::Station;
+use crate::cloud::attribute::Attribute;
 use crate::cloud::crs::Unit;
 use crate::cloud::histograms::Histograms;
 use crate::cloud::spacing::{self, Around};
 use crate::cloud::strays::Strays;
 use crate::error::{Error, Result};
 use crate::index::format::Balance;
-use crate::index::format::{Index, IndexedPart, PLANES};
+use crate::index::format::{Index, IndexedPart, PLANES, Plane};
 use crate::render::source;
 use glam::DVec3;
 use rayon::prelude::*;
@@ -38,6 +39,8 @@ struct Report<'a> {
     /// Strays among the samples of the roots.
     strays: Strays,
     index: Tree,
+    /// What `--color` can show.
+    colors: Vec<String>,
     parts: &'a [IndexedPart],
     stations: &'a [Station],
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -113,6 +116,7 @@ pub fn report(path: &Path, json: bool) -> Result<String> {
         spacing: Spacing { value: spacing(&index)?, how: HOW_SPACING },
         strays: source::strays(&index),
         index: Tree::new(&index),
+        colors: colors(&index),
         parts: &contents.parts,
         stations: &contents.stations,
         classes: contents.counts.as_ref().map(Class::list),
@@ -126,6 +130,14 @@ pub fn report(path: &Path, json: bool) -> Result<String> {
         });
     }
     Ok(report.text(path))
+}
+
+/// Returns the names of all that points can show.
+fn colors(index: &Index) -> Vec<String> {
+    let named = Attribute::NAMED.into_iter().filter(|&attribute| index.shows(attribute));
+    let names: Vec<String> = named.map(Attribute::name).collect();
+    let kept = index.directory.contents.scalar.clone().filter(|kept| !names.contains(kept));
+    names.into_iter().chain(kept).collect()
 }
 
 impl Tree {
@@ -147,12 +159,16 @@ impl Tree {
                     .reduce(f64::max),
             });
         }
+        let contents = &index.directory.contents;
         let bytes_of = |plane| {
             nodes.iter().filter(|node| node.has(plane)).map(|node| node.range(plane).1).sum::<u64>()
         };
         let planes = PLANES
             .iter()
-            .map(|&(plane, _)| (format!("{plane:?}").to_lowercase(), bytes_of(plane)))
+            .map(|&(plane, _)| {
+                let scalar = contents.scalar.clone().filter(|_| plane == Plane::GpsTime);
+                (scalar.unwrap_or(format!("{plane:?}").to_lowercase()), bytes_of(plane))
+            })
             .filter(|(_, bytes)| *bytes > 0);
         Tree {
             bytes: index.bytes(),
@@ -187,6 +203,7 @@ impl Report<'_> {
             .value
             .map_or("unknown, fewer than two places".into(), |value| self.unit.length(value, 6));
         line("spacing", format!("{value} ({})", self.spacing.how));
+        line("--color", self.colors.join(", "));
         let tree = &self.index;
         line(
             "size",

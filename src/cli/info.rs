@@ -14,7 +14,8 @@
 //! `full` (1, 255, 65535 or as stated), `by` (`file`, `values`, `request`), `min`, `max`},
 //! `intensity` {`min`, `max`}, `class` [{`class`, `points`}], `returns` {`most`, `impossible`},
 //! `source` {`ids`}, `gps_time` {`min`, `max`, `nan`, `nan_share`}, `normal` {`zero_share`},
-//! `extra` [{`name`, `min`, `max`, `missing`}] of columns of text that are none of these}}] ·
+//! `extra` [{`name`, `min`, `max`, `missing`}] of columns of text that are none of these}, `colors`
+//! [`name`] for `--color`}] ·
 //! `stations` [{`part`, `source`, `name`, `points`}] · `exposures` {`values`, `overlaps`
 //! [{`stations`, `cells`, `step`, `gain`}], `balance` {`gains`, `uneven`}} where two stations have
 //! colours · `notes` [`line`]. An attribute that a part lacks is absent.
@@ -26,6 +27,7 @@ use super::export;
 use super::filters::{ClipOptions, FilterOptions};
 use super::indexed_info::{self, Returned};
 use super::options::{ColorOptions, TextArguments};
+use crate::cloud::attribute::Attribute;
 use crate::cloud::crs::{Crs, Reference, Unit};
 use crate::cloud::digits::{self, Digits};
 use crate::cloud::filter::grouped;
@@ -205,6 +207,8 @@ struct PartReport<'a> {
     step: DVec3,
     offset: DVec3,
     attributes: Attributes,
+    /// What `--color` can show.
+    colors: Vec<String>,
 }
 
 #[derive(Serialize)]
@@ -399,6 +403,7 @@ impl<'a> PartReport<'a> {
                 part,
                 cloud.stations.iter().filter(|station| station.part == index).count(),
             ),
+            colors: Attribute::names_of(part),
         }
     }
 
@@ -433,6 +438,7 @@ impl<'a> PartReport<'a> {
             ),
         );
         self.attributes.write(&mut line);
+        line("--color", self.colors.join(", "));
         if let Some(system) = &self.header.system {
             line("crs", system_words(system));
         }

@@ -17,6 +17,7 @@ pub mod render;
 pub mod shadows;
 mod streams;
 pub mod study;
+pub mod suggestions;
 pub mod synth;
 pub mod terminal;
 pub mod units;

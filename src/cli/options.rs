@@ -141,7 +141,7 @@ pub struct PictureOptions {
     pub up: UpOption,
     /// What the points show [default: rgb if the files have it, else intensity if it varies, else
     /// elevation]
-    #[arg(long, value_enum)]
+    #[arg(long, value_name = "rgb|intensity|elevation|class|return|time|...|extra:NAME")]
     pub color: Option<Attribute>,
     /// Switch an effect and set its values; repeatable
     #[arg(long, value_name = "NAME=off|on|auto[,key=value...]", value_parser = effect)]

@@ -85,7 +85,7 @@ pub struct Arguments {
     pub size: Size,
     /// What the points show [default: rgb if the files have it, else intensity, else elevation];
     /// ramps are those of the profile's points
-    #[arg(long, value_enum)]
+    #[arg(long, value_name = "rgb|intensity|elevation|class|...")]
     pub color: Option<Attribute>,
     #[command(flatten)]
     pub filters: FilterOptions,
@@ -109,6 +109,8 @@ struct Ranges {
     heights: [f64; 2],
     /// Points of each intensity.
     intensities: Vec<u64>,
+    /// Whether a point has a colour other than black; a file of black points has none.
+    has_colors: bool,
 }
 
 /// A file that is written.
@@ -131,17 +133,16 @@ impl Arguments {
         let stretch = percentiles(&ranges.intensities);
         let varies = has.intensity && stretch[1] > stretch[0];
         let usual = match () {
-            () if has.rgb => Attribute::Rgb,
+            () if has.rgb && ranges.has_colors => Attribute::Rgb,
             () if varies => Attribute::Intensity,
             () => Attribute::Elevation,
         };
         let attribute = self.color.unwrap_or(usual);
         let name = attribute.name();
-        if matches!(attribute, Attribute::Corrected | Attribute::Time) {
-            return Err(Error::Request(
-                "--color corrected and time are not drawn in profiles; use another, such as rgb"
-                    .into(),
-            ));
+        if matches!(attribute, Attribute::Corrected | Attribute::Time | Attribute::Scalar(_)) {
+            return Err(Error::Request(format!(
+                "--color {name} is not drawn in profiles; use another, such as rgb"
+            )));
         }
         if has.and(attribute.wanted()) != has {
             return Err(Error::Request(format!(
@@ -198,7 +199,7 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
         return Err(Error::Request(nothing(&input, arguments)));
     }
     let parts = input.parts();
-    let reference = Reference::of(parts.iter().map(|part| (&part.header, part.lattice)));
+    let reference = reference(&input);
     let has = parts.iter().fold(ColumnSet::default(), |has, part| has.and(part.available));
     let shown = arguments.shown(has, &ranges)?;
     let axes = Axes::fitting(slab.length, ranges.heights, arguments.exaggeration, most, &reference);
@@ -269,7 +270,7 @@ fn points(
         let i = i as usize;
         let position = lattice.world(batch.steps(i));
         let word = match shown.attribute {
-            Attribute::Elevation => shown.elevation(position.z),
+            Attribute::Elevation => shown.place(position.z),
             _ => shown.word_of(columns, lattice, i),
         };
         let byte = |column: &Option<Vec<u8>>| column.as_ref().map_or(0, |column| column[i]);
@@ -293,6 +294,7 @@ fn ranges(
         points: 0,
         heights: [f64::INFINITY, f64::NEG_INFINITY],
         intensities: vec![0; 1 << 16],
+        has_colors: false,
     };
     let map = |batch: &Batch| {
         let lattice = &input.parts()[batch.part].lattice;
@@ -301,9 +303,13 @@ fn ranges(
             let intensity = batch.columns.intensity.as_ref().map_or(0, |column| column[i]);
             (lattice.world(batch.steps(i)).z, intensity)
         };
-        Ok(batch.left.iter().map(of).collect::<Vec<_>>())
+        let colors = batch.columns.rgb.as_ref();
+        let has_color = |&i: &u32| colors.is_some_and(|colors| colors[i as usize] != [0; 3]);
+        let points = batch.left.iter().map(of).collect::<Vec<_>>();
+        Ok((points, batch.left.iter().any(has_color)))
     };
-    let mut take = |points: Vec<(f64, u16)>| {
+    let mut take = |(points, has_colors): (Vec<(f64, u16)>, bool)| {
+        ranges.has_colors |= has_colors;
         ranges.points += points.len() as u64;
         for (height, intensity) in points {
             let [lo, hi] = ranges.heights;
@@ -316,11 +322,16 @@ fn ranges(
     Ok((ranges, notes))
 }
 
+fn reference(input: &Input) -> Reference {
+    Reference::of(input.parts().iter().map(|part| (&part.header, part.lattice)))
+}
+
 /// Describes a profile without points, and where there are some.
 fn nothing(input: &Input, arguments: &Arguments) -> String {
     let bounds = input.parts().iter().filter_map(|part| part.bounds);
     let whole = bounds.reduce(|(low, high), (a, b)| (low.min(a), high.max(b)));
     let there = whole.map_or(String::new(), |(low, high): (DVec3, DVec3)| {
+        let [low, high] = [low, high].map(|corner| reference(input).digits.round(corner));
         format!("; the points lie between {},{} and {},{}", low.x, low.y, high.x, high.y)
     });
     let [from, to] = [arguments.from.0, arguments.to.0];

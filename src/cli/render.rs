@@ -398,9 +398,7 @@ impl Placed {
         };
         if output.extension().is_some_and(|own| own.eq_ignore_ascii_case("png")) {
             let world = world_file::create(&world_file::beside(output), &map)?;
-            let notes = tiled::write(renderer, cloud, request, output, progress)?;
-            world.finish()?;
-            return Ok(notes);
+            return tiled::write_map(renderer, cloud, request, output, world, progress);
         }
         geotiff::write(output, &map, |put| tiled::draw(renderer, cloud, request, progress, put))
     }

@@ -2,13 +2,13 @@
 //! that effects need.
 
 use super::color_scale::{ColorScale, Ramp};
+use super::scalar::Scalar;
 use super::up::Up;
 use super::{Cloud, ColumnSet, Columns, Lattice, Part, Station, octahedral};
 use std::str::FromStr;
 
 /// An attribute to display, as in `--color`.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum, serde::Serialize)]
-#[serde(rename_all = "lowercase")]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Attribute {
     Rgb,
     Intensity,
@@ -22,6 +22,8 @@ pub enum Attribute {
     /// Colours whose luminance is averaged over neighbours
     Corrected,
     White,
+    /// A number of files; an index has none
+    Scalar(Scalar),
 }
 
 /// Shares of the points between which ramps are stretched, so that few outliers do not flatten the
@@ -33,6 +35,23 @@ pub const STRETCH: [f64; 2] = [0.02, 0.98];
 const ELEVATION_LEVELS: f64 = 65_535.0;
 
 impl Attribute {
+    /// Those with a name of their own; extra attributes of files have others.
+    pub const NAMED: [Attribute; 13] = [
+        Attribute::Rgb,
+        Attribute::Intensity,
+        Attribute::Elevation,
+        Attribute::Class,
+        Attribute::Source,
+        Attribute::Return,
+        Attribute::Time,
+        Attribute::Normal,
+        Attribute::Corrected,
+        Attribute::White,
+        Attribute::Scalar(Scalar::NearInfrared),
+        Attribute::Scalar(Scalar::ScanAngle),
+        Attribute::Scalar(Scalar::HeightAboveGround),
+    ];
+
     /// Tests whether values are labels, which have no mean.
     pub fn is_label(self) -> bool {
         matches!(self, Attribute::Class | Attribute::Source | Attribute::Return)
@@ -40,21 +59,29 @@ impl Attribute {
 
     /// Tests whether values are numbers on a ramp.
     pub fn is_number(self) -> bool {
-        matches!(self, Attribute::Intensity | Attribute::Elevation | Attribute::Time)
+        matches!(self, Attribute::Intensity) || self.is_spread()
+    }
+
+    /// Tests whether words are places between the least and the greatest number.
+    pub fn is_spread(self) -> bool {
+        matches!(self, Attribute::Elevation | Attribute::Time | Attribute::Scalar(_))
     }
 
     /// Returns the ramp of numbers if none is asked for.
     pub fn ramp(self) -> Ramp {
         match self {
             Attribute::Elevation => Ramp::Terrain,
-            Attribute::Time => Ramp::Viridis,
+            Attribute::Time | Attribute::Scalar(_) => Ramp::Viridis,
             _ => Ramp::Grey,
         }
     }
 
     /// Returns the name as in `--color`.
     pub fn name(self) -> String {
-        format!("{self:?}").to_lowercase()
+        match self {
+            Attribute::Scalar(scalar) => scalar.to_string(),
+            named => format!("{named:?}").to_lowercase(),
+        }
     }
 
     /// Returns the columns needed to display it.
@@ -68,6 +95,11 @@ impl Attribute {
             Attribute::Source => wanted.source = true,
             Attribute::Return => wanted.returns = true,
             Attribute::Normal => wanted.normal = true,
+            Attribute::Scalar(scalar) => {
+                wanted.scalar = Some(scalar);
+                // Ground is a class.
+                wanted.class = scalar == Scalar::HeightAboveGround;
+            }
             Attribute::Elevation | Attribute::White => {}
         }
         wanted
@@ -80,16 +112,30 @@ impl Attribute {
 
     /// Tests whether some part of the cloud has it.
     pub fn is_in(self, cloud: &Cloud) -> bool {
-        cloud.parts.iter().any(|part| match self {
-            Attribute::Rgb | Attribute::Corrected => part.columns.rgb.is_some(),
-            Attribute::Intensity => part.columns.intensity.is_some(),
-            Attribute::Time => part.columns.gps_time.is_some(),
-            Attribute::Class => part.columns.class.is_some(),
-            Attribute::Source => part.columns.source.is_some(),
-            Attribute::Return => part.columns.returns.is_some(),
-            Attribute::Normal => part.columns.normal.is_some(),
+        cloud.parts.iter().any(|part| self.is_of(&part.columns))
+    }
+
+    /// Tests whether points with these columns have it.
+    pub fn is_of(self, columns: &Columns) -> bool {
+        match self {
+            Attribute::Rgb | Attribute::Corrected => columns.rgb.is_some(),
+            Attribute::Intensity => columns.intensity.is_some(),
+            Attribute::Time => columns.gps_time.is_some(),
+            Attribute::Class => columns.class.is_some(),
+            Attribute::Source => columns.source.is_some(),
+            Attribute::Return => columns.returns.is_some(),
+            Attribute::Normal => columns.normal.is_some(),
+            Attribute::Scalar(_) => columns.scalar.is_some(),
             Attribute::Elevation | Attribute::White => true,
-        })
+        }
+    }
+
+    /// Returns the names of all that the points of a part can show.
+    pub fn names_of(part: &Part) -> Vec<String> {
+        let own = Attribute::NAMED.into_iter().filter(|own| own.is_of(&part.columns));
+        let height = Attribute::Scalar(Scalar::HeightAboveGround);
+        let scalars = part.header.scalars.iter().cloned();
+        own.map(Attribute::name).chain([height.name()]).chain(scalars).collect()
     }
 }
 
@@ -97,8 +143,8 @@ impl Attribute {
 #[derive(Clone, Copy, Debug)]
 pub struct DisplayAttribute {
     pub attribute: Attribute,
-    /// World heights of the whole cloud without strays, for elevation `[m]`; or its times `[s]`.
-    heights: [f64; 2],
+    /// Least and greatest number of the whole cloud: of elevations without strays `[m]`.
+    ends: [f64; 2],
     /// The axis along which elevations count.
     pub up: Up,
     /// The words at both ends of the ramp; of colours, the values of channels.
@@ -194,26 +240,28 @@ pub const CODE_SHIFT: u32 = 24;
 /// indexes have.
 pub type Words = [u32; 5];
 
-/// Returns the earliest and the latest time of the points.
-fn times(cloud: &Cloud) -> Option<[f64; 2]> {
-    let times = cloud.parts.iter().filter_map(|part| part.columns.gps_time.as_ref()).flatten();
-    let finite = times.copied().filter(|time| time.is_finite()).map(|time| [time, time]);
+/// Returns the least and the greatest number of a column.
+fn extremes<'c>(columns: impl Iterator<Item = Option<&'c Vec<f64>>>) -> Option<[f64; 2]> {
+    let numbers = columns.flatten().flatten().copied();
+    let finite = numbers.filter(|number| number.is_finite()).map(|number| [number; 2]);
     finite.reduce(|[lo, hi], [a, b]| [lo.min(a), hi.max(b)])
 }
 
 impl DisplayAttribute {
     pub fn new(attribute: Attribute, cloud: &Cloud) -> DisplayAttribute {
-        let heights = match attribute {
+        let columns = || cloud.parts.iter().map(|part| &part.columns);
+        let ends = match attribute {
             Attribute::Elevation => cloud.heights(),
-            Attribute::Time => times(cloud),
+            Attribute::Time => extremes(columns().map(|columns| columns.gps_time.as_ref())),
+            Attribute::Scalar(_) => extremes(columns().map(|columns| columns.scalar.as_ref())),
             _ => None,
         };
-        let heights = heights.unwrap_or_default();
+        let ends = ends.unwrap_or_default();
         let coded =
             matches!(attribute, Attribute::Rgb | Attribute::Intensity) && cloud.stations.len() > 1;
         let shown = DisplayAttribute {
             attribute,
-            heights,
+            ends,
             up: cloud.up,
             stretch: [0, 255],
             scale: ColorScale::default(),
@@ -223,25 +271,25 @@ impl DisplayAttribute {
         DisplayAttribute { stretch: shown.stretched(cloud), ..shown }
     }
 
-    /// Returns elevation over these heights, each with its number of points.
-    pub fn of_heights(heights: Vec<(f64, u64)>) -> DisplayAttribute {
+    /// Returns elevations, times or scalars over these, each with its number of points.
+    pub fn of_numbers(attribute: Attribute, numbers: Vec<(f64, u64)>) -> DisplayAttribute {
         let fold = |pick: fn(f64, f64) -> f64, from: f64| {
-            heights.iter().map(|&(height, _)| height).fold(from, pick)
+            numbers.iter().map(|&(number, _)| number).fold(from, pick)
         };
         let ends = [fold(f64::min, f64::INFINITY), fold(f64::max, f64::NEG_INFINITY)];
-        let shown = DisplayAttribute::indexed(Attribute::Elevation, ends, [0, 255]);
+        let shown = DisplayAttribute::indexed(attribute, ends, [0, 255]);
         let mut counts = vec![0u64; 1 << 16];
-        heights.iter().for_each(|&(height, points)| {
-            counts[shown.elevation(height) as usize & 0xFFFF] += points
-        });
+        numbers
+            .iter()
+            .for_each(|&(number, points)| counts[shown.place(number) as usize & 0xFFFF] += points);
         DisplayAttribute { stretch: percentiles(&counts), ..shown }
     }
 
-    /// Returns an attribute of an index, whose heights and stretch are known.
-    pub fn indexed(attribute: Attribute, heights: [f64; 2], stretch: [u32; 2]) -> DisplayAttribute {
+    /// Returns an attribute of an index, whose least and greatest number and stretch are known.
+    pub fn indexed(attribute: Attribute, ends: [f64; 2], stretch: [u32; 2]) -> DisplayAttribute {
         DisplayAttribute {
             attribute,
-            heights,
+            ends,
             up: Up::Z,
             stretch,
             scale: ColorScale::default(),
@@ -352,7 +400,8 @@ impl DisplayAttribute {
                 columns.rgb.as_ref().map_or(0xFFFFFF, |rgb| bytes(rgb[i]))
             }
             Attribute::Intensity => columns.intensity.as_ref().map_or(0, |v| v[i] as u32),
-            Attribute::Time => columns.gps_time.as_ref().map_or(0, |v| self.elevation(v[i])),
+            Attribute::Time => columns.gps_time.as_ref().map_or(0, |v| self.place(v[i])),
+            Attribute::Scalar(_) => columns.scalar.as_ref().map_or(0, |v| self.place(v[i])),
             Attribute::Class => columns.class.as_ref().map_or(0, |v| v[i] as u32),
             Attribute::Source => columns.source.as_ref().map_or(0, |v| v[i] as u32),
             Attribute::Return => columns.returns.as_ref().map_or(0, |v| (v[i] & 15) as u32),
@@ -363,18 +412,18 @@ impl DisplayAttribute {
             Attribute::Elevation => {
                 let axis = self.up.index();
                 let steps = columns.along(axis)[i] as f64;
-                self.elevation(lattice.offset[axis] + lattice.step[axis] * steps)
+                self.place(lattice.offset[axis] + lattice.step[axis] * steps)
             }
             Attribute::White => 0,
         }
     }
 
-    /// Returns the values at the ends of the ramp, if any: heights `[m]`, times `[s]` or 16-bit
-    /// intensities.
+    /// Returns the values at the ends of the ramp, if any: heights `[m]`, times `[s]`, 16-bit
+    /// intensities or scalars.
     pub fn ends(&self) -> Option<[f64; 2]> {
-        let [bottom, top] = self.heights;
+        let [bottom, top] = self.ends;
         match self.attribute {
-            Attribute::Elevation | Attribute::Time => Some(self.scale.range.unwrap_or(
+            attribute if attribute.is_spread() => Some(self.scale.range.unwrap_or(
                 self.stretch.map(|word| bottom + (top - bottom) * word as f64 / ELEVATION_LEVELS),
             )),
             Attribute::Intensity => Some(self.scale.range.unwrap_or(self.stretch.map(f64::from))),
@@ -399,9 +448,9 @@ impl DisplayAttribute {
 
     /// Returns the words at the ends of the ramp, which need not be whole or occur.
     pub fn ramp_words(&self) -> [f64; 2] {
-        let [bottom, top] = self.heights;
+        let [bottom, top] = self.ends;
         match (self.scale.range, self.attribute) {
-            (Some(range), Attribute::Elevation | Attribute::Time) if top > bottom => {
+            (Some(range), attribute) if attribute.is_spread() && top > bottom => {
                 range.map(|height| (height - bottom) / (top - bottom) * ELEVATION_LEVELS)
             }
             (Some(range), Attribute::Intensity | Attribute::Rgb | Attribute::Corrected) => range,
@@ -420,11 +469,11 @@ impl DisplayAttribute {
         }
     }
 
-    /// Returns the word of a world height, or of a time.
-    pub fn elevation(&self, height: f64) -> u32 {
-        let [lo, hi] = self.heights;
+    /// Returns the word of a number: its place between the least and the greatest.
+    pub fn place(&self, number: f64) -> u32 {
+        let [lo, hi] = self.ends;
         if hi > lo {
-            ((height - lo) / (hi - lo) * ELEVATION_LEVELS).clamp(0.0, ELEVATION_LEVELS) as u32
+            ((number - lo) / (hi - lo) * ELEVATION_LEVELS).clamp(0.0, ELEVATION_LEVELS) as u32
         } else {
             0
         }
@@ -486,6 +535,17 @@ impl FromStr for Attribute {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, String> {
-        clap::ValueEnum::from_str(text, true)
+        let named = Attribute::NAMED.into_iter().find(|own| own.name().eq_ignore_ascii_case(text));
+        let scalar = || text.parse().ok().map(Attribute::Scalar);
+        named.or_else(scalar).ok_or_else(|| {
+            let names = Attribute::NAMED.map(Attribute::name).join(", ");
+            format!("there is no attribute {text:?}; there are {names}, and extra:NAME, which `pointillist info` lists")
+        })
+    }
+}
+
+impl serde::Serialize for Attribute {
+    fn serialize<S: serde::Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.collect_str(&self.name())
     }
 }

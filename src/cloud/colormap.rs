@@ -19,13 +19,13 @@ pub fn entry(attribute: Attribute, scale: &ColorScale, i: usize) -> [f64; 3] {
     let t = i as f64 / 255.0;
     match attribute {
         Attribute::Rgb | Attribute::Corrected => [scale.toned(t); 3],
-        Attribute::Intensity | Attribute::Elevation | Attribute::Time => {
+        number if number.is_number() => {
             scale.ramp.unwrap_or(attribute.ramp()).color(scale.toned(t))
         }
         Attribute::Class => class_color(i),
         // The golden angle keeps neighbouring numbers far apart in hue.
         Attribute::Source | Attribute::Return => hue(i as f64 * 0.381_966),
-        Attribute::Normal | Attribute::White => [0.9; 3],
+        _ => [0.9; 3],
     }
 }
 
@@ -58,14 +58,14 @@ pub fn color_of(shown: &DisplayAttribute, word: u32) -> [u8; 3] {
         Attribute::Normal => [0, 1, 2].map(|axis| {
             (255.0 * (byte(axis) as f64 / 254.0).clamp(0.0, 1.0).powf(1.0 / 2.2)) as u8
         }),
-        Attribute::Intensity | Attribute::Elevation | Attribute::Time => {
+        number if number.is_number() => {
             // Without the station.
             ramp_color(shown, (word & 0xFF_FFFF) as f64)
         }
         Attribute::Class | Attribute::Source | Attribute::Return => {
             code_color(shown.attribute, byte(0))
         }
-        Attribute::White => code_color(shown.attribute, 0),
+        _ => code_color(shown.attribute, 0),
     }
 }
 

@@ -13,6 +13,7 @@ use super::digits::number;
 use super::input::Input;
 use super::rgb_conversion;
 use super::rgb_range::{By, Scale};
+use super::scalar::Scalar;
 use super::strays::RobustBounds;
 use super::{ColumnSet, Columns, Header, Lattice, Part};
 use glam::DVec3;
@@ -33,6 +34,7 @@ pub struct Floats {
     pub returns: Option<Vec<u8>>,
     pub source: Option<Vec<u16>>,
     pub gps_time: Option<Vec<f64>>,
+    pub scalar: Option<Vec<f64>>,
     /// Points skipped because a coordinate is NaN or infinite.
     pub not_finite: u64,
     /// Points with byte colours out of range.
@@ -80,6 +82,7 @@ pub struct Point {
     pub returns: u8,
     pub source: u16,
     pub gps_time: f64,
+    pub scalar: f64,
 }
 
 /// The role of a file's column or property.
@@ -98,6 +101,8 @@ pub enum Role {
     Source,
     /// GPS time.
     Time,
+    /// The requested scalar.
+    Scalar(Scalar),
     Other,
 }
 
@@ -125,6 +130,10 @@ pub fn there(roles: &[Role]) -> ColumnSet {
         returns: roles.contains(&Role::Return),
         source: roles.contains(&Role::Source),
         gps_time: roles.contains(&Role::Time),
+        scalar: roles.iter().find_map(|role| match role {
+            Role::Scalar(scalar) => Some(*scalar),
+            _ => None,
+        }),
     }
 }
 
@@ -144,6 +153,7 @@ impl Point {
             Role::Returns => self.returns = self.returns & 15 | (value as u8 & 15) << 4,
             Role::Source => self.source = value as u16,
             Role::Time => self.gps_time = value,
+            Role::Scalar(_) => self.scalar = value,
             Role::Other => {}
         }
     }
@@ -164,6 +174,7 @@ impl Floats {
             returns: (there.returns && wanted.returns).then(Vec::new),
             source: (there.source && wanted.source).then(Vec::new),
             gps_time: (there.gps_time && wanted.gps_time).then(Vec::new),
+            scalar: there.scalar.is_some().then(Vec::new),
             not_finite: 0,
             clamped: 0,
         }
@@ -189,6 +200,7 @@ impl Floats {
         hint(&mut self.returns, count);
         hint(&mut self.source, count);
         hint(&mut self.gps_time, count);
+        hint(&mut self.scalar, count);
     }
 
     pub fn push(&mut self, point: &Point) {
@@ -208,6 +220,7 @@ impl Floats {
         self.returns.iter_mut().for_each(|column| column.push(point.returns));
         self.source.iter_mut().for_each(|column| column.push(point.source));
         self.gps_time.iter_mut().for_each(|column| column.push(point.gps_time));
+        self.scalar.iter_mut().for_each(|column| column.push(point.scalar));
     }
 
     /// Appends a block with the same columns.
@@ -226,6 +239,7 @@ impl Floats {
         join(&mut self.returns, block.returns);
         join(&mut self.source, block.source);
         join(&mut self.gps_time, block.gps_time);
+        join(&mut self.scalar, block.scalar);
         self.not_finite += block.not_finite;
         self.clamped += block.clamped;
     }
@@ -253,6 +267,7 @@ impl Floats {
             returns: self.returns,
             source: self.source,
             gps_time: self.gps_time,
+            scalar: self.scalar,
             // Zeros and NaN alone are not normals.
             normal: self.normal.filter(|normal| normal.iter().any(|normal| *normal != [0; 3])),
             ..Columns::default()

@@ -9,6 +9,7 @@
 
 pub mod header;
 mod laz;
+mod number;
 pub mod raw;
 pub mod read_point;
 pub mod records;
@@ -152,9 +153,10 @@ impl Las {
         keeps_records: bool,
         notes: &mut Vec<String>,
     ) -> Result<Self> {
-        let layout = header::read(input, notes)?;
+        let mut layout = header::read(input, notes)?;
+        layout.header.scalars = number::names(&layout);
         notes.extend(layout.lies.iter().map(|what| format!("{}: {what}", input.name())));
-        let fields = Fields::new(&layout);
+        let fields = Fields::new(&layout, wanted.scalar);
         let available = fields.available(wanted);
         let (coding, places, odd) = if layout.compressed {
             let (coding, places, odd) = laz::open(input, &layout, available, keeps_records)?;

@@ -18,6 +18,7 @@ pub mod e57;
 mod encoding;
 pub mod filter;
 mod from_floats;
+pub mod ground;
 pub mod histograms;
 mod input;
 pub mod las;
@@ -30,6 +31,7 @@ pub mod ptx;
 mod rgb_conversion;
 pub mod rgb_range;
 pub mod robust_bounds;
+pub mod scalar;
 pub mod spacing;
 pub mod strays;
 pub mod stream;
@@ -45,6 +47,7 @@ use glam::DVec3;
 use input::Input;
 use rayon::prelude::*;
 use rgb_range::{RgbRange, Scale};
+use scalar::Scalar;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 use strays::Treatment;
@@ -110,6 +113,8 @@ pub struct Columns {
     pub normal: Option<Vec<[i8; 3]>>,
     /// GPS time as in the file; may be NaN.
     pub gps_time: Option<Vec<f64>>,
+    /// The requested [`Scalar`]; NaN where missing.
+    pub scalar: Option<Vec<f64>>,
     /// Extent and strays, computed on first use.
     pub extent: strays::Kept,
 }
@@ -134,7 +139,7 @@ impl Columns {
         Some([[x.0, y.0, z.0], [x.1, y.1, z.1]])
     }
 
-    /// Returns the set of present columns.
+    /// Returns the set of present columns, without the scalar, whose name they do not have.
     pub fn available(&self) -> ColumnSet {
         ColumnSet {
             rgb: self.rgb.is_some(),
@@ -144,6 +149,7 @@ impl Columns {
             source: self.source.is_some(),
             normal: self.normal.is_some(),
             gps_time: self.gps_time.is_some(),
+            scalar: None,
         }
     }
 
@@ -163,6 +169,7 @@ impl Columns {
             source: cut(&self.source, &points),
             normal: cut(&self.normal, &points),
             gps_time: cut(&self.gps_time, &points),
+            scalar: cut(&self.scalar, &points),
             ..Columns::default()
         }
     }
@@ -190,6 +197,7 @@ impl Columns {
             source: pick(&self.source, points),
             normal: pick(&self.normal, points),
             gps_time: pick(&self.gps_time, points),
+            scalar: pick(&self.scalar, points),
             ..Columns::default()
         }
     }
@@ -203,6 +211,7 @@ impl Columns {
         self.source.take_if(|_| !wanted.source);
         self.normal.take_if(|_| !wanted.normal);
         self.gps_time.take_if(|_| !wanted.gps_time);
+        self.scalar.take_if(|_| wanted.scalar.is_none());
     }
 }
 
@@ -216,9 +225,11 @@ pub struct ColumnSet {
     pub source: bool,
     pub normal: bool,
     pub gps_time: bool,
+    pub scalar: Option<Scalar>,
 }
 
 impl ColumnSet {
+    /// All that have a column of their own.
     pub const ALL: ColumnSet = ColumnSet {
         rgb: true,
         intensity: true,
@@ -227,6 +238,7 @@ impl ColumnSet {
         source: true,
         normal: true,
         gps_time: true,
+        scalar: None,
     };
 
     /// Returns the union of both sets.
@@ -239,6 +251,7 @@ impl ColumnSet {
             source: self.source || other.source,
             normal: self.normal || other.normal,
             gps_time: self.gps_time || other.gps_time,
+            scalar: self.scalar.or(other.scalar),
         }
     }
 }
@@ -295,6 +308,9 @@ pub struct Header {
     /// Whether the part holds the strays of a file, which are ignored by all statistics.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub strays: bool,
+    /// Names of scalars that can be read, as [`Scalar`] is written.
+    #[serde(skip)]
+    pub scalars: Vec<String>,
     /// Coordinate system, if the file has one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub system: Option<Crs>,
@@ -487,6 +503,10 @@ pub fn read(paths: &[PathBuf], options: &ReadOptions, progress: &dyn Progress) -
     let (up, note) = options.up.of(headers, || cloud.core_points());
     cloud.up = up;
     cloud.notes.extend(note);
+    if options.wanted.scalar == Some(Scalar::HeightAboveGround) {
+        let note = ground::heights(&mut cloud);
+        cloud.notes.extend(note);
+    }
     Ok(cloud)
 }
 

@@ -10,7 +10,7 @@ mod header;
 
 use super::from_floats::{ColorUnit, Floats, Point, Role, there};
 use super::input::{Input, Meter};
-use super::{Header, Part, ReadOptions, text};
+use super::{Header, Part, ReadOptions, scalar, text};
 use crate::error::Result;
 use crate::progress::Progress;
 use header::{Coding, Element, Layout, Scalar};
@@ -33,12 +33,20 @@ pub fn read(
     progress: &dyn Progress,
     notes: &mut Vec<String>,
 ) -> Result<Vec<Part>> {
-    let layout = header::read(input)?;
+    let mut layout = header::read(input)?;
     let Some(index) = layout.elements.iter().position(|element| element.name == "vertex") else {
         return Err(
             input.wrong(format!("has no vertex element, only {} others", layout.elements.len()))
         );
     };
+    let mut scalars = Vec::new();
+    for property in &mut layout.elements[index].properties {
+        if property.role == Role::Other && property.length.is_none() {
+            scalars.push(scalar::Scalar::extra_name(&property.name));
+            let asked = options.wanted.scalar.filter(|scalar| scalar.is_extra(&property.name));
+            property.role = asked.map_or(Role::Other, Role::Scalar);
+        }
+    }
     let vertex = &layout.elements[index];
     let roles: Vec<Role> = vertex.properties.iter().map(|property| property.role).collect();
     for (axis, name) in ["x", "y", "z"].iter().enumerate() {
@@ -104,6 +112,7 @@ pub fn read(
         format: format!("PLY {}", layout.coding.name()),
         points: Some(vertex.count),
         bounds: None,
+        scalars,
         facts: layout.comments.iter().map(|comment| ("comment".into(), comment.clone())).collect(),
         ..Header::default()
     };

@@ -12,6 +12,7 @@ use super::input::{Input, Meter};
 use super::las::records::{self, Fields, Lane, Pile};
 use super::las::{self, Las, Places};
 use super::rgb_range::{Occurred, Scale};
+use super::scalar::Scalar;
 use super::{ColumnSet, Columns, Header, Lattice, Part, ReadOptions};
 use crate::error::{Error, Result};
 use crate::progress::Progress;
@@ -27,6 +28,8 @@ pub const BATCH: usize = 65_536;
 pub struct Source {
     path: PathBuf,
     strict: bool,
+    /// The scalar to read.
+    scalar: Option<Scalar>,
     /// Lattice that points are drawn on: the file's own, or that on a local plane for angles.
     lattice: Lattice,
     /// Notes on the coordinate system.
@@ -81,8 +84,7 @@ pub fn open(
     let (mut sources, mut plane) = (Vec::new(), None);
     for path in paths {
         let input = Input::open(path)?.counting_to(options.rgb_range);
-        let mut push =
-            |contents| sources.push(Source::new(path, options.strict, contents, &mut plane));
+        let mut push = |contents| sources.push(Source::new(path, options, contents, &mut plane));
         if input.take(0, las::MAGIC.len() as u64)? == las::MAGIC {
             notes.extend(options.text.idle(&input));
             let las = Box::new(Las::open_for(&input, options.wanted, options.records, notes)?);
@@ -125,7 +127,12 @@ pub fn summary(paths: &[PathBuf]) -> Result<FileSummary> {
 }
 
 impl Source {
-    fn new(path: &Path, strict: bool, mut contents: Contents, plane: &mut Option<Plane>) -> Source {
+    fn new(
+        path: &Path,
+        options: &ReadOptions,
+        mut contents: Contents,
+        plane: &mut Option<Plane>,
+    ) -> Source {
         let (lattice, title, header) = match &mut contents {
             Contents::Las { las, .. } => {
                 (las.layout.lattice, super::title(None, path), &mut las.layout.header)
@@ -137,7 +144,8 @@ impl Source {
         };
         let mut notes = Vec::new();
         let lattice = crs::settle(header, lattice, plane, &title, &mut notes);
-        Source { path: path.to_owned(), strict, lattice, notes, contents }
+        let (strict, scalar) = (options.strict, options.wanted.scalar);
+        Source { path: path.to_owned(), strict, scalar, lattice, notes, contents }
     }
 
     pub fn path(&self) -> &Path {
@@ -236,7 +244,10 @@ impl Source {
     pub fn available(&self) -> ColumnSet {
         match &self.contents {
             Contents::Las { las, .. } => las.available,
-            Contents::Part(part) => part.columns.available(),
+            Contents::Part(part) => ColumnSet {
+                scalar: self.scalar.filter(|_| part.columns.scalar.is_some()),
+                ..part.columns.available()
+            },
         }
     }
 

@@ -343,6 +343,7 @@ pub fn word(role: Role) -> &'static str {
         Role::Returns => "returns",
         Role::Source => "source",
         Role::Time => "time",
+        Role::Scalar(_) => "scalar",
         Role::Other => "-",
     }
 }

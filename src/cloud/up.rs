@@ -2,7 +2,9 @@
 //!
 //! Scanners and maps count heights along z. Formats of meshes state no axis, and many of their
 //! files are y-up. An object stands on its base: where the lowest slice along y is broad, and both
-//! the highest slice along y and the lowest along z are not, y points up.
+//! the highest slice along y and the lowest along z are not, y points up. E57 is a format of
+//! surveys, in metres: there only what is as small as things on a table is looked at. LAS names no
+//! unit without a coordinate system, so that nothing tells objects from surveys.
 
 use super::Header;
 use super::crs::Crs;
@@ -22,8 +24,8 @@ pub enum UpOption {
     Y,
     #[default]
     Z,
-    /// y for PLY and OBJ files without a coordinate system whose points stand on a base along y, z
-    /// for all others
+    /// y for PLY and OBJ files without a coordinate system, and for E57 files of things below half a
+    /// metre, whose points stand on a base along y; z for all others
     Auto,
 }
 
@@ -35,6 +37,8 @@ const BROAD: f64 = 0.25;
 const BROADER: f64 = 2.0;
 /// Least extent along the axis, relative to the shorter of the others: all of a sheet is base.
 const THICK: f64 = 0.5;
+/// Largest extent of what E57 files may have scanned on a table `[m]`.
+const TABLE: f64 = 0.5;
 
 impl Up {
     pub fn index(self) -> usize {
@@ -50,11 +54,7 @@ impl Up {
 
     /// Finds the axis by the shape of points without strays; z if the shape does not tell.
     pub fn of_shape(points: &[DVec3]) -> Up {
-        let Some((lo, hi)) =
-            points.iter().map(|&p| (p, p)).reduce(|(lo, hi), (a, b)| (lo.min(a), hi.max(b)))
-        else {
-            return Up::Z;
-        };
+        let Some((lo, hi)) = corners(points) else { return Up::Z };
         let size = hi - lo;
         let base = share(points, |p| p.y <= lo.y + SLICE * size.y, 1);
         let others = share(points, |p| p.y >= hi.y - SLICE * size.y, 1).max(share(
@@ -72,22 +72,37 @@ impl UpOption {
     /// `points` are a sample without strays.
     pub fn of<'h>(
         self,
-        mut headers: impl Iterator<Item = &'h Header>,
+        headers: impl Iterator<Item = &'h Header>,
         points: impl FnOnce() -> Vec<DVec3>,
     ) -> (Up, Option<String>) {
-        let is_mesh = |header: &Header| {
-            Crs::of(header).is_none()
-                && ["PLY", "OBJ"].iter().any(|name| header.format.starts_with(name))
+        let headers: Vec<&Header> = headers.collect();
+        let is_of = |header: &&Header, names: &[&str]| {
+            Crs::of(header).is_none() && names.iter().any(|name| header.format.starts_with(name))
+        };
+        let is_object = || {
+            let may_be = headers.iter().all(|header| is_of(header, &["PLY", "OBJ", "E57"]));
+            let points = if may_be { points() } else { Vec::new() };
+            let is_mesh = headers.iter().all(|header| is_of(header, &["PLY", "OBJ"]));
+            (is_mesh || size(&points).max_element() < TABLE) && Up::of_shape(&points) == Up::Y
         };
         match self {
             UpOption::Y => (Up::Y, None),
-            UpOption::Auto if headers.all(is_mesh) && Up::of_shape(&points()) == Up::Y => {
+            UpOption::Auto if is_object() => {
                 let note = "y is taken as up, since the points stand on a base along y; --up z draws them otherwise";
                 (Up::Y, Some(note.into()))
             }
             UpOption::Z | UpOption::Auto => (Up::Z, None),
         }
     }
+}
+
+/// Returns the corners of the box around points.
+fn corners(points: &[DVec3]) -> Option<(DVec3, DVec3)> {
+    points.iter().map(|&p| (p, p)).reduce(|(lo, hi), (a, b)| (lo.min(a), hi.max(b)))
+}
+
+fn size(points: &[DVec3]) -> DVec3 {
+    corners(points).map_or(DVec3::ZERO, |(lo, hi)| hi - lo)
 }
 
 /// Returns the area of some points relative to that of all, seen along an axis: of the convex hulls.
@@ -162,7 +177,7 @@ mod tests {
     }
 
     #[test]
-    fn only_meshes_without_a_coordinate_system_are_looked_at() {
+    fn only_meshes_and_small_objects_are_looked_at() {
         let header = |format: &str| Header { format: format.into(), ..Header::default() };
         let up = |option: UpOption, format| {
             let (ply, other) = (header("PLY ascii"), header(format));
@@ -172,6 +187,12 @@ mod tests {
             matches!(up(UpOption::Auto, "OBJ"), (Up::Y, Some(note)) if note.contains("--up z"))
         );
         assert_eq!(up(UpOption::Auto, "LAS 1.2"), (Up::Z, None));
+        let small = |scale: f64| {
+            let e57 = header("E57");
+            let points = || figure(|x, y, up| scale * DVec3::new(x, up, -y));
+            UpOption::Auto.of([&e57].into_iter(), points).0
+        };
+        assert_eq!((small(0.15), small(1.0)), (Up::Y, Up::Z));
         assert_eq!(up(UpOption::Z, "OBJ"), (Up::Z, None));
         assert_eq!(up(UpOption::Y, "LAS 1.2"), (Up::Y, None));
     }

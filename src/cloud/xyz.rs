@@ -6,6 +6,7 @@
 
 use super::from_floats::{Floats, Point, Role, there};
 use super::input::{Input, Meter};
+use super::scalar::Scalar;
 use super::table::line::{Line, Missing, Splitter};
 use super::table::{Source, Table, sniff};
 use super::{Extra, Header, Part, ReadOptions, crs, encoding, ptx, text};
@@ -26,7 +27,18 @@ pub fn read(
         return ptx::read(input, begin, options, progress, notes);
     }
     let is_whole = begin + start.len() as u64 >= input.length;
-    let table = sniff::sniff(&start, is_whole, &options.text).map_err(|what| input.wrong(what))?;
+    let mut table =
+        sniff::sniff(&start, is_whole, &options.text).map_err(|what| input.wrong(what))?;
+    let mut scalars = Vec::new();
+    for place in (0..table.columns.len())
+        .filter(|&place| table.columns[place].is_extra())
+        .collect::<Vec<_>>()
+    {
+        let name = table.extra(place).name;
+        scalars.push(Scalar::extra_name(&name));
+        let asked = options.wanted.scalar.filter(|scalar| scalar.is_extra(&name));
+        table.columns[place].role = asked.map_or(Role::Other, Role::Scalar);
+    }
     notes.push(format!("{}: {table}", input.name()));
     if let Some(what) = table.guess_or_loss().filter(|_| options.strict) {
         return Err(input.wrong(format!("{what}; name all columns with --columns, - to skip one")));
@@ -54,7 +66,8 @@ pub fn read(
         .zip(&table.columns)
         .filter(|(_, column)| column.is_extra());
     let extras = extras.map(|(extra, _)| extra).collect();
-    let header = Header { format: format.into(), points, facts, extras, ..Header::default() };
+    let header =
+        Header { format: format.into(), points, facts, extras, scalars, ..Header::default() };
     Ok(rows.floats.into_parts(input, header, table.color_unit(), None, notes))
 }
 
@@ -154,7 +167,7 @@ impl Rows {
         if line.trim_ascii().is_empty() {
             return;
         }
-        let mut point = Point::default();
+        let mut point = Point { scalar: f64::NAN, ..Point::default() };
         self.gaps.clear();
         match table.line(line, splitter, &mut point, &mut self.gaps, &mut self.extras) {
             Line::Point => {

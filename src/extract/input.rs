@@ -1,6 +1,7 @@
 //! Files or an index as batches of points, with those that are left.
 
 use super::Selection;
+use crate::cloud::attribute::Attribute;
 use crate::cloud::filter::{Compiled, Filter};
 use crate::cloud::histograms::{CLASSES, RETURNS};
 use crate::cloud::las::Las;
@@ -219,15 +220,17 @@ impl Part {
 fn parts_of(index: &Index) -> Vec<Part> {
     let contents = &index.directory.contents;
     let first = contents.parts.first();
+    let has_times = contents.keeps(Attribute::Time);
     let of_tree = |(tree, lattices): (usize, &[[DVec3; 2]])| {
         let [step, offset] = lattices[0];
         let own = Lattice { step, offset };
         let nodes = index.nodes().iter().filter(|node| node.lattice as usize / 2 == tree);
+        let available = nodes.fold(ColumnSet::default(), |set, node| set.and(node.available()));
         Part {
             title: index.path().file_name().unwrap_or_default().to_string_lossy().into_owned(),
             lattice: own,
             own,
-            available: nodes.fold(ColumnSet::default(), |set, node| set.and(node.available())),
+            available: ColumnSet { gps_time: available.gps_time && has_times, ..available },
             intensity_range: first.map_or([0.0, 65535.0], |part| part.intensity_range),
             rgb_scale: Scale::default(),
             header: Header {

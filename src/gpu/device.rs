@@ -5,7 +5,7 @@
 //! their messages are collected and turned into errors of the submission that caused them.
 
 use super::requirements::{self, Features};
-use super::{LogicalDevice, failed};
+use super::{LogicalDevice, drivers, failed};
 use crate::error::{Error, Result};
 use ash::{ext, khr, vk};
 use std::ffi::{CStr, c_char, c_void};
@@ -103,9 +103,8 @@ impl Device {
         // SAFETY: loading the system's Vulkan loader runs its initialisers, as in every Vulkan
         // program.
         let entry = unsafe { ash::Entry::load() }.map_err(|error| {
-            Error::Device(format!(
-                "no Vulkan loader ({error}); install libvulkan1 and a driver (mesa-vulkan-drivers has one that needs no GPU)"
-            ))
+            let advice = drivers::advice_without_loader();
+            Error::Device(format!("no Vulkan loader ({error}); {advice}"))
         })?;
         let messages = Box::new(Mutex::new(Vec::new()));
         let (instance, debug) = open_instance(&entry, options)?;
@@ -337,8 +336,11 @@ fn open_instance(
         info = info.push_next(&mut features);
     }
     // SAFETY: every pointer in `info` outlives the call.
-    let instance =
-        unsafe { entry.create_instance(&info, None) }.map_err(failed("vkCreateInstance"))?;
+    let instance = unsafe { entry.create_instance(&info, None) }.map_err(|code| match code {
+        // The loader's answer if it has no driver.
+        vk::Result::ERROR_INCOMPATIBLE_DRIVER => Error::Device(no_device()),
+        code => failed("vkCreateInstance")(code),
+    })?;
     let debug = has_debug.then(|| ext::debug_utils::Instance::new(entry, &instance));
     Ok((instance, debug))
 }
@@ -378,14 +380,21 @@ unsafe extern "system" fn debug_callback(
     vk::FALSE
 }
 
+fn no_device() -> String {
+    format!("no Vulkan device: {}", drivers::advice())
+}
+
 /// A device, and whether it lacks 64-bit atomics.
 type Choice = (vk::PhysicalDevice, bool);
 
 fn choose(instance: &ash::Instance, options: &DeviceOptions) -> Result<Choice> {
     let wanted = options.device.as_deref();
     // SAFETY: plain query of a live instance.
-    let devices = unsafe { instance.enumerate_physical_devices() }
-        .map_err(failed("vkEnumeratePhysicalDevices"))?;
+    let devices = unsafe { instance.enumerate_physical_devices() }.map_err(|code| match code {
+        // Drivers without their cards.
+        vk::Result::ERROR_INITIALIZATION_FAILED => Error::Device(no_device()),
+        code => failed("vkEnumeratePhysicalDevices")(code),
+    })?;
     let rank = |kind| match kind {
         vk::PhysicalDeviceType::DISCRETE_GPU => 0,
         vk::PhysicalDeviceType::INTEGRATED_GPU => 1,
@@ -419,11 +428,10 @@ fn choose(instance: &ash::Instance, options: &DeviceOptions) -> Result<Choice> {
     fit.sort_by_key(|&(rank, index, _)| (rank, index));
     fit.into_iter().next().map(|(_, _, choice)| choice).ok_or_else(|| {
         Error::Device(match (devices.is_empty(), unfit.is_empty(), wanted) {
-            (true, ..) => {
-                "no Vulkan device; install a driver (mesa-vulkan-drivers has one that needs no GPU)"
-                    .to_string()
+            (true, ..) => no_device(),
+            (_, false, _) => {
+                format!("no usable Vulkan device: {}; {}", unfit.join("; "), drivers::advice())
             }
-            (_, false, _) => format!("no usable Vulkan device: {}", unfit.join("; ")),
             (_, _, wanted) => format!(
                 "no device matches --device {}; there are: {}",
                 wanted.unwrap_or(""),

@@ -1,13 +1,14 @@
 //! Vulkan objects, independent of points.
 //!
 //! `device` finds and opens a device, or uses a host's; `logical_device` has its functions;
-//! `requirements` lists what it must have; `memory` creates named buffers and images and recycles
-//! freed ones; `kernel` creates compute pipelines and `raster` graphics pipelines; `timeline` wraps a
-//! timeline semaphore; `timing` reads timestamps; `breadcrumbs` names the pass that was running
-//! when a device was lost.
+//! `requirements` lists what it must have, and `drivers` what to install; `memory` creates named
+//! buffers and images and recycles freed ones; `kernel` creates compute pipelines and `raster`
+//! graphics pipelines; `timeline` wraps a timeline semaphore; `timing` reads timestamps;
+//! `breadcrumbs` names the pass that was running when a device was lost.
 
 pub mod breadcrumbs;
 pub mod device;
+mod drivers;
 pub mod kernel;
 pub mod logical_device;
 pub mod memory;

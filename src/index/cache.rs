@@ -14,7 +14,7 @@ use std::io::{Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
 
 /// Format generation: changes whenever an index of the same files would differ.
-const GENERATION: u32 = 6;
+const GENERATION: u32 = 7;
 
 const SAMPLES: u64 = 64;
 const SAMPLE_BYTES: u64 = 16 << 10;

@@ -12,7 +12,7 @@
 //! If several stations meet in a cell and their exposure gains are known, the colour is the mean of
 //! the balanced colours, in the exposure of the station that the sample names: Sum w g c / (Sum w)
 //! / g', with the gain g of each sample's station and g' of the named one. The gain of the named
-//! station then shows the mean of all.
+//! station then shows the mean of all. The same holds for intensities, with gains of their own.
 //!
 //! A grid of M cells over the box would hold few samples of a surface (M^(2/3)); this one is as
 //! fine as M samples allow, whatever the shape of the data. All sums are integers, so that the
@@ -39,26 +39,28 @@ pub struct Merged {
     pub coarser: u32,
 }
 
-/// Exposure gain of every station.
-pub struct Gains(Vec<u32>);
+/// Exposure gain of every station, of colours and of intensities; none if unknown.
+pub struct Gains {
+    colors: Vec<u32>,
+    intensities: Vec<u32>,
+}
 
 impl Gains {
     /// Fraction bits: gains of 2^-4 to 2^4 become 2^8 to 2^16, whose products with 16 bits of light
     /// fit 32.
     const BITS: i32 = 12;
+    /// Fraction bits of gains of intensities, whose means are of 16 bits.
+    const INTENSITY_BITS: i32 = 24;
 
-    pub fn new(balance: &Balance) -> Gains {
-        Gains(
-            balance
-                .gains
-                .iter()
-                .map(|gain| (gain * 2f64.powi(Gains::BITS)).round() as u32)
-                .collect(),
-        )
-    }
-
-    fn of(&self, station: u16) -> u32 {
-        self.0[station as usize]
+    pub fn new(colors: Option<&Balance>, intensities: Option<&Balance>) -> Gains {
+        let fixed = |balance: Option<&Balance>, bits: i32| -> Vec<u32> {
+            let gains = balance.map_or(&[][..], |balance| &balance.gains);
+            gains.iter().map(|gain| (gain * 2f64.powi(bits)).round() as u32).collect()
+        };
+        Gains {
+            colors: fixed(colors, Gains::BITS),
+            intensities: fixed(intensities, Gains::INTENSITY_BITS),
+        }
     }
 }
 
@@ -70,16 +72,22 @@ pub fn merge(samples: &Samples, has: ColumnSet, gains: Option<&Gains>) -> Merged
     let rgb = samples.rgb.as_deref().unwrap_or_default();
     let source = has.source.then(|| runs.majorities(samples.source.as_deref().unwrap_or_default()));
     let stations = samples.source.as_deref().zip(source.as_deref());
-    let colors = || match gains.zip(stations) {
+    let known = |pick: fn(&Gains) -> &[u32]| {
+        gains.map(pick).filter(|gains| !gains.is_empty()).zip(stations)
+    };
+    let colors = || match known(|gains| &gains.colors) {
         Some((gains, (of, named))) => runs.balanced_colors(rgb, &weights, of, named, gains),
         None => runs.colors(rgb, &weights),
+    };
+    let values = samples.intensity.as_deref().unwrap_or_default();
+    let intensities = || match known(|gains| &gains.intensities) {
+        Some((gains, (of, named))) => runs.balanced_means(values, &weights, of, named, gains),
+        None => runs.means(values, &weights),
     };
     let merged = Samples {
         q: runs.positions(&weights, dropped, coarser),
         rgb: has.rgb.then(colors),
-        intensity: has
-            .intensity
-            .then(|| runs.means(samples.intensity.as_deref().unwrap_or_default(), &weights)),
+        intensity: has.intensity.then(intensities),
         class: has.class.then(|| runs.majorities(samples.class.as_deref().unwrap_or_default())),
         returns: has
             .returns
@@ -240,7 +248,7 @@ impl Runs<'_> {
         weights: &[u64],
         of: &[u16],
         named: &[u16],
-        gains: &Gains,
+        gains: &[u32],
     ) -> Vec<[u8; 3]> {
         let (decode, encode) = (&*DECODE, &**ENCODE);
         let linear = |i: usize| rgb[i].map(|v| decode[v as usize] as u32);
@@ -250,8 +258,8 @@ impl Runs<'_> {
             if of[run.clone()].iter().all(|&station| station == named) {
                 return self.mean(run, total, linear).map(|mean| encode[mean as usize]);
             }
-            let balanced = |i: usize| linear(i).map(|v| v * gains.of(of[i]));
-            let own = gains.of(named) as u64;
+            let balanced = |i: usize| linear(i).map(|v| v * gains[of[i] as usize]);
+            let own = gains[named as usize] as u64;
             // Rounded once, and clamped to the brightest value of this station.
             let shown = |mean: u64| encode[mean.min(u16::MAX as u64) as usize];
             // Products of 32 bits by 32 fit 64 bits, and their sum does where the sum of the
@@ -278,6 +286,28 @@ impl Runs<'_> {
 
     fn means(&self, values: &[u16], weights: &[u64]) -> Vec<u16> {
         self.weighted(weights, |run, total| self.mean(run, total, |i| [values[i] as u32])[0] as u16)
+    }
+
+    /// Returns mean values in the exposure of the stations that runs name.
+    fn balanced_means(
+        &self,
+        values: &[u16],
+        weights: &[u64],
+        of: &[u16],
+        named: &[u16],
+        gains: &[u32],
+    ) -> Vec<u16> {
+        let mut named = named.iter();
+        self.weighted(weights, |run, total| {
+            let named = *named.next().expect("a station for every run");
+            if of[run.clone()].iter().all(|&station| station == named) {
+                return self.mean(run, total, |i| [values[i] as u32])[0] as u16;
+            }
+            let gain = |station: u16| gains[station as usize] as u128;
+            let balanced = |i: usize| self.weights[i] as u128 * values[i] as u128 * gain(of[i]);
+            let total = total as u128 * gain(named);
+            ((run.map(balanced).sum::<u128>() + total / 2) / total).min(u16::MAX.into()) as u16
+        })
     }
 
     /// Returns the value with the greatest weight; of ties the least.
@@ -392,6 +422,7 @@ mod tests {
         source: false,
         normal: false,
         gps_time: false,
+        scalar: None,
     };
 
     proptest! {
@@ -466,17 +497,24 @@ mod tests {
     /// that of the third; and one that sees what is brighter than another can show.
     #[test]
     fn stations_meet_in_the_light_of_the_one_that_most_samples_are_of() {
-        let has = ColumnSet { rgb: true, source: true, ..ColumnSet::default() };
-        let gains = Gains::new(&Balance { gains: vec![2.0, 1.0, 0.5, 0.25], uneven: 0.0 });
+        let has = ColumnSet { rgb: true, intensity: true, source: true, ..ColumnSet::default() };
+        let balance = Balance { gains: vec![2.0, 1.0, 0.5, 0.25], uneven: 0.0 };
+        let gains = Gains::new(Some(&balance), Some(&balance));
         let light = |part: u32| encode(part * 65_535 / 32);
         let merged = |all: &[(u16, u8)], gains| {
             let samples = Samples {
                 q: vec![[9; 3]; all.len()],
                 rgb: Some(all.iter().map(|(_, v)| [*v, 0, *v]).collect()),
+                // Half of the light, in steps of 16 bits.
+                intensity: Some(all.iter().map(|(_, v)| DECODE[*v as usize] / 2).collect()),
                 source: Some(all.iter().map(|(station, _)| *station).collect()),
                 ..Samples::default()
             };
-            let Samples { rgb, source, .. } = merge(&samples, has, gains).samples;
+            let Samples { rgb, intensity, source, .. } = merge(&samples, has, gains).samples;
+            let (light, intensity) =
+                (DECODE[rgb.as_ref().unwrap()[0][0] as usize] as f64, intensity.unwrap()[0]);
+            let is_same = (2.0 * intensity as f64 / light - 1.0).abs() < 0.03;
+            assert!(is_same || light == 65_535.0, "{light} {intensity}");
             (rgb.unwrap()[0], source.unwrap()[0])
         };
         let same = [(0, light(4)), (1, light(8)), (2, light(16)), (1, light(8))];

@@ -8,6 +8,7 @@ use crate::cloud::attribute::{Attribute, DisplayAttribute, class_name};
 use crate::cloud::colormap;
 use crate::cloud::crs::Reference;
 use crate::cloud::histograms::Histograms;
+use crate::cloud::scalar::Scalar;
 use crate::cloud::up::Up;
 use crate::view::{Projection, View};
 use egui::epaint::{ImageDelta, Primitive, TextureId};
@@ -241,6 +242,10 @@ impl Sheet<'_> {
                 format!("elevation [{}]", self.shown.reference.height_unit().symbol())
             }
             Attribute::Time => "GPS time [s]".into(),
+            Attribute::Scalar(Scalar::HeightAboveGround) => {
+                format!("height above ground [{}]", self.shown.reference.height_unit().symbol())
+            }
+            Attribute::Scalar(scalar) => scalar.title(),
             other => other.name(),
         };
         let step = round_above((hi - lo) / 6.0);

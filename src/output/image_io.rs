@@ -30,10 +30,10 @@ pub fn write_annotated_png(
     // Piece by piece, so that no second copy of the picture is in memory.
     let mut rows = PngRows::create(path, size, over)?;
     pieces.iter().try_for_each(|piece| rows.write(piece))?;
-    rows.finish()
+    rows.complete()?.finish()
 }
 
-/// A PNG file written row by row from the top left. Dropped before [`PngRows::finish`], it leaves
+/// A PNG file written row by row from the top left. Dropped before [`PngRows::complete`], it leaves
 /// no file.
 pub struct PngRows {
     path: PathBuf,
@@ -114,12 +114,13 @@ impl PngRows {
         self.rows.write_all(&pixels).map_err(|error| Error::io("write", &self.path, error))
     }
 
-    pub fn finish(self) -> Result<()> {
+    /// Completes the contents.
+    pub fn complete(self) -> Result<AtomicFile> {
         let PngRows { path, whole, rows, failed, .. } = self;
         rows.finish().map_err(|error| encoding(&path, error))?;
         match failed.lock().unwrap_or_else(|poisoned| poisoned.into_inner()).take() {
             Some(error) => Err(Error::io("write", &path, error)),
-            None => whole.finish(),
+            None => Ok(whole),
         }
     }
 }

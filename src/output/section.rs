@@ -181,7 +181,7 @@ pub fn svg(axes: &Axes, title: &str, points: &[u8]) -> String {
     let mut out = format!(
         r##"<svg xmlns="http://www.w3.org/2000/svg" width="{}" height="{}" viewBox="0 0 {0} {1}" font-family="Helvetica, Arial, sans-serif" font-size="{LETTERS}" fill="#22262b">
 <rect width="100%" height="100%" fill="#ffffff"/>
-<rect x="{left}" y="{top}" width="{width}" height="{height}" fill="#14171b"/>
+<rect x="{left}" y="{top}" width="{width}" height="{height}" fill="#dde1e4"/>
 <text x="{left}" y="{}" font-weight="bold">{title}</text>
 <text x="{end}" y="{1}" text-anchor="end" dy="-0.6em" transform="translate(0 {})">{}</text>
 "##,

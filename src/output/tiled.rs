@@ -12,6 +12,7 @@
 //! A window draws smaller tiles, one at a time, between its other work ([`TiledPicture`]). Nodes
 //! are still loaded for whole pieces, so the picture does not depend on tiles.
 
+use crate::atomic_file::{AtomicFile, finish_together};
 use crate::error::{Error, Result};
 use crate::graph::Gpu;
 use crate::output::image_io::PngRows;
@@ -193,7 +194,7 @@ impl TiledPicture {
 
     /// Completes the file and returns the warnings.
     pub fn finish(self) -> Result<Vec<String>> {
-        self.rows.finish()?;
+        self.rows.complete()?.finish()?;
         Ok(self.drawing.notes)
     }
 }
@@ -365,6 +366,21 @@ pub fn write(
     let mut picture = TiledPicture::begin(request, path)?;
     while !picture.step(renderer, cloud, progress)? {}
     picture.finish()
+}
+
+/// Draws a map into a PNG file, which gets its name together with its world file. Returns warnings.
+pub fn write_map(
+    renderer: &mut Renderer,
+    cloud: CloudId,
+    request: PictureRequest,
+    path: &Path,
+    world: AtomicFile,
+    progress: &dyn Progress,
+) -> Result<Vec<String>> {
+    let mut picture = TiledPicture::begin(request, path)?;
+    while !picture.step(renderer, cloud, progress)? {}
+    finish_together([world, picture.rows.complete()?])?;
+    Ok(picture.drawing.notes)
 }
 
 /// Copies the middle of a window to its place in `pixels`, whose first row is `first_row` and which

@@ -43,11 +43,6 @@ pub fn called_for(context: &FrameContext, _asked: &Effects, _before: &EffectDeci
         _ if !matches!(context.shown, Attribute::Rgb | Attribute::Intensity) => {
             (false, "points show neither colours nor intensities".to_string())
         }
-        _ if context.shown == Attribute::Intensity => (
-            false,
-            "exposure=on evens the intensities of files, which indexes do not keep apart"
-                .to_string(),
-        ),
         _ if stations < 2 => (false, "there is only one station".to_string()),
         None => (
             false,

@@ -83,7 +83,9 @@ const CONSTANT: u32 = 4;
 fn mode(attribute: Attribute) -> u32 {
     match attribute {
         Attribute::Rgb | Attribute::Corrected => RGB,
-        Attribute::Intensity | Attribute::Elevation | Attribute::Time => RAMP,
+        Attribute::Intensity | Attribute::Elevation | Attribute::Time | Attribute::Scalar(_) => {
+            RAMP
+        }
         Attribute::Class | Attribute::Source | Attribute::Return => PALETTE,
         Attribute::Normal => NORMAL,
         Attribute::White => CONSTANT,

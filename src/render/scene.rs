@@ -117,10 +117,7 @@ impl Scene {
             return Err("layer must be a number of metres above 0".into());
         }
         settings.layer_m = words.layer.unwrap_or(0.0);
-        let color = words.color.map(|name| {
-            <Attribute as clap::ValueEnum>::from_str(&name, false)
-                .map_err(|_| format!("unknown color {name:?}"))
-        });
+        let color = words.color.as_deref().map(str::parse::<Attribute>);
         let rules = words
             .opacity
             .iter()

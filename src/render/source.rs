@@ -8,6 +8,7 @@ use crate::cloud::filter::{Filter, grouped};
 use crate::cloud::histograms::Histograms;
 use crate::cloud::rgb_range::RgbRange;
 use crate::cloud::robust_bounds::without_strays;
+use crate::cloud::scalar::Scalar;
 use crate::cloud::strays::{RobustBounds, Strays, Treatment};
 use crate::cloud::stream::FileSummary;
 use crate::cloud::up::Up;
@@ -396,8 +397,21 @@ impl Source {
             (Source::Index(index), Attribute::Corrected) if index.has(Plane::Rgb) => {
                 (indexed_files(index), "--luminance")
             }
-            (Source::Index(_), Attribute::Time) => {
-                return "draw the files themselves, since an index does not keep them".into();
+            (Source::Files(cloud), Attribute::Scalar(_)) if !cloud.parts.is_empty() => {
+                // Other columns were not read.
+                let own = cloud.parts[0].header.scalars.iter().cloned();
+                let names: Vec<_> = own.chain(["height-above-ground".into()]).collect();
+                return format!("they have {}; `pointillist info` lists all", names.join(", "));
+            }
+            (Source::Index(_), Attribute::Scalar(Scalar::HeightAboveGround)) => {
+                return format!(
+                    "it is found for files that are drawn without an index, of up to {} points",
+                    grouped(config::WHOLE_POINTS)
+                );
+            }
+            (Source::Index(index), Attribute::Time | Attribute::Scalar(_)) => {
+                let option = format!("--keep {}", attribute.name());
+                return self.index_again(indexed_files(index), &option);
             }
             _ => return "`pointillist info` lists their attributes".into(),
         };
@@ -460,12 +474,7 @@ impl Source {
     fn has(&self, attribute: Attribute) -> bool {
         match self {
             Source::Files(cloud) => attribute.is_in(cloud),
-            Source::Index(index) => {
-                let planes = Plane::of(attribute);
-                // Times are not kept.
-                planes.is_empty() && attribute != Attribute::Time
-                    || planes.iter().any(|&plane| index.has(plane))
-            }
+            Source::Index(index) => index.shows(attribute),
         }
     }
 
@@ -585,11 +594,34 @@ pub fn shown(index: &Index, attribute: Attribute) -> DisplayAttribute {
     };
     let mut shown = match attribute {
         Attribute::Elevation => elevation(index),
+        Attribute::Time | Attribute::Scalar(_) => {
+            DisplayAttribute::of_numbers(attribute, numbers(index))
+        }
         _ => DisplayAttribute::indexed(attribute, [0.0; 2], stretch),
     };
     // Without exposures, the station codes are not needed.
-    shown.coded = attribute == Attribute::Rgb && contents.balance.is_some();
+    shown.coded = contents.balance_of(attribute).is_some();
     shown
+}
+
+/// Returns the numbers of the roots' samples, each with the points it stands for. A root that cannot
+/// be read has none, and is reported when drawn.
+fn numbers(index: &Index) -> Vec<(f64, u64)> {
+    let read = |node: usize| {
+        let root = &index.nodes()[node];
+        let (mut numbers, mut weights) =
+            (vec![0f64; root.count as usize], vec![1u32; root.count as usize]);
+        let (times, weight) = (Plane::GpsTime, Plane::Weight);
+        index.read(node, times, bytemuck::cast_slice_mut(&mut numbers)).ok()?;
+        if root.has(weight) {
+            index.read(node, weight, bytemuck::cast_slice_mut(&mut weights)).ok()?;
+        }
+        Some(numbers.into_iter().zip(weights))
+    };
+    let roots = 0..index.directory.roots as usize;
+    let with = roots.filter(|&root| index.nodes()[root].has(Plane::GpsTime));
+    let numbers = with.filter_map(read).flatten();
+    numbers.filter(|(v, _)| v.is_finite()).map(|(v, weight)| (v, weight as u64)).collect()
 }
 
 /// Returns elevation over the heights of all points; if there are strays or y is up, over those of
@@ -610,7 +642,7 @@ fn elevation(index: &Index) -> DisplayAttribute {
         .into_iter()
         .filter(|(p, _)| core.is_none_or(|core| core.has(*p)))
         .map(|(p, weight)| (p[axis], weight as u64));
-    let mut shown = DisplayAttribute::of_heights(heights.collect());
+    let mut shown = DisplayAttribute::of_numbers(Attribute::Elevation, heights.collect());
     shown.up = index.up;
     shown
 }

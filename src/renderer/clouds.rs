@@ -200,11 +200,8 @@ impl Entry {
         settings: &OpenSettings,
         strokes: bool,
     ) -> Result<Entry> {
-        let color = settings.color.as_deref().map(|name| {
-            <Attribute as clap::ValueEnum>::from_str(name, false)
-                .map_err(|_| Error::Request(format!("there is no attribute {name:?}")))
-        });
-        let color = color.transpose()?;
+        let color = settings.color.as_deref().map(str::parse::<Attribute>);
+        let color = color.transpose().map_err(Error::Request)?;
         let wanted = color.map_or(
             ColumnSet { rgb: true, intensity: true, ..ColumnSet::default() },
             Attribute::wanted,

@@ -195,7 +195,12 @@ impl Residency {
             stations: index.directory.contents.stations.clone(),
             spacing_m: None,
             counts: index.directory.contents.counts.clone(),
-            balance: index.directory.contents.balance.clone().filter(|_| shown.coded),
+            balance: index
+                .directory
+                .contents
+                .balance_of(shown.attribute)
+                .filter(|_| shown.coded)
+                .cloned(),
             oriented: shown.further.normal
                 && (index.directory.contents.oriented || !index.has(Plane::Facing)),
             axes: index.directory.contents.axes,

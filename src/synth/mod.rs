@@ -35,6 +35,7 @@ pub use chunk::{Chunk, Lattice};
 pub use collect::collect;
 pub use las_file::LasFile;
 pub use scanner::scan;
+pub use terrain::Relief;
 pub use terrestrial::reaches;
 pub use world::{Hit, Method, Station, Viewpoint, World};
 

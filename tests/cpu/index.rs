@@ -22,7 +22,7 @@ use pointillist::cloud::{self, Cloud, ColumnSet, Lattice, ReadOptions};
 use pointillist::config::POINTS_PER_PAGE;
 use pointillist::error::{Error, Result};
 use pointillist::index::build::{self, DerivedPlanes, Options, Summary};
-use pointillist::index::format::{Contents, Index, NodeRecord, PLANES, Plane};
+use pointillist::index::format::{Balance, Contents, Index, NodeRecord, PLANES, Plane};
 use pointillist::progress::{Progress, Silent};
 use pointillist::select::clip::Clips;
 use pointillist::select::lod::{self, Detail};
@@ -482,17 +482,16 @@ fn sums(index: &Index, number: usize, from: DVec3) -> Sums {
         sums.weight += weight;
         sums.position += weight * (world(index, node, decoded.q[i]) - from);
         // With equalised exposures, if they are known.
-        let gain = index
-            .directory
-            .contents
-            .balance
-            .as_ref()
-            .map_or(1.0, |balance| balance.gains[decoded.station(i)]);
+        let gain = |balance: &Option<Balance>| {
+            balance.as_ref().map_or(1.0, |balance| balance.gains[decoded.station(i)])
+        };
+        let contents = &index.directory.contents;
         sums.color += weight
-            * gain
+            * gain(&contents.balance)
             * DVec3::from_array(decoded.get(Plane::Rgb, i).unwrap_or([255; 3]).map(linear));
-        sums.intensity +=
-            weight * decoded.get(Plane::Intensity, i).map_or(0, u16::from_le_bytes) as f64;
+        sums.intensity += weight
+            * gain(&contents.intensity_balance)
+            * decoded.get(Plane::Intensity, i).map_or(0, u16::from_le_bytes) as f64;
     }
     sums
 }

@@ -27,6 +27,7 @@ mod cloud;
 mod cut;
 mod damaged_las;
 mod export;
+mod ground;
 mod header;
 mod imports;
 mod index;

@@ -608,13 +608,8 @@ fn every_attribute_is_shown_as_the_cloud_itself_shows_it() {
             destination: Some(Box::new(Keep(words.clone()))),
         }]);
         assert!(matches!(answers(&loader, 1)[0].outcome, Outcome::Done(_)));
-        let expected: Vec<u32> = planted
-            .index
-            .samples(node)
-            .unwrap()
-            .iter()
-            .map(|(p, _)| shown.elevation(p.z))
-            .collect();
+        let expected: Vec<u32> =
+            planted.index.samples(node).unwrap().iter().map(|(p, _)| shown.place(p.z)).collect();
         assert_eq!(*words.lock().unwrap(), expected);
     }
 }

@@ -6,11 +6,10 @@ use crate::index_file::indexed;
 use crate::png_file::read_png;
 use crate::program::{failed, pointillist, render, succeeded, text};
 use crate::shared::shared;
-use crate::skip::skip;
+use crate::witness::laspy;
 use pointillist::synth::SceneKind;
 use std::fs;
 use std::path::{Path, PathBuf};
-use std::process::Command;
 
 struct Place {
     folder: tempfile::TempDir,
@@ -37,21 +36,6 @@ fn export(cloud: &Path, output: &Path, line: &str) -> std::process::Output {
     let mut command = pointillist();
     command.arg("export").arg(cloud).arg("-o").arg(output).args(line.split_whitespace());
     command.output().expect("start the program")
-}
-
-/// Runs a script in Python with laspy. Returns what it prints; `None` if there is no laspy.
-fn laspy(script: &str, files: &[&Path]) -> Option<String> {
-    let python = |script: &str, files: &[&Path]| {
-        Command::new("python3").arg("-c").arg(script).args(files).output()
-    };
-    let has_it = "import laspy; assert laspy.LazBackend.detect_available()";
-    if !python(has_it, &[]).is_ok_and(|output| output.status.success()) {
-        skip("python3 with laspy and lazrs is missing");
-        return None;
-    }
-    let output = python(script, files).unwrap();
-    assert!(output.status.success(), "{}", text(&output.stderr));
-    Some(text(&output.stdout).trim().to_string())
 }
 
 /// Compares a selection by laspy with what was exported, field by field, and the headers.

@@ -1,9 +1,12 @@
 //! Profiles and films, as a user types them.
 
+use crate::files::names;
 use crate::program::{pointillist, render, succeeded, text};
 use crate::skip::skip;
+use crate::witness::ffprobe;
 use std::path::Path;
-use std::process::Command;
+use std::process::{Command, Stdio};
+use std::time::{Duration, Instant};
 
 /// Places on a lattice of millimetres, written as a text table. Returns them.
 fn table(path: &Path) -> Vec<[f64; 3]> {
@@ -90,18 +93,56 @@ fn a_turntable_becomes_a_film() {
 
     let film = folder.path().join("turn.mp4");
     let line = format!("-o {} --turntable 5 --fps 10 --size 65x49", film.display());
-    if Command::new("ffprobe").arg("-version").output().is_err() {
+    if Command::new("ffmpeg").arg("-version").output().is_err() {
         let refused = render(&path, &line);
         assert!(!refused.status.success() && !film.exists());
         assert!(text(&refused.stderr).contains("ffmpeg"), "{}", text(&refused.stderr));
-        return skip("there is no ffprobe");
+        return skip("there is no ffmpeg");
     }
-    succeeded(&render(&path, &line));
-    let probe = Command::new("ffprobe")
-        .args(["-v", "error", "-count_frames", "-select_streams", "v:0", "-of", "csv=p=0"])
-        .args(["-show_entries", "stream=width,height,r_frame_rate,nb_read_frames"])
-        .arg(&film)
-        .output()
-        .unwrap();
-    assert_eq!(text(&probe.stdout).trim(), "66,50,10/1,5");
+    for name in ["turn.mp4", "turn.webm"] {
+        let film = folder.path().join(name);
+        let line = format!("-o {} --turntable 5 --fps 10 --size 65x49", film.display());
+        succeeded(&render(&path, &line));
+        let Some(seen) = ffprobe(&film) else { return };
+        assert_eq!(seen, "66,50,10/1,5", "{name}");
+    }
+}
+
+/// Ctrl-C while frames are drawn, and while the encoder works.
+#[test]
+fn an_interrupted_film_leaves_nothing() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("points.xyz");
+    table(&path);
+    let has_encoder = Command::new("ffmpeg").arg("-version").output().is_ok();
+    if !has_encoder {
+        skip("there is no ffmpeg: only animated PNG is tested");
+    }
+    let encoded = ["film.mp4", "film.webm"].into_iter().filter(|_| has_encoder);
+    for name in encoded.chain(["film.apng"]) {
+        let film = folder.path().join(name);
+        for wait_ms in [400, 1500, 3000] {
+            let line = format!("-o {} --turntable 100000 --size 640x480", film.display());
+            let child = pointillist()
+                .arg("render")
+                .arg(&path)
+                .args(line.split_whitespace())
+                .stderr(Stdio::piped())
+                .spawn()
+                .unwrap();
+            std::thread::sleep(Duration::from_millis(wait_ms));
+            let interrupt = format!("kill -INT {}", child.id());
+            Command::new("sh").args(["-c", &interrupt]).status().unwrap();
+            let since = Instant::now();
+            let output = child.wait_with_output().unwrap();
+            assert!(since.elapsed() < Duration::from_secs(5), "{name}: {:?}", since.elapsed());
+            let said = text(&output.stderr);
+            // Before the handler is there the signal itself ends the process.
+            if output.status.code().is_some() {
+                assert_eq!(output.status.code(), Some(130), "{said}");
+                assert!(said.contains("nothing was left half written"), "{said}");
+            }
+            assert_eq!(names(folder.path()), ["points.xyz"], "{name} after {wait_ms} ms");
+        }
+    }
 }

@@ -18,6 +18,8 @@ mod program;
 mod shared;
 #[path = "../support/skip.rs"]
 mod skip;
+#[path = "../support/witness.rs"]
+mod witness;
 
 mod bad;
 mod cli;
@@ -30,6 +32,7 @@ mod guide;
 mod hosts;
 mod indexed;
 mod inputs_and_outputs;
+mod jobs;
 mod maps;
 mod pictures;
 mod python;

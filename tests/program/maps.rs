@@ -4,7 +4,7 @@ use crate::files::names;
 use crate::index_file::indexed;
 use crate::program::{failed, pointillist, render, succeeded, text};
 use crate::shared::shared;
-use crate::skip::skip;
+use crate::witness::{gdal, gdalinfo};
 use glam::DVec3;
 use pointillist::cloud::las::header::Vlr;
 use pointillist::cloud::las::write::{Head, LasWriter};
@@ -14,7 +14,7 @@ use serde_json::Value;
 use std::collections::HashMap;
 use std::fs;
 use std::path::{Path, PathBuf};
-use std::process::{Command, Output};
+use std::process::Output;
 
 /// A point in steps of a centimetre from (500000, 5000000, 0).
 #[derive(Clone, Copy)]
@@ -114,25 +114,6 @@ fn raster(cloud: &Path, output: &Path, line: &str) -> Output {
     let mut command = pointillist();
     command.arg("raster").arg(cloud).arg("-o").arg(output).args(line.split_whitespace());
     command.output().expect("start the program")
-}
-
-/// Runs a program of GDAL. Returns what it prints; `None` if it is missing.
-fn gdal(program: &str, line: &str, files: &[&Path]) -> Option<String> {
-    match Command::new(program).args(line.split_whitespace()).args(files).output() {
-        Err(_) => {
-            skip(&format!("{program} is missing; Debian has it in gdal-bin"));
-            None
-        }
-        Ok(output) => {
-            let said = text(&output.stderr);
-            assert!(output.status.success() && said.is_empty(), "{program} {line}: {said}");
-            Some(text(&output.stdout))
-        }
-    }
-}
-
-fn gdalinfo(path: &Path) -> Option<Value> {
-    gdal("gdalinfo", "-json", &[path]).map(|text| serde_json::from_str(&text).unwrap())
 }
 
 /// Returns the samples of a map as GDAL reads them, band after band.

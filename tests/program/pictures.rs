@@ -213,6 +213,18 @@ fn strips_of_different_intensity_are_evened_and_times_grow_along_the_flight() {
     assert!(left > 1.4 * right, "{left} {right}");
     let [left, right] = sides(&drawn(&format!("{apart} --effect exposure=on")).0);
     assert!((left / right - 1.0).abs() < 0.03, "{left} {right}");
-    let [left, right] = sides(&drawn("--color time --ramp grey").0);
-    assert!(right > 1.5 * left, "{left} {right}");
+    // By default too, and of an index as of the file.
+    let [left, right] = sides(&drawn(apart).0);
+    assert!((left / right - 1.0).abs() < 0.03, "{left} {right}");
+    let camera = folder.path().join("cam.json");
+    let view = r#"{"eye": [5, 2, 12], "target": [5, 2, 0], "up": [0, 1, 0], "fov_y": 45}"#;
+    std::fs::write(&camera, view).unwrap();
+    let line = line.replace("--view top", &format!("--camera {}", camera.display()));
+    let [file, index] = ["", "--lod 0"].map(|lod| draw(&cloud, &format!("{line} {apart} {lod}")).0);
+    // Points at the same depth of a pixel may be seen in another order.
+    assert!(difference(&file, &index) < 20, "{}", difference(&file, &index));
+    for keeps in ["", "--lod 0"] {
+        let [left, right] = sides(&drawn(&format!("--color time --ramp grey {keeps}")).0);
+        assert!(right > 1.5 * left, "{left} {right}");
+    }
 }

@@ -4,6 +4,7 @@
 use crate::files::scan;
 use crate::png_file::read_png;
 use crate::program::{pointillist, succeeded};
+use pointillist::cloud::attribute::{Attribute, DisplayAttribute};
 use pointillist::cloud::table::TextOptions;
 use pointillist::cloud::{self, ColumnSet, ReadOptions};
 use pointillist::index::attributes::exposure;
@@ -70,6 +71,10 @@ fn same(files: &[PathBuf], options: &Options) -> (Index, Vec<f64>) {
     let found = exposure::balance(&cloud).unwrap();
     assert_eq!(index.directory.contents.balance, Some(found.clone()), "{} files", files.len());
     assert_eq!(index.directory.contents.stations, cloud.stations);
+    let [_, full] = DisplayAttribute::new(Attribute::Intensity, &cloud).stretch;
+    assert_eq!(index.directory.contents.intensity_stretch[1], full);
+    let intensities = exposure::balance_of(&cloud, &exposure::Values::of_intensities(full));
+    assert_eq!(index.directory.contents.intensity_balance, intensities);
     (index, found.gains)
 }
 

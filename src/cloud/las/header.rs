@@ -29,6 +29,8 @@ pub struct Layout {
     pub tail_at: Option<u64>,
     /// Contents of the laszip record.
     pub laszip: Option<Vec<u8>>,
+    /// Declared extra bytes that the records have room for, in order.
+    pub extra_bytes: Vec<ExtraBytes>,
     pub copc: bool,
     pub header: Header,
     /// What a file with some of the points takes over.
@@ -130,6 +132,7 @@ pub fn read(input: &Input, notes: &mut Vec<String>) -> Result<Layout> {
         lies: Vec::new(),
         tail_at,
         laszip: None,
+        extra_bytes: Vec::new(),
         copc: false,
         header: Header::default(),
         kept: Kept {
@@ -279,8 +282,8 @@ fn vlrs(
             ("copc", 1) => layout.copc = true,
             ("LASF_Projection", _) => projection.take(record, contents()?, facts),
             ("LASF_Spec", 4) => {
-                let declared: Vec<Attribute> =
-                    contents()?.chunks_exact(192).map(Attribute::of).collect();
+                let declared: Vec<ExtraBytes> =
+                    contents()?.chunks_exact(192).map(ExtraBytes::of).collect();
                 extra_bytes += declared.iter().map(|attribute| attribute.bytes).sum::<usize>();
                 let room = layout.record_bytes - RECORD_BYTES[layout.format as usize] as usize;
                 let ends = declared.iter().scan(0, |end, attribute| {
@@ -302,6 +305,7 @@ fn vlrs(
                         declared.iter().map(|attribute| attribute.bytes).sum::<usize>()
                     ));
                 }
+                layout.extra_bytes.extend(declared.into_iter().take(fit));
             }
             _ => {}
         }
@@ -342,21 +346,37 @@ impl Projection {
 }
 
 /// A declaration of an extra-bytes attribute.
-struct Attribute {
-    name: String,
-    bytes: usize,
+#[derive(Clone, Debug)]
+pub struct ExtraBytes {
+    pub name: String,
+    pub bytes: usize,
+    /// Type of the values, as in the declaration.
+    pub kind: u8,
+    /// What is multiplied with values, and what is added.
+    pub scale: f64,
+    pub offset: f64,
+    /// Bytes of the value that stands for none.
+    pub no_data: Option<[u8; 8]>,
 }
 
-impl Attribute {
+impl ExtraBytes {
     /// Parses a declaration of 192 bytes. Types from 1: eight integers of growing width, two
     /// floats, then the same as pairs and triples.
-    fn of(declared: &[u8]) -> Attribute {
+    fn of(declared: &[u8]) -> ExtraBytes {
         const WIDTHS: [usize; 10] = [1, 1, 2, 2, 4, 4, 8, 8, 4, 8];
         let bytes = match declared[2] as usize {
             0 => declared[3] as usize,
             kind => WIDTHS[(kind - 1) % 10] * ((kind - 1) / 10 + 1).min(3),
         };
-        Attribute { name: text(&declared[4..36]), bytes }
+        let has = |bit: u8| declared[3] & bit != 0 && declared[2] != 0;
+        ExtraBytes {
+            name: text(&declared[4..36]),
+            bytes,
+            kind: declared[2],
+            scale: if has(8) { f64_at(declared, 112) } else { 1.0 },
+            offset: if has(16) { f64_at(declared, 136) } else { 0.0 },
+            no_data: has(1).then(|| array_at(declared, 40)),
+        }
     }
 }
 

@@ -12,6 +12,7 @@ use super::{Places, Sequence, Stretch};
 use crate::cloud::ColumnSet;
 use crate::cloud::catch_panic::catch_panic;
 use crate::cloud::input::{Input, Meter};
+use crate::cloud::scalar::Scalar;
 use crate::error::Result;
 use laz::las::selective::DecompressionSelection;
 use laz::laszip::{ChunkTable, CompressorType};
@@ -183,6 +184,7 @@ impl Coding {
 
 /// Returns the layers to decode: only those of available columns.
 fn selection(available: ColumnSet) -> DecompressionSelection {
+    let is_extra = matches!(available.scalar, Some(Scalar::Extra(_)));
     let mut bits = DecompressionSelection::Z;
     for (there, bit) in [
         (available.rgb, DecompressionSelection::RGB),
@@ -190,6 +192,9 @@ fn selection(available: ColumnSet) -> DecompressionSelection {
         (available.class, DecompressionSelection::CLASSIFICATION),
         (available.source, DecompressionSelection::POINT_SOURCE_ID),
         (available.gps_time, DecompressionSelection::GPS_TIME),
+        (available.scalar == Some(Scalar::NearInfrared), DecompressionSelection::NIR),
+        (available.scalar == Some(Scalar::ScanAngle), DecompressionSelection::SCAN_ANGLE),
+        (is_extra, DecompressionSelection::ALL_EXTRA_BYTES),
     ] {
         if there {
             bits |= bit;

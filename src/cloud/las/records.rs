@@ -6,7 +6,9 @@
 //! is faster than a point at a time.
 
 use super::header::Layout;
+use super::number::Number;
 use crate::cloud::rgb_range::{Occurred, RgbRange, to_8_bits};
+use crate::cloud::scalar::Scalar;
 use crate::cloud::strays::{Extent, Kept};
 use crate::cloud::{ColumnSet, Columns};
 use crate::error::Result;
@@ -26,6 +28,8 @@ pub struct Fields {
     source: usize,
     gps_time: Option<usize>,
     rgb: Option<usize>,
+    /// Where the requested scalar is.
+    scalar: Option<Number>,
     /// Colour range.
     pub range: RgbRange,
 }
@@ -34,7 +38,7 @@ const INTENSITY: usize = 12;
 const RETURNS: usize = 14;
 
 impl Fields {
-    pub fn new(layout: &Layout) -> Self {
+    pub fn new(layout: &Layout, scalar: Option<Scalar>) -> Self {
         let modern = layout.format >= 6;
         let gps_time = match layout.format {
             0 | 2 => None,
@@ -56,6 +60,7 @@ impl Fields {
             source,
             gps_time,
             rgb,
+            scalar: scalar.and_then(|scalar| Number::of(layout, scalar)),
             range: RgbRange::Words,
         }
     }
@@ -66,6 +71,7 @@ impl Fields {
             rgb: wanted.rgb && self.rgb.is_some(),
             gps_time: wanted.gps_time && self.gps_time.is_some(),
             normal: false,
+            scalar: wanted.scalar.filter(|_| self.scalar.is_some()),
             ..wanted
         }
     }
@@ -98,6 +104,7 @@ pub struct Window<'a> {
     returns: Option<&'a mut [u8]>,
     source: Option<&'a mut [u16]>,
     gps_time: Option<&'a mut [f64]>,
+    scalar: Option<&'a mut [f64]>,
     occurred: Occurred,
     /// Number of points of the columns.
     total: usize,
@@ -129,6 +136,7 @@ impl<'a> Window<'a> {
             returns: columns.returns.as_deref_mut(),
             source: columns.source.as_deref_mut(),
             gps_time: columns.gps_time.as_deref_mut(),
+            scalar: columns.scalar.as_deref_mut(),
             occurred: Occurred::default(),
         }
     }
@@ -144,6 +152,7 @@ impl<'a> Window<'a> {
             (cut(self.rgb, count), cut(self.intensity, count), cut(self.class, count));
         let (returns, source, gps_time) =
             (cut(self.returns, count), cut(self.source, count), cut(self.gps_time, count));
+        let scalar = cut(self.scalar, count);
         let first = Self {
             start: self.start,
             done: 0,
@@ -158,6 +167,7 @@ impl<'a> Window<'a> {
             returns: returns.0,
             source: source.0,
             gps_time: gps_time.0,
+            scalar: scalar.0,
             occurred: self.occurred,
         };
         let rest = Self {
@@ -174,6 +184,7 @@ impl<'a> Window<'a> {
             returns: returns.1,
             source: source.1,
             gps_time: gps_time.1,
+            scalar: scalar.1,
             occurred: self.occurred,
         };
         (first, rest)
@@ -222,6 +233,9 @@ impl<'a> Window<'a> {
         }
         if let (Some(column), Some(offset)) = (&mut self.gps_time, fields.gps_time) {
             put(&mut column[at..], rows.clone(), |row| f64::from_le_bytes(part(row, offset)));
+        }
+        if let (Some(column), Some(number)) = (&mut self.scalar, fields.scalar) {
+            put(&mut column[at..], rows.clone(), |row| number.value(row));
         }
         if let (Some(column), Some(offset)) = (&mut self.rgb, fields.rgb) {
             let column = &mut column[at..];
@@ -383,7 +397,8 @@ pub fn columns(count: usize, available: ColumnSet) -> Option<Columns> {
     let bytes = bytes
         + available.returns as usize
         + 2 * available.source as usize
-        + 8 * available.gps_time as usize;
+        + 8 * available.gps_time as usize
+        + 8 * available.scalar.is_some() as usize;
     Vec::<u8>::new().try_reserve_exact(count.checked_mul(bytes)?).ok()?;
     Some(zeros(count, available))
 }
@@ -404,6 +419,7 @@ pub fn zeros(count: usize, available: ColumnSet) -> Columns {
         source: column(available.source, count),
         normal: None,
         gps_time: column(available.gps_time, count),
+        scalar: column(available.scalar.is_some(), count),
         extent: Kept::default(),
     }
 }
@@ -418,6 +434,7 @@ fn resize(columns: &mut Columns, count: usize) {
     columns.returns.iter_mut().for_each(|column| column.resize(count, 0));
     columns.source.iter_mut().for_each(|column| column.resize(count, 0));
     columns.gps_time.iter_mut().for_each(|column| column.resize(count, 0.0));
+    columns.scalar.iter_mut().for_each(|column| column.resize(count, 0.0));
 }
 
 /// Drops all-black colours and closes gaps that lanes left: a missing point is absent, never a
@@ -437,6 +454,7 @@ pub fn finish(columns: &mut Columns, lanes: &[Filled]) -> Occurred {
     columns.returns.iter_mut().for_each(|column| close_gaps(column, lanes));
     columns.source.iter_mut().for_each(|column| close_gaps(column, lanes));
     columns.gps_time.iter_mut().for_each(|column| close_gaps(column, lanes));
+    columns.scalar.iter_mut().for_each(|column| close_gaps(column, lanes));
     occurred
 }
 

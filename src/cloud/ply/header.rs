@@ -69,6 +69,7 @@ impl Element {
 }
 
 pub struct Property {
+    pub name: String,
     pub role: Role,
     /// Whether it is a coefficient of a Gaussian splat, from which the colour is computed.
     pub harmonic: bool,
@@ -202,7 +203,8 @@ pub fn read(input: &Input) -> Result<Layout> {
                     .elements
                     .last_mut()
                     .ok_or_else(|| wrong("a property before any element".into()))?;
-                element.properties.push(Property { role, harmonic, scalar, length });
+                let name = shown(name);
+                element.properties.push(Property { name, role, harmonic, scalar, length });
             }
             [b"end_header"] => {
                 if !has_format {

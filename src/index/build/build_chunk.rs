@@ -87,8 +87,6 @@ pub struct Worker {
     /// Records of the chunk, bucket by bucket, and their order.
     records: Vec<u8>,
     order: Vec<u32>,
-    /// Histogram of intensities.
-    pub intensities: Vec<u64>,
     /// Planes of a chunk that has been written: reused memory costs nothing to get.
     pub planes: Vec<u8>,
 }
@@ -122,13 +120,7 @@ impl Worker {
         planes.clear();
         planes.reserve(self.records.len());
         let grown = GrownChunk { planes, ..GrownChunk::default() };
-        let mut growth = Growth {
-            tree,
-            records: &self.records,
-            station,
-            intensities: &mut self.intensities,
-            grown,
-        };
+        let mut growth = Growth { tree, records: &self.records, station, grown };
         let open = growth.grow(&self.order, 3 * tree.kind.bits - depth);
         Ok(GrownChunk { open, ..growth.grown })
     }
@@ -138,7 +130,6 @@ struct Growth<'a, S> {
     tree: &'a TreeLayout,
     records: &'a [u8],
     station: &'a S,
-    intensities: &'a mut Vec<u64>,
     grown: GrownChunk,
 }
 
@@ -193,10 +184,6 @@ impl<S: Fn(u16, u16) -> u16> Growth<'_, S> {
     }
 
     fn leaf(&mut self, mut samples: Samples) -> OpenNode {
-        if let Some(column) = &samples.intensity {
-            self.intensities.resize(1 << 16, 0);
-            column.iter().for_each(|&v| self.intensities[v as usize] += 1);
-        }
         let record = pack(&self.tree.kind, &mut samples, 0, &mut self.grown.planes);
         self.grown.nodes.push(BuiltNode { record, children: Vec::new() });
         OpenNode {

@@ -34,10 +34,13 @@ pub struct Options {
 }
 
 impl Options {
-    /// Returns default options with these read options, with GPS times if they are wanted.
+    /// Returns default options with these read options, with GPS times or a scalar if they are
+    /// wanted; a filter may need times.
     pub fn reading(read: &ReadOptions) -> Options {
         let usual = Options::usual(read.strict);
-        let wanted = ColumnSet { gps_time: read.wanted.gps_time, ..usual.wanted };
+        let ColumnSet { gps_time, scalar, .. } = read.wanted;
+        let scalar = scalar.filter(|_| !gps_time);
+        let wanted = ColumnSet { gps_time, scalar, ..usual.wanted };
         Options { text: read.text, rgb_range: read.rgb_range, wanted, ..usual }
     }
 
@@ -90,6 +93,7 @@ pub(super) struct Builder<'a> {
     /// Parts by source number.
     pub parts: Vec<Option<IndexedPart>>,
     pub colors: Vec<Colors>,
+    /// Histogram of intensities.
     pub intensities: Vec<u64>,
     pub tally: Tally,
     /// End of the planes written so far.

@@ -7,7 +7,7 @@ use super::point_record::{Batch, Colors, Layout};
 use super::spill_bucket::{self, Bucket, Grid, Sorter};
 use crate::cloud::histograms::Tally;
 use crate::cloud::stream::{self, Source};
-use crate::cloud::{ColumnSet, Lattice, Station};
+use crate::cloud::{ColumnSet, Header, Lattice, Station};
 use crate::error::{Error, Result};
 use crate::index::attributes::exposure;
 use crate::index::format::samples::{Cell, DerivedPlanes};
@@ -94,6 +94,8 @@ impl Builder<'_> {
         // Several stations need a number per point, even if no file names them.
         let has = ColumnSet {
             source: has.source || group.members.len() > 1 || self.sources.len() > 1,
+            // A scalar takes the place of times.
+            gps_time: has.gps_time || has.scalar.is_some(),
             ..has
         };
         let parts: Vec<u16> = group.members.iter().map(|&(number, _)| number as u16).collect();
@@ -121,7 +123,7 @@ impl Builder<'_> {
             let outside = AtomicBool::new(false);
             let stations = Mutex::new(BTreeMap::<(u16, u16), u64>::new());
             let tally = Mutex::new(Tally::default());
-            let sorters = Mutex::new(Vec::<(Sorter, Vec<Cell>)>::new());
+            let sorters = Mutex::new(Vec::<(Sorter, Vec<Cell>, Vec<u64>)>::new());
             let mut points = 0;
             let (mut own, mut worlds) = (Vec::new(), Vec::new());
             let mut notes = Vec::new();
@@ -132,7 +134,8 @@ impl Builder<'_> {
                     if outside.load(Relaxed) {
                         return Ok(());
                     }
-                    let (mut sorter, mut cells) = lock(&sorters).pop().unwrap_or_default();
+                    let (mut sorter, mut cells, mut intensities) =
+                        lock(&sorters).pop().unwrap_or_default();
                     cells.clear();
                     let columns = batch.columns;
                     let at = |v: i32, axis: usize| (v as i64 + shift[axis] - corner[axis]) as u64;
@@ -163,7 +166,10 @@ impl Builder<'_> {
                     let mut own = Tally::default();
                     own.add(columns);
                     lock(&tally).join(&own);
-                    lock(&sorters).push((sorter, cells));
+                    intensities.resize(1 << 16, 0);
+                    let seen = columns.intensity.iter().flatten();
+                    seen.for_each(|&v| intensities[v as usize] += 1);
+                    lock(&sorters).push((sorter, cells, intensities));
                     Ok(())
                 })?;
                 points += streamed.points;
@@ -198,6 +204,9 @@ impl Builder<'_> {
             self.contents.notes.extend(notes);
             self.contents.points += points;
             self.tally.join(&lock(&tally));
+            for (_, _, counts) in lock(&sorters).iter() {
+                self.intensities.iter_mut().zip(counts).for_each(|(sum, count)| *sum += count);
+            }
             worlds.into_iter().for_each(|own| self.widen(own));
             let lattice_number = self.lattice(&group.lattice, corner)?;
             // All-black colours count as none, which only the points can tell.
@@ -251,7 +260,8 @@ impl Builder<'_> {
 
     fn part(&mut self, number: usize, group: &Group, streamed: &stream::Streamed) {
         let source = &self.sources[number];
-        let mut header = source.header().clone();
+        // Scalars can be read from the file only.
+        let mut header = Header { scalars: Vec::new(), ..source.header().clone() };
         // A note has reported bounds that are not finite.
         header.bounds.take_if(|corners| !corners.as_flattened().iter().all(|v| v.is_finite()));
         self.parts[number] = Some(IndexedPart {
@@ -318,44 +328,55 @@ impl Builder<'_> {
         }
     }
 
-    /// Finds the exposure gains of the stations, if possible.
-    pub fn balance(&self, trees: &[Ingested]) -> Result<Option<Balance>> {
-        let Contents { stations, points, bounds, .. } = &self.contents;
-        let Some([low, high]) = bounds.filter(|_| stations.len() > 1) else { return Ok(None) };
-        let sample = exposure::Sample::new((low, high), *points);
+    /// Finds the exposure gains of the stations' colours and intensities, if possible.
+    pub fn balances(&self, trees: &[Ingested]) -> Result<[Option<Balance>; 2]> {
+        let Contents { stations, points, bounds, intensity_stretch, .. } = &self.contents;
+        let Some([low, high]) = bounds.filter(|_| stations.len() > 1) else {
+            return Ok([None, None]);
+        };
+        let [colors, intensities] = [(); 2].map(|()| exposure::Sample::new((low, high), *points));
+        let greys = exposure::greys(intensity_stretch[1]);
+        let has_intensity: Vec<bool> =
+            self.sources.iter().map(|source| source.available().intensity).collect();
         // On the files' own lattices, so that points are bit-identical to those of a cloud in
         // memory.
         let mut own: Vec<_> =
             self.sources.iter().map(|source| (source.lattice(), [0; 3])).collect();
         for Ingested { group, tree: TreeLayout { kind, layout }, chunks, .. } in
-            trees.iter().filter(|tree| tree.tree.kind.has.rgb)
+            trees.iter().filter(|tree| tree.tree.kind.has.rgb || tree.tree.kind.has.intensity)
         {
             for &(number, shift) in &group.members {
                 own[number].1 = [0, 1, 2].map(|axis| kind.corner[axis] - shift[axis]);
             }
             chunks.par_iter().try_for_each(|chunk| -> Result<()> {
                 self.progress.tick("comparing stations", 0, 1)?;
-                let (number, mut found) = (self.numbered(), Vec::new());
+                let (number, mut found) = (self.numbered(), [Vec::new(), Vec::new()]);
                 let mut look = |records: &[u8]| {
-                    found.extend(records.chunks_exact(layout.bytes).filter_map(|record| {
+                    for record in records.chunks_exact(layout.bytes) {
                         let (q, part) = (layout.cell(record), layout.part(record));
                         let (lattice, from) = &own[part as usize];
                         let place =
                             lattice.world([0, 1, 2].map(|axis| q[axis] as i64 + from[axis]));
-                        sample.point(place, || {
-                            (
-                                number(part, layout.source(record)),
-                                layout.color(record, &self.colors),
-                            )
-                        })
-                    }));
+                        let station = || number(part, layout.source(record));
+                        if kind.has.rgb {
+                            let color = || (station(), layout.color(record, &self.colors));
+                            found[0].extend(colors.point(place, color));
+                        }
+                        if kind.has.intensity && has_intensity[part as usize] {
+                            let grey = greys[layout.intensity(record) as usize];
+                            let grey = || (station(), [grey; 3]);
+                            found[1].extend(intensities.point(place, grey));
+                        }
+                    }
                 };
                 chunk.buckets.iter().try_for_each(|bucket| bucket.look(self.spill, &mut look))?;
-                sample.keep(found);
+                let [of_colors, of_intensities] = found;
+                colors.keep(of_colors);
+                intensities.keep(of_intensities);
                 Ok(())
             })?;
         }
-        Ok(exposure::of_sample(sample, stations))
+        Ok([colors, intensities].map(|sample| exposure::of_sample(sample, stations)))
     }
 }
 

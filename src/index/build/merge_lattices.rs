@@ -61,6 +61,7 @@ pub fn over(
         source: Plane::STATIONS.into_iter().any(some),
         normal: some(Plane::Normal),
         gps_time: some(Plane::GpsTime),
+        scalar: None,
     };
     // Without colours there is no luminance.
     let derive = DerivedPlanes {

@@ -111,7 +111,9 @@ pub fn build(
         }
         let writer = Writer::create(output)?;
         let spill = Spill::new(output, options.bucket_bytes())?;
-        let contents = Contents { notes, ..Contents::default() };
+        let scalar = sources.iter().find_map(|source| source.available().scalar);
+        let scalar = scalar.map(|scalar| scalar.to_string());
+        let contents = Contents { notes, scalar, ..Contents::default() };
         let mut builder = Builder {
             sources: &sources,
             options,
@@ -137,16 +139,15 @@ pub fn build(
             .collect::<Result<Vec<_>>>()?;
         let read_seconds = began.elapsed().as_secs_f64();
         builder.stations(&trees)?;
-        builder.contents.balance = builder.balance(&trees)?;
-        builder.gains =
-            builder.contents.balance.as_ref().map(|balance| Arc::new(Gains::new(balance)));
+        builder.contents.intensity_stretch = percentiles(&builder.intensities);
+        let [colors, intensities] = builder.balances(&trees)?;
+        builder.gains = Some(Arc::new(Gains::new(colors.as_ref(), intensities.as_ref())));
+        (builder.contents.balance, builder.contents.intensity_balance) = (colors, intensities);
         trees.into_iter().try_for_each(|tree| builder.tree(tree))?;
         builder.unite()?;
         // Strays have no parent in common with the others, which would show them as one place.
         builder.roots.append(&mut builder.far_roots);
-        let Builder { mut contents, parts, nodes, roots, end, intensities, tally, corners, .. } =
-            builder;
-        contents.intensity_stretch = percentiles(&intensities);
+        let Builder { mut contents, parts, nodes, roots, end, tally, corners, .. } = builder;
         contents.counts = Some(tally.counts());
         contents.parts = parts.into_iter().flatten().collect();
         let (nodes, roots) = number(nodes, &roots);
@@ -232,13 +233,13 @@ impl Builder<'_> {
         let placed = Condvar::new();
         let (this, progress) = (&*self, self.progress);
         let threads = self.options.threads;
-        let work = || -> Result<Vec<u64>> {
+        let work = || -> Result<()> {
             let mut worker = Worker::default();
             let station = this.numbered();
             loop {
                 let number = next.fetch_add(1, Relaxed);
                 if number >= count {
-                    return Ok(worker.intensities);
+                    return Ok(());
                 }
                 let chunk = lock(&chunks[number]).take().expect("each chunk is taken once");
                 let (depth, prefix) = (chunk.depth, chunk.prefix);
@@ -276,7 +277,7 @@ impl Builder<'_> {
                 progress.tick("indexing", done, total)?;
             }
         };
-        let outcomes: Vec<Result<Vec<u64>>> = std::thread::scope(|scope| {
+        let outcomes: Vec<Result<()>> = std::thread::scope(|scope| {
             let guarded = || {
                 // On a panic as well, since other threads would wait for its chunk forever.
                 let alarm = Alarm { placing: &placing, placed: &placed };
@@ -304,9 +305,7 @@ impl Builder<'_> {
         let (mut first, mut interrupted) = (None, None);
         for outcome in outcomes {
             match outcome {
-                Ok(counts) => {
-                    self.intensities.iter_mut().zip(counts).for_each(|(sum, count)| *sum += count)
-                }
+                Ok(()) => {}
                 Err(Error::Interrupted) => interrupted = Some(Error::Interrupted),
                 Err(error) => first = first.or(Some(error)),
             }

@@ -99,7 +99,8 @@ impl Layout {
             rows.put_column(at.normal, &columns.normal, &range, [0; 3], |normal| {
                 normal.map(|v| v as u8)
             });
-            rows.put_column(at.gps_time, &columns.gps_time, &range, 0.0, f64::to_le_bytes);
+            let number = if columns.scalar.is_some() { &columns.scalar } else { &columns.gps_time };
+            rows.put_column(at.gps_time, number, &range, 0.0, f64::to_le_bytes);
             rows.put(at.part, range.map(|_| batch.part.to_le_bytes()));
         }
     }
@@ -135,6 +136,11 @@ impl Layout {
     /// Returns the source as the file names it, or 0.
     pub fn source(&self, record: &[u8]) -> u16 {
         self.at.source.map_or(0, |at| u16::from_le_bytes(first(&record[at..])))
+    }
+
+    /// Returns the intensity, or 0.
+    pub fn intensity(&self, record: &[u8]) -> u16 {
+        self.at.intensity.map_or(0, |at| u16::from_le_bytes(first(&record[at..])))
     }
 
     /// Returns a colour as after [`Layout::settle`].

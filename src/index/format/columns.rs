@@ -2,6 +2,7 @@
 
 use super::file::Index;
 use super::schema::{NodeRecord, Plane};
+use crate::cloud::attribute::Attribute;
 use crate::cloud::filter::{Compiled, Filter, Meaning, Origin};
 use crate::cloud::{ColumnSet, Columns};
 use crate::config::BITS_PER_PLANE;
@@ -18,6 +19,7 @@ impl NodeRecord {
             source: Plane::STATIONS.into_iter().any(|plane| self.has(plane)),
             normal: self.has(Plane::Normal),
             gps_time: self.has(Plane::GpsTime),
+            scalar: None,
         }
     }
 }
@@ -25,7 +27,21 @@ impl NodeRecord {
 impl Index {
     /// Returns the columns that some node has.
     pub fn available(&self) -> ColumnSet {
-        self.nodes().iter().fold(ColumnSet::default(), |set, node| set.and(node.available()))
+        let all = self.nodes().iter().map(NodeRecord::available);
+        let all = all.fold(ColumnSet::default(), ColumnSet::and);
+        ColumnSet { gps_time: all.gps_time && self.has_times(), ..all }
+    }
+
+    /// Tests whether some node can show an attribute.
+    pub fn shows(&self, attribute: Attribute) -> bool {
+        let planes = Plane::of(attribute);
+        planes.is_empty()
+            || self.directory.contents.keeps(attribute)
+                && planes.iter().any(|&plane| self.has(plane))
+    }
+
+    fn has_times(&self) -> bool {
+        self.directory.contents.keeps(Attribute::Time)
     }
 
     /// Reads the wanted columns of a node. Coordinates count from [`NodeRecord::origin`] on its
@@ -61,7 +77,8 @@ impl Index {
         columns.class = self.column(node, wanted.class, Plane::Class)?;
         columns.returns = self.column(node, wanted.returns, Plane::Returns)?;
         columns.normal = self.column(node, wanted.normal, Plane::Normal)?;
-        columns.gps_time = self.column(node, wanted.gps_time, Plane::GpsTime)?;
+        columns.gps_time =
+            self.column(node, wanted.gps_time && self.has_times(), Plane::GpsTime)?;
         columns.source = self.column(node, wanted.source, Plane::Source)?;
         if let Some(narrow) = self.column::<u8>(node, wanted.source, Plane::Station)? {
             columns.source = Some(narrow.into_iter().map(u16::from).collect());

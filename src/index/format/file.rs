@@ -315,11 +315,11 @@ fn check(directory: &Directory, end: u64) -> std::result::Result<(), String> {
         return Err(format!("has {} nodes without a parent", nodes.len() - next.min(nodes.len())));
     }
     let stations = directory.contents.stations.len();
-    if directory
-        .contents
-        .balance
-        .as_ref()
-        .is_some_and(|balance| balance.gains.len() != stations || !balance.is_valid())
+    let Contents { balance, intensity_balance, .. } = &directory.contents;
+    if [balance, intensity_balance]
+        .into_iter()
+        .flatten()
+        .any(|balance| balance.gains.len() != stations || !balance.is_valid())
     {
         return Err("has impossible exposures".into());
     }

@@ -29,6 +29,7 @@ pub enum Plane {
     Source,
     /// Unit normal, 127 = 1.0.
     Normal,
+    /// GPS time, or what [`Contents::scalar`] names.
     GpsTime,
     /// Number of points that a sample stands for, in inner nodes.
     Weight,
@@ -84,7 +85,8 @@ impl Plane {
             Attribute::Return => &[Plane::Returns],
             Attribute::Normal => &[Plane::Normal, Plane::Facing],
             Attribute::Corrected => &[Plane::Corrected],
-            Attribute::Elevation | Attribute::Time | Attribute::White => &[],
+            Attribute::Time | Attribute::Scalar(_) => &[Plane::GpsTime],
+            Attribute::Elevation | Attribute::White => &[],
         }
     }
 }
@@ -271,6 +273,13 @@ pub struct Contents {
     /// names. Missing in old indexes.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub balance: Option<Balance>,
+    /// Gains of intensities.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub intensity_balance: Option<Balance>,
+    /// What [`Plane::GpsTime`] holds, as [`crate::cloud::scalar::Scalar`] is written; GPS times if
+    /// `None`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub scalar: Option<String>,
     /// Histograms of the input's points, not of samples. Missing in old indexes.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub counts: Option<Histograms>,
@@ -283,6 +292,26 @@ pub struct Directory {
     pub nodes: Vec<NodeRecord>,
     pub roots: u32,
     pub contents: Contents,
+}
+
+impl Contents {
+    /// Tests whether a node that has the plane of an attribute has the attribute.
+    pub fn keeps(&self, attribute: Attribute) -> bool {
+        match attribute {
+            Attribute::Time => self.scalar.is_none(),
+            Attribute::Scalar(scalar) => self.scalar == Some(scalar.to_string()),
+            _ => true,
+        }
+    }
+
+    /// Returns the exposure gains of what points show.
+    pub fn balance_of(&self, attribute: Attribute) -> Option<&Balance> {
+        match attribute {
+            Attribute::Rgb => self.balance.as_ref(),
+            Attribute::Intensity => self.intensity_balance.as_ref(),
+            _ => None,
+        }
+    }
 }
 
 /// Returns the lattice of a node's `origin` and `extent`. Rounded positions lie at the centres of

@@ -60,7 +60,7 @@ pub fn first_version(bytes: &[u8]) -> Vec<u8> {
     let records: Vec<u8> = records.collect();
     let mut known: serde_json::Value =
         serde_json::from_slice(&bytes[directory_at + nodes * record..][..contents]).unwrap();
-    ["oriented", "balance", "counts"]
+    ["oriented", "balance", "intensity_balance", "counts"]
         .into_iter()
         .for_each(|unknown| drop(known.as_object_mut().unwrap().remove(unknown)));
     let directory = [records, serde_json::to_vec(&known).unwrap()].concat();

@@ -350,7 +350,12 @@ fn an_index_of_the_first_version_is_read_as_it_was() {
     assert_eq!(first.bytes() + 16 * now.nodes().len() as u64 + unknown, now.bytes());
     assert_eq!(
         first.directory.contents,
-        Contents { balance: None, counts: None, ..now.directory.contents.clone() }
+        Contents {
+            balance: None,
+            intensity_balance: None,
+            counts: None,
+            ..now.directory.contents.clone()
+        }
     );
     assert!(first.nodes() == now.nodes());
     assert!(contents_of_nodes(&first) == contents_of_nodes(&now));

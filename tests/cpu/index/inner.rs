@@ -18,7 +18,12 @@ fn samples_of_several_stations_are_means_of_what_all_have_with_one_exposure() {
     let first = Index::open(&place.at("first.pnti")).unwrap();
     assert_eq!(
         first.directory.contents,
-        Contents { balance: None, counts: None, ..index.directory.contents.clone() }
+        Contents {
+            balance: None,
+            intensity_balance: None,
+            counts: None,
+            ..index.directory.contents.clone()
+        }
     );
     // Too few, too many, and impossible ones.
     let bytes = fs::read(place.at("a.pnti")).unwrap();

@@ -57,11 +57,16 @@ pub enum Values {
 }
 
 impl Values {
-    /// Returns intensities as greys, light being proportional to them, and `full` the brightest.
+    /// Returns intensities as [`greys`].
     pub fn of_intensities(full: u32) -> Values {
-        let grey = |v: u32| linear_to_srgb(v as f64 / full.max(1) as f64).min(1.0);
-        Values::Intensities((0..1 << 16).map(|v| (255.0 * grey(v)).round() as u8).collect())
+        Values::Intensities(greys(full))
     }
+}
+
+/// Returns the grey of each intensity, light being proportional to it, and `full` the brightest.
+pub fn greys(full: u32) -> Vec<u8> {
+    let grey = |v: u32| linear_to_srgb(v as f64 / full.max(1) as f64).min(1.0);
+    (0..1 << 16).map(|v| (255.0 * grey(v)).round() as u8).collect()
 }
 
 /// Returns all coloured points, in order.
