@@ -215,7 +215,9 @@ impl App {
         if is_whole && !token.is_cancelled() {
             (self.load.active, self.ui.doing) = (false, None);
         }
-        self.load.origins = origins;
+        let mut files: Vec<String> = origins.iter().map(|path| file_name(path)).collect();
+        files.dedup();
+        (self.load.origins, self.ui.files) = (origins, files);
         (self.ui.points, self.ui.shown, self.ui.categories) = (points, Some(shown), categories);
         self.ui.measure.reference = self.ui.categories.reference.clone();
         self.ui.why_shown = why_shown;
@@ -262,4 +264,9 @@ impl App {
     fn wants_strokes(&self) -> bool {
         self.scene.settings.effects.strokes.switch == Switch::On
     }
+}
+
+/// Returns the name of a file without its folders.
+fn file_name(path: &Path) -> String {
+    path.file_name().unwrap_or(path.as_os_str()).to_string_lossy().into_owned()
 }

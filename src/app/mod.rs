@@ -18,8 +18,6 @@ mod files;
 pub mod frame_stats;
 mod input;
 pub mod keys;
-mod legend;
-mod light_widget;
 pub mod load_thread;
 pub mod measure;
 pub mod navigation;

@@ -407,7 +407,7 @@ fn scale_factor_enlarges_the_panel_and_keeps_picks_exact() {
 
     let cloud = place.street(60_000);
     let mut viewer = place.view_with_panel(&[&cloud], size, "WINIT_X11_SCALE_FACTOR=2 --view top");
-    viewer.until("panel", |viewer| viewer.photograph().pixels[400 * 1000 + 20] == [27; 3]);
+    viewer.until("panel", |viewer| viewer.photograph().pixels[400 * 1000 + 11] == [27; 3]);
     viewer.key("n");
     viewer.shows(&place.picture(&[&cloud], "top.png", "--view top --size 1000x800"));
     place.saved(&mut viewer, "F8", "pointillist-1.json");
@@ -481,7 +481,7 @@ fn views_frame_the_cloud_beside_the_panel() {
     let cloud = place.street(60_000);
     let size = [640, 480];
     let mut viewer = place.view_with_panel(&[&cloud], size, "");
-    viewer.until("panel", |viewer| viewer.photograph().pixels[480 / 2 * 640 + 20] == [27; 3]);
+    viewer.until("panel", |viewer| viewer.photograph().pixels[480 / 2 * 640 + 11] == [27; 3]);
     let all = points(&cloud);
     for (number, key) in ["0", "7", "1"].into_iter().enumerate() {
         viewer.key(key);

@@ -1,4 +1,4 @@
-//! The legend of colours: a ramp with its two ends, and swatches.
+//! The ramp of colours with its two ends, and swatches.
 
 use crate::cloud::attribute::{Attribute, DisplayAttribute};
 use crate::cloud::colormap;
@@ -11,7 +11,7 @@ const SIDE: f32 = 12.0;
 const PARTS: u32 = 64;
 
 /// Draws the colour ramp of the displayed attribute, if that is a number.
-pub fn ramp(ui: &mut Ui, shown: &DisplayAttribute, reference: &Reference) {
+pub fn show(ui: &mut Ui, shown: &DisplayAttribute, reference: &Reference) {
     let Some(ends) = shown.ends() else { return };
     let (all, _) = ui.allocate_exact_size(vec2(ui.available_width(), SIDE), Sense::hover());
     let [lo, hi] = shown.ramp_words();
