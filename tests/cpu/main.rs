@@ -30,6 +30,7 @@ mod export;
 mod header;
 mod imports;
 mod index;
+mod keys;
 mod navigation;
 mod public_api;
 mod registry;

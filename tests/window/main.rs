@@ -17,6 +17,7 @@ mod tree;
 
 mod display;
 mod hosts;
+mod pace;
 mod presentation;
 mod window;
 mod window_lifecycle;

@@ -56,7 +56,7 @@ fn window_stays_responsive_while_saving_a_large_picture() {
     resize(&place, &mut viewer, [300, 200]);
     place.shows_its_scene(&mut viewer, &[&cloud], 1, "--size 300x200");
     let began = Instant::now();
-    viewer.key("Escape");
+    viewer.leave();
     let said = succeeded(&viewer.ended());
     assert!(began.elapsed().as_secs() < 5, "{:?} to close", began.elapsed());
     assert!(
@@ -83,7 +83,7 @@ fn pending_saves_do_not_block_on_a_hanging_disk_or_lost_device() {
     viewer.key("7");
     let scene = place.saved(&mut viewer, "F8", "pointillist-1.json");
     assert!(std::fs::read_to_string(scene).unwrap().contains("orthographic"));
-    place.display.xdotool("key Escape key Escape");
+    place.display.xdotool("key Escape key Escape key Return");
     let said = text(&viewer.ended().stderr);
     assert!(
         said.contains("pointillist-1.png was not saved")
@@ -106,7 +106,7 @@ fn pending_saves_do_not_block_on_a_hanging_disk_or_lost_device() {
     viewer.shows(&fit);
     let saved = place.saved(&mut viewer, "F9", "pointillist-1.png");
     assert!(saved.exists());
-    viewer.key("Escape");
+    viewer.leave();
     let said = text(&viewer.ended().stderr);
     assert!(
         said.contains("pointillist-1.png was not saved")
@@ -169,7 +169,7 @@ fn file_dropped_while_saving_is_shown_and_is_in_the_next_picture() {
     drop_file(&place.display, &viewer.window, &denser);
     drop_file(&place.display, &viewer.window, &scene);
     viewer.shows(&wanted);
-    viewer.key("Escape");
+    viewer.leave();
     let said = succeeded(&viewer.ended());
     assert!(
         said.contains("pointillist-3.png was not saved")

@@ -2,19 +2,20 @@
 
 use super::ramp;
 use super::state::UiState;
+use super::text::{self, weak};
 use crate::cloud::attribute::{Attribute, DisplayAttribute};
 use crate::cloud::color_scale::{ColorScale, Ramp};
 use crate::render::scene::Scene;
 use clap::ValueEnum;
-use egui::{CollapsingHeader, ComboBox, DragValue, Slider, Ui};
+use egui::{Align, CollapsingHeader, ComboBox, DragValue, Layout, Slider, Ui};
 
 pub fn show(ui: &mut Ui, state: &UiState, scene: &mut Scene) {
     /// Height of the list of attributes `[points]`.
     const LIST: f32 = 300.0;
     let automatic =
         || state.shown.map_or("auto".into(), |shown| format!("auto: {}", shown.attribute.name()));
-    ui.horizontal(|ui| {
-        let combo = ComboBox::from_label("color")
+    text::named(ui, "color", |ui| {
+        let combo = ComboBox::from_id_salt("color")
             .height(LIST)
             .selected_text(scene.color.map_or_else(automatic, Attribute::name))
             .show_ui(ui, |ui| {
@@ -26,13 +27,15 @@ pub fn show(ui: &mut Ui, state: &UiState, scene: &mut Scene) {
         if scene.color.is_none() && !state.why_shown.is_empty() {
             combo.response.on_hover_text(format!("because {}", state.why_shown));
         }
-        ui.color_edit_button_srgb(&mut scene.settings.background);
-        ui.label("background");
+        ui.with_layout(Layout::right_to_left(Align::Center), |ui| {
+            ui.color_edit_button_srgb(&mut scene.settings.background);
+            weak(ui, "background");
+        });
     });
     if let Some(shown) = &state.shown {
         let mut shown = *shown;
         shown.scale = scene.scale;
-        ramp::show(ui, &shown, &state.categories.reference);
+        ramp::show(ui, &shown, &state.categories.reference, &mut scene.scale.range);
         scale(ui, &shown, &mut scene.scale);
     }
 }

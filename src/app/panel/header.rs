@@ -12,9 +12,7 @@ use egui::{Align, Layout, RichText, Ui};
 pub fn show(ui: &mut Ui, state: &mut UiState, scene: &Scene, actions: &mut Vec<Action>) {
     ui.horizontal(|ui| {
         ui.with_layout(Layout::right_to_left(Align::Center), |ui| {
-            if ui.button("keys").on_hover_text("H").clicked() {
-                actions.push(Action::Help);
-            }
+            ui.menu_button("open", |ui| open(ui, state, actions));
             ui.with_layout(Layout::left_to_right(Align::Center), |ui| {
                 let title = if state.title.is_empty() { "no file is open" } else { &state.title };
                 text::line(ui, RichText::new(title).strong());
@@ -29,6 +27,21 @@ pub fn show(ui: &mut Ui, state: &mut UiState, scene: &Scene, actions: &mut Vec<A
                 actions.push(Action::Navigate(Input::Drag { mode }));
             }
         }
+        ui.with_layout(Layout::right_to_left(Align::Center), |ui| {
+            if ui.button("keys").on_hover_text("H").clicked() {
+                actions.push(Action::Help);
+            }
+            let [undone, redone] = state.steps;
+            for (name, key, action, steps) in [
+                ("redo", "Ctrl Shift Z", Action::Redo, redone),
+                ("undo", "Ctrl Z", Action::Undo, undone),
+            ] {
+                let button = ui.add_enabled(steps > 0, egui::Button::new(name));
+                if button.on_hover_text(key).clicked() {
+                    actions.push(action);
+                }
+            }
+        });
     });
     ui.add_space(2.0);
     ui.columns_const(|columns: &mut [Ui; 3]| {
@@ -39,6 +52,20 @@ pub fn show(ui: &mut Ui, state: &mut UiState, scene: &Scene, actions: &mut Vec<A
         }
     });
     ui.separator();
+}
+
+/// Lists recent files, below the dialog.
+pub fn open(ui: &mut Ui, state: &UiState, actions: &mut Vec<Action>) {
+    if ui.button("choose files").on_hover_text("Ctrl O").clicked() {
+        actions.push(Action::Open);
+    }
+    for (number, file) in state.recent.iter().enumerate() {
+        let name = file.file_name().unwrap_or(file.as_os_str()).to_string_lossy();
+        let path = file.display().to_string();
+        if ui.button(name.into_owned()).on_hover_text(path).clicked() {
+            actions.push(Action::OpenRecent(number));
+        }
+    }
 }
 
 /// Shows how many points are drawn, and without which.

@@ -1,7 +1,7 @@
 //! Which points are drawn: a tree of files, stations, classes and returns, and clip boxes.
 
 use super::state::UiState;
-use super::{detail, ramp, text, theme};
+use super::{detail, filters, ramp, text, theme};
 use crate::app::actions::Action;
 use crate::app::clip_box_widget;
 use crate::app::load_thread::Categories;
@@ -16,7 +16,7 @@ use egui::{Align, Color32, Layout, RichText, Sense, Stroke, Ui, pos2, vec2};
 
 pub fn show(
     ui: &mut Ui,
-    state: &UiState,
+    state: &mut UiState,
     view: Option<&View>,
     scene: &mut Scene,
     actions: &mut Vec<Action>,
@@ -25,6 +25,7 @@ pub fn show(
         branch.show(ui, &mut scene.opacities, true);
     }
     ui.separator();
+    filters::show(ui, state, &mut scene.filter);
     let mut added = false;
     clip_box_widget::list(ui, &mut scene.clips, &mut added);
     if added {
@@ -73,7 +74,11 @@ fn tree(state: &UiState) -> Vec<Branch> {
             is_open: is_shown(Attribute::Source),
         }
     };
-    let of_kind = |title: &str, attribute, kinds: &[(u8, u64)], what: fn(u8) -> What, name: fn(u8) -> String| {
+    let of_kind = |title: &str,
+                   attribute,
+                   kinds: &[(u8, u64)],
+                   what: fn(u8) -> What,
+                   name: fn(u8) -> String| {
         let below = kinds.iter().map(|&(number, points)| Branch {
             what: Some(what(number)),
             name: name(number),
@@ -112,7 +117,9 @@ impl Branch {
         let row = ui.horizontal(|ui| {
             match below.is_empty() {
                 false => drop(folded.show_toggle_button(ui, paint_default_icon)),
-                true => drop(ui.allocate_exact_size(vec2(ui.spacing().indent, 0.0), Sense::hover())),
+                true => {
+                    drop(ui.allocate_exact_size(vec2(ui.spacing().indent, 0.0), Sense::hover()))
+                }
             }
             if let Some(what) = what
                 && eye(ui, drawn).on_hover_text("show or hide").clicked()

@@ -1,7 +1,7 @@
 //! How points are drawn: style, colours, light, effects, and what is in the picture besides.
 
 use super::state::UiState;
-use super::text::{spaced_hyphens, weak};
+use super::text::{self, spaced_hyphens, weak};
 use super::theme;
 use super::{camera_path, color, effects, light};
 use crate::app::actions::Action;
@@ -31,7 +31,7 @@ pub fn show(ui: &mut Ui, state: &mut UiState, scene: &mut Scene, actions: &mut V
 /// Chooses how points are drawn. Strokes need what is computed while a cloud is loaded, so they are
 /// offered only where they are drawn.
 fn style(ui: &mut Ui, effects: &mut Effects) {
-    ui.horizontal(|ui| {
+    text::named(ui, "style", |ui| {
         let current = effects.style();
         for &style in Style::value_variants() {
             let is_offered = style != Style::Strokes || current == Some(Style::Strokes);

@@ -13,6 +13,7 @@ mod camera_path;
 mod color;
 mod detail;
 mod effects;
+mod filters;
 mod footer;
 mod header;
 mod layers;
@@ -42,6 +43,8 @@ use winit::window::Window;
 pub struct PanelOutput {
     pub overlay: Overlay,
     pub actions: Vec<Action>,
+    /// Whether a drag or typing goes on, so that what follows is part of this change.
+    pub continues: bool,
     /// Time until animations need another layout.
     pub repaint_in: Option<Duration>,
 }
@@ -166,7 +169,11 @@ impl Panel {
             windows::notes(ui.ctx(), state);
             windows::help(ui.ctx(), state);
             windows::error(ui.ctx(), state);
+            windows::hint(ui.ctx(), state, &mut actions);
+            windows::question(ui.ctx(), state, &mut actions);
         });
+        let continues =
+            context.input(|input| input.pointer.any_down()) || context.text_edit_focused();
         self.list_open = egui::Popup::is_any_open(&context);
         self.input.handle_platform_output(window, output.platform_output);
         let repaint_in =
@@ -176,7 +183,7 @@ impl Panel {
             pixels_per_point: output.pixels_per_point,
             textures: output.textures_delta,
         };
-        PanelOutput { overlay, actions, repaint_in }
+        PanelOutput { overlay, actions, continues, repaint_in }
     }
 }
 
@@ -199,19 +206,19 @@ fn panel(
             let bare = |panel: egui::Panel| {
                 panel.frame(Frame::NONE).resizable(false).show_separator_line(false)
             };
-            bare(egui::Panel::top("header"))
-                .show(ui, |ui| header::show(ui, state, scene, actions));
+            bare(egui::Panel::top("header")).show(ui, |ui| header::show(ui, state, scene, actions));
             bare(egui::Panel::bottom("footer"))
                 .show(ui, |ui| footer::show(ui, state, view, actions));
             egui::CentralPanel::no_frame().show(ui, |ui| {
                 let tab = state.tab;
-                ScrollArea::vertical().id_salt(tab as u8).auto_shrink(false).show(ui, |ui| {
-                    match tab {
+                ScrollArea::vertical().id_salt(tab as u8).auto_shrink(false).show(
+                    ui,
+                    |ui| match tab {
                         Tab::Look => look::show(ui, state, scene, actions),
                         Tab::Measure => measures::show(ui, state, actions),
                         Tab::Layers => layers::show(ui, state, view, scene, actions),
-                    }
-                });
+                    },
+                );
             });
         });
     });

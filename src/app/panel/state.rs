@@ -6,11 +6,13 @@ use crate::app::navigation::{Mode, NavigationStyle};
 use crate::app::profile::Profile;
 use crate::app::render_thread::Loading;
 use crate::cloud::attribute::DisplayAttribute;
+use crate::cloud::filter::Filter;
 use crate::cloud::histograms::Histograms;
 use crate::output::annotations::{Annotations, Shown};
 use crate::passes::EffectDecisions;
 use crate::render::scene::Scene;
 use crate::view::camera_path::CameraPath;
+use std::path::PathBuf;
 use std::time::Duration;
 
 #[derive(Default)]
@@ -25,6 +27,14 @@ pub struct UiState {
     pub error: Option<String>,
     /// The error dismissed last; it is not shown again until the next action.
     pub dismissed_error: Option<String>,
+    /// Files that were opened before, newest first.
+    pub recent: Vec<PathBuf>,
+    /// What would be lost, while the window asks whether to close.
+    pub asks: Vec<String>,
+    /// Numbers of steps that can be undone, and redone.
+    pub steps: [usize; 2],
+    /// The line of filters.
+    pub filter: FilterLine,
     /// Names of the files that the displayed points come from.
     pub files: Vec<String>,
     /// Points of the whole cloud.
@@ -73,6 +83,16 @@ pub struct UiState {
     pub hidden: bool,
 }
 
+/// Filters as text, while they are typed.
+#[derive(Default)]
+pub struct FilterLine {
+    pub text: String,
+    /// The filter that the text was made from, or has become.
+    pub of: Filter,
+    /// Why the text is no filter, or leaves nothing.
+    pub error: Option<String>,
+}
+
 /// A part of the panel.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Tab {
@@ -91,15 +111,22 @@ impl Tab {
 }
 
 impl UiState {
-    /// Dismisses the error, or else closes the profile; false if there is neither.
+    /// Closes the question, the error, the notes, the profile or the keys, the first that is there;
+    /// false if there is none.
     pub fn dismiss(&mut self) -> bool {
+        if !std::mem::take(&mut self.asks).is_empty() {
+            return true;
+        }
         let was = self.error.take();
         if was.is_none() && self.profile.take().is_some() {
             return true;
         }
-        let any = was.is_some();
-        self.dismissed_error = was.or(self.dismissed_error.take());
-        any
+        if was.is_none() {
+            let read = std::mem::take(&mut self.reads_notes);
+            return read || std::mem::take(&mut self.help);
+        }
+        self.dismissed_error = was;
+        true
     }
 
     /// Returns what annotations name of the displayed cloud, if there is one.

@@ -1,11 +1,14 @@
-//! Windows beside the panel: errors, notes, and the list of keys.
+//! Windows beside the panel: errors, notes, keys, the question whether to close, and what to do
+//! with an empty window.
 
 use super::WIDTH;
+use super::header;
 use super::state::UiState;
 use super::text::spaced_hyphens;
 use super::theme;
-use crate::app::keys::{self, KEYS};
-use egui::{Align2, Context, Grid, RichText, ScrollArea, Ui, Window};
+use crate::app::actions::Action;
+use crate::app::keys;
+use egui::{Align2, Area, Context, Grid, RichText, ScrollArea, Ui, Window};
 
 /// Shows the last errors, until the window is closed.
 pub fn error(context: &Context, state: &mut UiState) {
@@ -45,10 +48,54 @@ pub fn help(context: &Context, state: &mut UiState) {
     state.help = shown;
 }
 
+/// Says how to open files, while there are none.
+pub fn hint(context: &Context, state: &UiState, actions: &mut Vec<Action>) {
+    if !state.title.is_empty() || !state.asks.is_empty() {
+        return;
+    }
+    let beside = if state.hidden { 0.0 } else { WIDTH / 2.0 };
+    let area = Area::new(egui::Id::new("hint")).anchor(Align2::CENTER_CENTER, [beside, 0.0]);
+    area.show(context, |ui| {
+        ui.vertical_centered(|ui| {
+            ui.label(RichText::new("drop point clouds here").heading().color(theme::TEXT));
+            ui.label(
+                RichText::new("LAS, LAZ, COPC, PLY, E57, OBJ, XYZ, CSV, TXT, PTS, PTX, PNTI")
+                    .color(theme::WEAK),
+            );
+            ui.add_space(8.0);
+            header::open(ui, state, actions);
+        });
+    });
+}
+
+/// Asks whether to close though something would be lost.
+pub fn question(context: &Context, state: &mut UiState, actions: &mut Vec<Action>) {
+    if state.asks.is_empty() {
+        return;
+    }
+    let mut stays = false;
+    let window = Window::new("close the window?").collapsible(false).resizable(false);
+    window.anchor(Align2::CENTER_CENTER, [0.0, 0.0]).show(context, |ui| {
+        ui.label("Not saved yet:");
+        for lost in &state.asks {
+            ui.label(RichText::new(lost).color(theme::NOTE));
+        }
+        ui.add_space(8.0);
+        ui.horizontal(|ui| {
+            if ui.button("close").on_hover_text("Enter").clicked() {
+                actions.push(Action::CloseAnyway);
+            }
+            stays = ui.button("stay").on_hover_text("Esc").clicked();
+        });
+    });
+    if stays {
+        state.asks.clear();
+    }
+}
+
 fn rows(ui: &mut Ui, state: &UiState) {
-    let keys = KEYS.iter().map(|key| (key.name, key.about));
     Grid::new("keys").show(ui, |ui| {
-        for (name, about) in keys::mouse(state.style, state.mode).into_iter().chain(keys) {
+        for (name, about) in keys::rows(state.style, state.mode) {
             ui.label(RichText::new(name).strong());
             ui.label(spaced_hyphens(ui, about));
             ui.end_row();
