@@ -1,6 +1,5 @@
 //! How soon the panel answers keys and clicks while ten million points are drawn.
 
-use crate::display::Viewer;
 use crate::display::place::Place;
 use std::time::{Duration, Instant};
 use x11rb::connection::Connection;
@@ -14,6 +13,11 @@ const TARGET: Duration = Duration::from_millis(100);
 /// Behind what is chosen in the panel, and behind all of it.
 const CHOSEN: [u8; 3] = [0, 84, 120];
 const FILL: [u8; 3] = [27; 3];
+/// Rows of the panel, above their text: tabs, and styles.
+const TABS: i16 = 76;
+const STYLES: i16 = 103;
+/// A place within the list of keys.
+const KEYS: [i16; 2] = [350, 40];
 
 /// Reads single pixels, much faster than a photograph.
 struct Eye {
@@ -83,23 +87,26 @@ fn measured(
 fn panel_answers_within_a_tenth_of_a_second_while_ten_million_points_are_drawn() {
     let place = Place::new();
     let cloud = place.street(POINTS);
-    let mut viewer: Viewer = place.view_with_panel(&[&cloud], SIZE, "");
-    viewer.until("whole picture", |viewer| {
-        !viewer.said().is_empty() || {
-            viewer.rests();
-            true
-        }
-    });
+    let mut viewer = place.view_with_panel(&[&cloud], SIZE, "");
     let eye = Eye::open(&place);
     eye.until("panel", [2, 2], &|pixel| pixel == FILL);
+    viewer.until("picture at rest", |viewer| {
+        let before = viewer.ticks();
+        std::thread::sleep(Duration::from_secs(2));
+        viewer.ticks() - before <= 2
+    });
     let chosen = |pixel: [u8; 3]| pixel == CHOSEN;
     let is_fill = |pixel: [u8; 3]| pixel == FILL;
     let no_fill = |pixel: [u8; 3]| pixel != FILL;
     let tab = |x: i16| [x, TABS];
     let click = |[x, y]: [i16; 2]| format!("mousemove {} {} click 1", x + 20, y + 4);
-    let [look, measure, layers] = [12, 100, 187].map(tab);
-    let [surface, points] = STYLES.map(|x| [x, STYLE]);
-    let words = [look, measure, layers, surface, points].map(click);
+    let [look, measure, layers] = [12, 101, 190].map(tab);
+    // The style that is chosen, and the next.
+    let is_chosen = |x: &i16| eye.pixel([*x, STYLES]) == CHOSEN;
+    let first = (0..276).find(is_chosen).expect("a style");
+    let end = (first..276).find(|x| !is_chosen(x)).expect("another style");
+    let [own, next] = [first + 3, end + 9].map(|x| [x, STYLES]);
+    let words = [look, measure, layers, own, next].map(click);
     let panel = [
         Action { name: "tab Layers", does: &words[2], at: layers, shows: &chosen },
         Action { name: "tab Measure", does: &words[1], at: measure, shows: &chosen },
@@ -110,8 +117,8 @@ fn panel_answers_within_a_tenth_of_a_second_while_ten_million_points_are_drawn()
         Action { name: "key N, shown", does: "key n", at: [2, 2], shows: &is_fill },
     ];
     let scene = [
-        Action { name: "style points", does: &words[4], at: points, shows: &chosen },
-        Action { name: "style surface", does: &words[3], at: surface, shows: &chosen },
+        Action { name: "next style", does: &words[4], at: next, shows: &chosen },
+        Action { name: "style before", does: &words[3], at: own, shows: &chosen },
     ];
     let mut all = Vec::new();
     for (when, actions, pause) in [

@@ -487,8 +487,8 @@ fn find_at_rest(viewer: &mut Viewer, color: [u8; 3]) -> [usize; 2] {
 /// Width of the panel [px], its colour, and where its tabs and the fold of effects are.
 const PANEL: usize = 276;
 const FILL: [u8; 3] = [27; 3];
-const LAYERS: [u32; 2] = [225, 84];
-const EFFECTS: [u32; 2] = [40, 0];
+const LAYERS: [u32; 2] = [225, 82];
+const EFFECTS: [u32; 2] = [40, 198];
 
 fn is_there(viewer: &Viewer) -> bool {
     let seen = viewer.photograph();
