@@ -18,6 +18,7 @@ mod tree;
 mod display;
 mod hosts;
 mod pace;
+mod panel;
 mod presentation;
 mod window;
 mod window_lifecycle;

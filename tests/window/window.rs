@@ -488,7 +488,7 @@ fn find_at_rest(viewer: &mut Viewer, color: [u8; 3]) -> [usize; 2] {
 const PANEL: usize = 276;
 const FILL: [u8; 3] = [27; 3];
 const LAYERS: [u32; 2] = [225, 82];
-const EFFECTS: [u32; 2] = [40, 198];
+const EFFECTS_FOLD: [u32; 2] = [40, 198];
 
 fn is_there(viewer: &Viewer) -> bool {
     let seen = viewer.photograph();
@@ -512,7 +512,7 @@ fn panel_switches_an_effect_off() {
     // Effects that run are named in green, and one runs; `off` is in the middle of its row.
     let green = [0x90, 0xEE, 0x90];
     viewer.until("panel", |viewer| is_there(viewer));
-    place.display.xdotool(&format!("mousemove {} {} click 1", EFFECTS[0], EFFECTS[1]));
+    place.display.xdotool(&format!("mousemove {} {} click 1", EFFECTS_FOLD[0], EFFECTS_FOLD[1]));
     viewer.until("effect that runs", |viewer| find(viewer, green).is_some());
     let [_, row] = find_at_rest(&mut viewer, green);
     place.display.xdotool(&format!("mousemove 168 {row} click 1"));
