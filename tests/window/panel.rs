@@ -38,8 +38,6 @@ fn a_line_of_filters_leaves_what_the_command_line_leaves() {
     let place = Place::new();
     let cloud = place.street(60_000);
     let fit = place.picture(&[&cloud], "fit.png", &format!("{} --view top", size()));
-    let line = format!("{} --view top --only building", size());
-    let only = place.picture(&[&cloud], "only.png", &line);
     let mut viewer = panel(&place, &[&cloud], "--view top");
     place.display.xdotool(&format!("mousemove {} {} click 1", LAYERS[0], LAYERS[1]));
     viewer.until("field", |viewer| places(viewer, FIELD).len() > 1000);
@@ -61,14 +59,16 @@ fn a_line_of_filters_leaves_what_the_command_line_leaves() {
     write("--only building");
     viewer.until("no error", |viewer| places(viewer, ERROR).is_empty());
     viewer.key("n");
-    viewer.shows(&only);
+    let scene = place.shows_its_scene(&mut viewer, &[&cloud], 1, &size());
+    assert_eq!(scene["only"], serde_json::json!(["building"]));
     // What leaves nothing is refused, and what was there stays.
     viewer.key("n");
     write("--only class=77");
     viewer.until("an error", |viewer| !places(viewer, ERROR).is_empty());
     viewer.key("Escape");
     viewer.key("n");
-    viewer.shows(&only);
+    let scene = place.shows_its_scene(&mut viewer, &[&cloud], 2, &size());
+    assert_eq!(scene["only"], serde_json::json!(["building"]));
     viewer.key("ctrl+z");
     viewer.key("ctrl+z");
     viewer.shows(&fit);

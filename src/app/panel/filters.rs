@@ -1,7 +1,7 @@
 //! The line of filters, in the words of the command line.
 
 use super::state::{FilterLine, UiState};
-use super::text::weak;
+use super::text::{spaced_hyphens, weak};
 use super::theme;
 use crate::cloud::filter::Filter;
 use egui::{Label, RichText, TextEdit, Ui};
@@ -15,7 +15,8 @@ pub fn show(ui: &mut Ui, state: &mut UiState, filter: &mut Filter) {
     }
     ui.horizontal(|ui| {
         ui.label("filters");
-        let line = TextEdit::singleline(text).hint_text("--only ground --not noise");
+        let hint = spaced_hyphens(ui, "--only ground --not noise");
+        let line = TextEdit::singleline(text).hint_text(hint);
         let about = "--only and --where: what every point must be; --not: what none may be. Classes by name; class=2,6, return=last, intensity=100..2000, z=..50, gps-time, source, file";
         if ui.add(line.desired_width(f32::INFINITY)).on_hover_text(about).lost_focus() {
             match text.parse::<Filter>() {

@@ -64,10 +64,9 @@ fn save_size(ui: &mut Ui, save_size: &mut SaveSize, view: Option<&View>) {
         }
         let mut sides = save_size.of(window);
         ui.horizontal(|ui| {
-            let edited = sides.iter_mut().fold(false, |edited, side| {
-                ui.add(DragValue::new(side).range(1..=MOST)).changed() || edited
-            });
-            if edited {
+            let [wide, high] =
+                sides.each_mut().map(|side| ui.add(DragValue::new(side).range(1..=MOST)).changed());
+            if wide || high {
                 *save_size = SaveSize::To(sides);
             }
         });

@@ -181,3 +181,37 @@ fn eye(ui: &mut Ui, is_open: bool) -> egui::Response {
     }
     response
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn files_have_their_stations_and_single_kinds_are_left_out() {
+        let station =
+            |part, source, name: &str, points| Station { part, source, name: name.into(), points };
+        let stations = vec![
+            station(0, Some(3), "a.las source 3", 5),
+            station(0, Some(7), "a.las source 7", 6),
+            station(1, None, "b.ply", 9),
+        ];
+        let categories = Categories {
+            classes: vec![(2, 15), (6, 5)],
+            returns: vec![(1, 20)],
+            stations,
+            ..Categories::default()
+        };
+        let files = vec!["a.las".to_string(), "b.ply".to_string()];
+        let state = UiState { files, categories, ..UiState::default() };
+        let rows = |branches: &[Branch]| -> Vec<(String, u64, usize)> {
+            let row = |branch: &Branch| (branch.name.clone(), branch.points, branch.below.len());
+            branches.iter().map(row).collect()
+        };
+        let tree = tree(&state);
+        let row = |name: &str, points, below| (name.to_string(), points, below);
+        assert_eq!(rows(&tree), [row("a.las", 11, 2), row("b.ply", 9, 0), row("classes", 20, 2)]);
+        assert_eq!(rows(&tree[0].below), [row("source 3", 5, 0), row("source 7", 6, 0)]);
+        assert_eq!(rows(&tree[2].below), [row("2 ground", 15, 0), row("6 building", 5, 0)]);
+        assert_eq!(tree[0].below[1].what, Some(What::Station("a.las source 7".into())));
+    }
+}

@@ -20,7 +20,7 @@ pub fn show(ui: &mut Ui, state: &mut UiState, scene: &mut Scene, actions: &mut V
     color::show(ui, state, scene);
     light::choose(ui, &mut scene.settings.light, scene.camera.eye);
     effects::show(ui, &mut scene.settings, &state.decisions);
-    annotations(ui, &mut state.annotations);
+    in_the_picture(ui, &mut state.annotations, &mut scene.settings.background);
     camera_path::show(ui, state, actions);
     CollapsingHeader::new("what runs, and why").show(ui, |ui| reasons(ui, state));
     CollapsingHeader::new(format!("picture, {:.1} ms", state.took.as_secs_f64() * 1e3))
@@ -44,9 +44,13 @@ fn style(ui: &mut Ui, effects: &mut Effects) {
     });
 }
 
-/// Chooses what is drawn in the picture, as `--title` and its like do.
-fn annotations(ui: &mut Ui, own: &mut Annotations) {
+/// Chooses what is drawn besides points, as `--title` and its like do.
+fn in_the_picture(ui: &mut Ui, own: &mut Annotations, background: &mut [u8; 3]) {
     CollapsingHeader::new("in the picture").show(ui, |ui| {
+        ui.horizontal(|ui| {
+            ui.color_edit_button_srgb(background);
+            ui.label("background");
+        });
         ui.horizontal(|ui| {
             let mut title = own.title.take().unwrap_or_default();
             ui.label("title");

@@ -24,7 +24,7 @@ pub fn show(ui: &mut Ui, state: &mut UiState, actions: &mut Vec<Action>) {
     });
     profile(ui, measure, width, actions);
     ui.separator();
-    let hint = ["click on a point to pick it", "shift and click for one more, and a length"];
+    let hint = ["click on a point to pick it", "shift and click for one more"];
     weak(ui, format!("{count} picked; {}", hint[count.min(1)]));
     if count > 1 {
         between(ui, measure);

@@ -2,7 +2,6 @@
 
 use crate::cloud::attribute::{Attribute, DisplayAttribute};
 use crate::cloud::colormap;
-use crate::cloud::crs::Reference;
 use egui::{Color32, CursorIcon, Rect, Sense, Shape, Stroke, Ui, pos2, vec2};
 
 /// Side of a swatch, and height of a ramp and of its handles `[points]`.
@@ -14,12 +13,7 @@ const PARTS: u32 = 96;
 const BESIDE: f64 = 0.25;
 
 /// Draws the colour ramp of the displayed attribute, if that is a number; its ends follow drags.
-pub fn show(
-    ui: &mut Ui,
-    shown: &DisplayAttribute,
-    reference: &Reference,
-    range: &mut Option<[f64; 2]>,
-) {
+pub fn show(ui: &mut Ui, shown: &DisplayAttribute, range: &mut Option<[f64; 2]>) {
     let mut automatic = *shown;
     automatic.scale.range = None;
     let (Some(ends), Some([lo, hi])) = (shown.ends(), automatic.ends()) else { return };
@@ -56,20 +50,6 @@ pub fn show(
     if dragged != ends && dragged[0] < dragged[1] {
         *range = Some(dragged);
     }
-    let unit = reference.height_unit();
-    let said = |end: f64| {
-        if shown.attribute == Attribute::Elevation {
-            unit.length(end, 2)
-        } else {
-            format!("{end:.2}")
-        }
-    };
-    ui.horizontal(|ui| {
-        ui.label(said(ends[0]));
-        ui.with_layout(egui::Layout::right_to_left(egui::Align::Center), |ui| {
-            ui.label(said(ends[1]))
-        });
-    });
 }
 
 /// Draws the colour of points with this number.

@@ -40,6 +40,8 @@ pub fn set(context: &Context) {
     context.all_styles_mut(|style| {
         // What comes and goes under a moving cursor is not read.
         style.interaction.tooltip_delay = 0.3;
+        // Each step of an animation is another picture, and what moves is no answer yet.
+        style.animation_time = 0.0;
         style.spacing.item_spacing = egui::vec2(6.0, 4.0);
     });
 }

@@ -8,7 +8,7 @@ use super::text::spaced_hyphens;
 use super::theme;
 use crate::app::actions::Action;
 use crate::app::keys;
-use egui::{Align2, Area, Context, Grid, RichText, ScrollArea, Ui, Window};
+use egui::{Align2, Area, Context, Grid, Order, RichText, ScrollArea, Ui, Window};
 
 /// Shows the last errors, until the window is closed.
 pub fn error(context: &Context, state: &mut UiState) {
@@ -41,9 +41,10 @@ pub fn notes(context: &Context, state: &mut UiState) {
 /// Lists what the mouse and every key do.
 pub fn help(context: &Context, state: &mut UiState) {
     let mut shown = state.help;
+    let tall = context.content_rect().height() - 80.0;
     let window = Window::new("keys").open(&mut shown).default_pos([WIDTH + 60.0, 8.0]);
-    window.show(context, |ui| {
-        ScrollArea::vertical().show(ui, |ui| rows(ui, state));
+    window.default_height(tall).show(context, |ui| {
+        ScrollArea::vertical().max_height(tall).show(ui, |ui| rows(ui, state));
     });
     state.help = shown;
 }
@@ -75,6 +76,7 @@ pub fn question(context: &Context, state: &mut UiState, actions: &mut Vec<Action
     }
     let mut stays = false;
     let window = Window::new("close the window?").collapsible(false).resizable(false);
+    let window = window.order(Order::Foreground);
     window.anchor(Align2::CENTER_CENTER, [0.0, 0.0]).show(context, |ui| {
         ui.label("Not saved yet:");
         for lost in &state.asks {
