@@ -2,13 +2,15 @@
 //!
 //! A file gets its name only once it is complete and on the disk. Until then it is a partial file
 //! beside its place, `.NAME.partial-PID`, or with another number if that is taken. The partial file
-//! is removed when writing fails, on Ctrl-C, and when the process exits early. Partial files of a
+//! is removed when writing fails, on Ctrl-C, and when the process exits early. Links are followed:
+//! what they point to is written. The name `-` is standard output, to which a complete file is
+//! copied. Partial files of a
 //! killed process are removed by the next writer of the same name: writers hold a lock on their
 //! partial file, so one that can be locked is stale.
 
 use crate::error::{Error, Result};
 use std::fs::{File, OpenOptions, TryLockError};
-use std::io::ErrorKind;
+use std::io::{ErrorKind, Write};
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 
@@ -29,13 +31,19 @@ impl AtomicFile {
     /// Creates the empty partial file, so that a read-only folder is reported before the work is
     /// done.
     pub fn create(path: &Path) -> Result<AtomicFile> {
+        if path == Path::new(STANDARD_OUTPUT) {
+            let name = std::env::temp_dir().join("pointillist-output");
+            let (partial, lock) = claim(&name, &partial_begin(&name)?)?;
+            return Ok(AtomicFile { path: path.to_owned(), partial: Some(partial), _lock: lock });
+        }
         // A rename would replace a pipe, or as root /dev/null, by a file.
         if path.metadata().is_ok_and(|found| !found.is_file()) {
             return Err(Error::Request(format!(
-                "cannot write {}: it is a folder, a pipe or a device; name a file",
+                "cannot write {}: it is a folder, a pipe or a device; name a file, or - for standard output",
                 path.display()
             )));
         }
+        let path = &target(path)?;
         let begin = partial_begin(path)?;
         remove_stale(path, &begin);
         let (partial, lock) = claim(path, &begin)?;
@@ -48,6 +56,13 @@ impl AtomicFile {
 
     /// Syncs the contents, renames the file, and syncs the folder.
     pub fn finish(mut self) -> Result<()> {
+        if self.path == Path::new(STANDARD_OUTPUT) {
+            let mut out = std::io::stdout().lock();
+            let copied = File::open(self.partial())
+                .and_then(|mut file| std::io::copy(&mut file, &mut out))
+                .and_then(|_| out.flush());
+            return copied.map_err(|error| Error::io("write", Path::new("standard output"), error));
+        }
         let synced =
             OpenOptions::new().write(true).open(self.partial()).and_then(|file| file.sync_all());
         let named = synced.and_then(|()| self.rename());
@@ -74,6 +89,25 @@ impl Drop for AtomicFile {
         let _ = std::fs::remove_file(&partial);
         unfinished.retain(|other| *other != partial);
     }
+}
+
+/// The name of standard output.
+pub const STANDARD_OUTPUT: &str = "-";
+
+/// Most links between a name and its file, as in the system.
+const MOST_LINKS: usize = 40;
+
+/// Returns the file that a name stands for: where links lead, or the name itself.
+fn target(path: &Path) -> Result<PathBuf> {
+    let mut target = path.to_owned();
+    for _ in 0..MOST_LINKS {
+        if !target.symlink_metadata().is_ok_and(|found| found.is_symlink()) {
+            return Ok(target);
+        }
+        let link = target.read_link().map_err(|error| Error::io("read", path, error))?;
+        target = target.with_file_name("").join(link);
+    }
+    Err(Error::Request(format!("cannot write {}: its links lead in a circle", path.display())))
 }
 
 /// Writes `path` completely or not at all.
@@ -211,6 +245,33 @@ mod tests {
     #[test]
     fn long_names_are_cut_between_characters() {
         assert_eq!((shortened("aéé", 4), shortened("aéé", 9)), ("aé", "aéé"));
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn links_stay_and_what_they_point_to_is_written() {
+        use std::os::unix::fs::symlink;
+        let folder = tempfile::tempdir().unwrap();
+        let at = |name: &str| folder.path().join(name);
+        std::fs::create_dir(at("there")).unwrap();
+        std::fs::write(at("there/old.png"), "old").unwrap();
+        symlink("there/old.png", at("a.png")).unwrap();
+        symlink("a.png", at("b.png")).unwrap();
+        symlink(at("there/new.png"), at("dangling.png")).unwrap();
+        symlink("circle.png", at("circle.png")).unwrap();
+        let write = |path: &Path| {
+            write_atomically(path, |partial| {
+                std::fs::write(partial, "new").map_err(|error| Error::io("write", partial, error))
+            })
+        };
+        for link in ["b.png", "dangling.png"] {
+            write(&at(link)).unwrap();
+            assert!(at(link).symlink_metadata().unwrap().is_symlink());
+        }
+        for file in ["there/old.png", "there/new.png"] {
+            assert_eq!(std::fs::read(at(file)).unwrap(), b"new");
+        }
+        assert!(write(&at("circle.png")).unwrap_err().to_string().contains("circle"));
     }
 
     #[test]

@@ -19,38 +19,33 @@
 //! - [`loader`]: the thread that reads nodes of an index. [`resident`]: nodes in device memory.
 //! - [`passes`]: one file a pass, and the registry of effects.
 //! - [`render`]: files or an index as a source, settings, the scene file, and the whole frame.
-//! - [`renderer`]: clouds in the images of another Vulkan application, and [`c`], the same for C.
+//! - [`renderer`]: clouds, drawn into the images of another Vulkan application or on a device of
+//!   our own, as the programs here do. [`c`]: the same for C.
 //!   These two are the interface that stays; the other modules change with the program.
 //! - [`output`]: PNG and EXR files, and pictures larger than a device's images.
 //! - [`present`]: a window's swapchain. [`app`]: the window with its panel and navigation.
 //! - [`bench`](mod@bench): timings of passes. [`study`]: accuracy against time. [`cli`]: the
 //!   program, one file a subcommand.
 //! - [`guide`]: the pages of the guide, from the window to the numerics.
-//! - For all: [`config`] (limits and defaults), [`error`], [`progress`], [`atomic_file`].
+//! - For all: [`config`] (limits and defaults), [`error`], [`progress`], [`atomic_file`],
+//!   [`small_file`].
 //!
 //! A picture of a file, without the program:
 //!
 //! ```no_run
-//! use pointillist::{cloud, gpu, graph, output::image_io, passes::encode, progress::Silent};
-//! use pointillist::render::{frame, settings::FrameConfig, settings::RenderSettings};
-//! use pointillist::{resident::Resident, view};
+//! use pointillist::gpu::DeviceOptions;
+//! use pointillist::output::image_io::write_png;
+//! use pointillist::renderer::{OpenSettings, Preset, Renderer, RendererOptions};
 //!
 //! # fn main() -> pointillist::error::Result<()> {
-//! let options = cloud::ReadOptions::new(cloud::ColumnSet { rgb: true, ..Default::default() }, false);
-//! let cloud = cloud::read(&["scan.laz".into()], &options, &Silent)?;
-//! let camera = view::Camera::framing(view::Preset::Fit, &cloud.core_points(), [1920, 1080]);
-//! let view = view::View::new(camera, [1920, 1080])?;
-//! let (shown, _why) = cloud::attribute::DisplayAttribute::automatic(&cloud);
-//!
-//! let mut gpu = graph::Gpu::open(&gpu::DeviceOptions::default())?;
-//! let resident = Resident::fill(&mut gpu, cloud, shown, &Silent)?;
-//! let config = FrameConfig::new(&RenderSettings::default(), &view, &resident);
-//!
-//! let mut g = graph::Graph::new(&mut gpu);
-//! let outcome = frame::record(&mut g, &view, &resident, &config)?;
-//! let encoded = encode::download(&mut g, &outcome.picture)?;
-//! let frame = g.submit_and_wait(&[])?;
-//! image_io::write_png("out.png".as_ref(), view.size, &encoded.read(&frame))?;
+//! let mut renderer =
+//!     Renderer::open_device(&DeviceOptions::default(), RendererOptions::default())?;
+//! let cloud = renderer.open(&["scan.laz".into()], &OpenSettings::default())?;
+//! renderer.wait(cloud)?;
+//! let size = [1920, 1080];
+//! if let Some(camera) = renderer.framing(Preset::Fit, size) {
+//!     write_png("scan.png".as_ref(), size, &[&renderer.picture(cloud, camera, size)?])?;
+//! }
 //! # Ok(())
 //! # }
 //! ```
@@ -88,6 +83,7 @@ pub mod renderer;
 pub mod resident;
 pub mod select;
 pub mod shader;
+pub mod small_file;
 #[cfg(feature = "study")]
 pub mod study;
 #[cfg(feature = "study")]

@@ -8,8 +8,8 @@ use super::scripted_flight::ScriptedFlight;
 use super::{App, Event};
 use crate::error::{Error, Result};
 use crate::gpu::DeviceOptions;
-use crate::graph::Gpu;
 use crate::present::Present;
+use crate::renderer::{Renderer, RendererOptions};
 use glam::DVec2;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -38,15 +38,20 @@ impl App {
 
     /// Opens a device and a render thread, and loads all open files.
     fn draw_in(&mut self, window: Arc<Window>) -> Result<()> {
-        let gpu =
-            Gpu::open(&DeviceOptions { window: true, ..self.options.device_options.clone() })?;
+        let device = DeviceOptions { window: true, ..self.options.device_options.clone() };
+        let options = RendererOptions {
+            memory_budget: self.options.pool_bytes,
+            ..RendererOptions::default()
+        };
+        let renderer = Renderer::open_device(&device, options)?;
+        let gpu = &renderer.gpu;
         self.stats.device = format!("{} ({})", gpu.device.name, gpu.device.driver);
         let size = window.inner_size();
-        let present = Present::open(&gpu, window)?;
+        let present = Present::open(gpu, window)?;
         let proxy = self.events.clone();
         // If the window is gone, its events are dropped.
         let report = move |event| drop(proxy.send_event(Event::Render(event)));
-        self.render_thread = Some(RenderThread::start(gpu, present, report)?);
+        self.render_thread = Some(RenderThread::start(renderer, present, report)?);
         self.resized(size);
         self.open()
     }

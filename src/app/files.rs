@@ -211,9 +211,8 @@ impl App {
         if is_whole {
             self.framing.early_inputs.clear();
         }
-        let (pool_bytes, watch) =
-            (self.options.pool_bytes, self.progress_reporter(self.load.token.clone()));
-        self.post(Message::Upload(Box::new(Upload { prepared, info, pool_bytes, watch })));
+        let watch = self.progress_reporter(self.load.token.clone());
+        self.post(Message::Upload(Box::new(Upload { prepared, info, watch })));
         self.post_scene();
     }
 

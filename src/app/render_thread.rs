@@ -24,15 +24,16 @@ mod messages;
 mod saving;
 
 use super::dynamic_resolution::ResolutionScale;
+use super::load_thread::{CloudInfo, ProgressReporter};
 use super::profile::Profile;
 use crate::error::{Error, Result};
-use crate::graph::{Gpu, Graph};
+use crate::graph::Graph;
 use crate::passes::{count_visible, project};
 use crate::present::Present;
 use crate::render::scene::Scene;
 #[cfg(doc)]
 use crate::render::settings::FrameConfig;
-use crate::render::source::GpuCloud;
+use crate::renderer::{CloudId, Renderer};
 use crate::view::View;
 use draw_frame::Superseded;
 pub use messages::{FrameReport, FrameTimes, Loading, Message, RenderEvent, Upload};
@@ -57,14 +58,14 @@ pub struct RenderThread {
 impl RenderThread {
     /// Starts the thread, which reports its events through `report`.
     pub fn start(
-        gpu: Gpu,
+        renderer: Renderer,
         present: Present,
         report: impl Fn(RenderEvent) + Send + Sync + 'static,
     ) -> Result<RenderThread> {
         let (sender, messages) = channel();
         let [posted, urgent] = [(); 2].map(|()| Arc::new(AtomicU64::new(0)));
         let thread = RenderLoop {
-            gpu,
+            renderer,
             present: Some(present),
             window: [0, 0],
             inbox: Inbox { messages, handled: 0, urgent: urgent.clone(), urgent_handled: 0 },
@@ -178,17 +179,24 @@ impl Schedule {
     }
 }
 
+/// A cloud that is being uploaded, which then replaces the window's.
+struct Uploading {
+    cloud: CloudId,
+    info: CloudInfo,
+    watch: ProgressReporter,
+}
+
 /// The thread's state.
 struct RenderLoop {
-    gpu: Gpu,
+    renderer: Renderer,
     /// None once the thread has ended.
     present: Option<Present>,
     /// Size of the window `[px]`, as last reported.
     window: [u32; 2],
     inbox: Inbox,
     report: Box<dyn Fn(RenderEvent) + Send + Sync>,
-    uploading: Option<Box<Upload>>,
-    cloud: Option<GpuCloud>,
+    uploading: Option<Uploading>,
+    cloud: Option<CloudId>,
     scene: Option<Scene>,
     schedule: Schedule,
     scale: ResolutionScale,
@@ -212,8 +220,8 @@ impl RenderLoop {
         self.cancel_saves();
         self.cancel_upload();
         self.present = None;
-        self.cloud = None;
-        if let Err(error) = ended.and_then(|()| self.gpu.device.take_validation_errors()) {
+        self.renderer.remove_all();
+        if let Err(error) = ended.and_then(|()| self.renderer.gpu.device.take_validation_errors()) {
             (self.report)(RenderEvent::Ended(error));
         }
     }
@@ -285,40 +293,43 @@ impl RenderLoop {
                 self.present
                     .as_mut()
                     .expect("taken at the end")
-                    .set_overlay(&self.gpu, *overlay)?;
+                    .set_overlay(&self.renderer.gpu, *overlay)?;
                 self.schedule.show_due = true;
             }
             Message::Upload(upload) => {
                 // A newer upload replaces one in progress.
                 self.cancel_upload();
-                self.uploading = Some(upload);
+                let Upload { prepared, info, watch } = *upload;
+                let cloud = self.renderer.add_prepared(prepared);
+                self.uploading = Some(Uploading { cloud, info, watch });
             }
             Message::Pick { id, at, adds } => {
-                self.restore_filters()?;
+                self.restore_scene()?;
                 // Ids are those of the last frame; they are void if nodes have arrived since.
-                let resident = self
-                    .cloud
-                    .as_ref()
-                    .map(GpuCloud::resident)
-                    .filter(|resident| resident.identity() == self.last_drawn);
-                match resident {
-                    Some(resident) => {
-                        let point = resident.point(&mut self.gpu, id)?;
-                        point
-                            .into_iter()
-                            .for_each(|point| (self.report)(RenderEvent::Picked { point, adds }));
+                let point = match self.cloud {
+                    Some(cloud) => {
+                        let (gpu, cloud) = self.renderer.cloud(cloud)?;
+                        let resident = cloud.resident();
+                        let is_last = resident.identity() == self.last_drawn;
+                        is_last.then(|| resident.point(gpu, id)).transpose()?
                     }
+                    None => None,
+                };
+                match point {
+                    Some(point) => point
+                        .into_iter()
+                        .for_each(|point| (self.report)(RenderEvent::Picked { point, adds })),
                     None => (self.report)(RenderEvent::PickLater { at, adds }),
                 }
             }
             Message::Section(slab) => {
-                self.restore_filters()?;
-                if let Some(resident) = self.cloud.as_ref().map(GpuCloud::resident) {
-                    (self.report)(RenderEvent::Profile(Box::new(Profile::new(
-                        slab,
-                        resident.section(&mut self.gpu, &slab)?,
-                        resident.shown,
-                    ))));
+                self.restore_scene()?;
+                if let Some(cloud) = self.cloud {
+                    let (gpu, cloud) = self.renderer.cloud(cloud)?;
+                    let resident = cloud.resident();
+                    let points = resident.section(gpu, &slab)?;
+                    let profile = Profile::new(slab, points, resident.shown);
+                    (self.report)(RenderEvent::Profile(Box::new(profile)));
                 }
             }
             Message::Save { path, size, layers, over } => self.save(path, size, layers, *over)?,
@@ -330,21 +341,15 @@ impl RenderLoop {
     /// Uploads some more of a loaded cloud. Besides the window's cloud, at most one cloud whose
     /// pictures are being saved is on the device.
     fn upload_step(&mut self) -> Result<()> {
-        let Some(mut upload) = self.uploading.take_if(|_| self.saves.retired.is_empty()) else {
+        if self.saves.of_other_clouds(self.cloud) {
             return Ok(());
-        };
-        let uploaded = match upload.prepared.step(&mut self.gpu, &upload.watch) {
-            Ok(true) => {
-                self.uploading = Some(upload);
-                return Ok(());
-            }
-            Ok(false) => upload.prepared.finish(&mut self.gpu, upload.pool_bytes),
-            Err(error) => Err(error),
-        };
-        match uploaded {
-            Ok(cloud) => {
-                if let Some(old) = self.cloud.replace(cloud) {
-                    self.retire(old);
+        }
+        let Some(upload) = self.uploading.take() else { return Ok(()) };
+        match self.renderer.upload_step(upload.cloud, &upload.watch) {
+            Ok(true) => self.uploading = Some(upload),
+            Ok(false) => {
+                if let Some(old) = self.cloud.replace(upload.cloud) {
+                    self.remove_unused(old)?;
                 }
                 (self.report)(RenderEvent::Uploaded(Box::new(upload.info), upload.watch.token));
                 self.schedule.change(Instant::now());
@@ -361,7 +366,9 @@ impl RenderLoop {
     }
 
     fn cancel_upload(&mut self) {
-        self.uploading = None;
+        if let Some(upload) = self.uploading.take() {
+            let _ = self.renderer.remove(upload.cloud);
+        }
     }
 
     /// Takes the next step that is due.
@@ -394,17 +401,18 @@ impl RenderLoop {
     /// another pass over them.
     fn count_points(&mut self) -> Result<()> {
         let Some(one_sided) = self.schedule.count_due.take() else { return Ok(()) };
-        self.restore_filters()?;
+        self.restore_scene()?;
         // If nodes are arriving, the frame that has them is counted.
         if self.schedule.redraw != Redraw::Nothing {
             return Ok(());
         }
-        let (Some(scene), Some(cloud), Some(present)) = (&self.scene, &self.cloud, &self.present)
+        let (Some(scene), Some(cloud), Some(present)) = (&self.scene, self.cloud, &self.present)
         else {
             return Ok(());
         };
         let view = View::new(scene.camera, present.size())?;
-        let mut g = Graph::new(&mut self.gpu);
+        let (gpu, cloud) = self.renderer.cloud(cloud)?;
+        let mut g = Graph::new(gpu);
         let Ok(points) = project::draw(&mut g, &view, cloud.resident(), scene.settings.precision)
         else {
             // Drawing reports the same error.

@@ -10,12 +10,12 @@
 use crate::cloud::attribute::Attribute;
 use crate::error::{Error, Result};
 use crate::gpu::DeviceOptions;
-use crate::graph::{Gpu, Graph, Handle};
+use crate::graph::Gpu;
 use crate::index::format::{Index, Plane};
+use crate::passes::encode;
 use crate::progress::Progress;
-use crate::render::frame;
-use crate::render::settings::{FrameConfig, RenderSettings};
-use crate::render::source;
+use crate::render::source::{self, GpuCloud, Source};
+use crate::renderer::{CloudId, Renderer, RendererOptions};
 use crate::resident::pages::PAGE_BYTES;
 use crate::resident::{Residency, streaming::Update};
 use crate::select::lod::Detail;
@@ -82,12 +82,12 @@ pub fn run(options: &DeviceOptions, plan: &Plan, progress: &dyn Progress) -> Res
     if index.nodes().is_empty() {
         return Err(Error::format(&plan.index, "has no points"));
     }
-    let mut gpu = Gpu::open(options)?;
-    plan.sizes.iter().map(|&size| fly(&mut gpu, &index, plan, size, progress)).collect()
+    let mut renderer = Renderer::open_device(options, RendererOptions::default())?;
+    plan.sizes.iter().map(|&size| fly(&mut renderer, &index, plan, size, progress)).collect()
 }
 
 fn fly(
-    gpu: &mut Gpu,
+    renderer: &mut Renderer,
     index: &Arc<Index>,
     plan: &Plan,
     size: [u32; 2],
@@ -103,7 +103,8 @@ fn fly(
     let colored = index.nodes().iter().any(|node| node.has(Plane::Rgb));
     let shown = source::shown(index, if colored { Attribute::Rgb } else { Attribute::Elevation });
     let path = Path::over(index, size)?;
-    let mut residency = Residency::open(gpu, index.clone(), shown, pool_bytes)?;
+    renderer.set_memory_budget(pool_bytes);
+    let cloud = renderer.add_source(Source::Index(index.clone()), shown, progress)?;
     let [mut frames, mut updates, mut points] = [(); 3].map(|()| Vec::with_capacity(plan.frames));
     let (mut misses, mut complete_frames, mut frames_with_holes, mut needless_holes) = (0, 0, 0, 0);
     let mut errors = Vec::new();
@@ -111,23 +112,25 @@ fn fly(
         progress.tick("bench flight", number as u64, plan.frames as u64)?;
         let view = View::new(path.camera(number as f64 / (plan.frames.max(2) - 1) as f64), size)?;
         let began = Instant::now();
+        let (gpu, residency) = streamed(renderer, cloud)?;
         let update = residency.update(gpu, &view, &detail)?;
         updates.push(milliseconds(began));
-        let resident = residency.resident();
-        let config = FrameConfig::new(&RenderSettings::default(), &view, resident);
-        let mut g = Graph::new(gpu);
-        let outcome = frame::record(&mut g, &view, resident, &config)?;
-        let statistics = outcome.statistics;
-        g.submit_and_wait(&[outcome.picture.resource()])?;
+        let config = renderer.config(cloud, &view)?;
+        let statistics = renderer
+            .draw(cloud, &view, &config, progress, |g, outcome| {
+                encode::download(g, &outcome.picture).map(|_| outcome.statistics)
+            })?
+            .asked;
         frames.push(milliseconds(began));
         points.push(statistics.points_drawn as f64);
         misses += update.missing as u64;
         complete_frames += update.is_complete() as usize;
         frames_with_holes += (update.holes > 0) as usize;
-        needless_holes += holes_that_could_be_filled(&residency, &view, &update);
+        needless_holes += holes_that_could_be_filled(streamed(renderer, cloud)?.1, &view, &update);
         errors.extend(update.errors);
     }
     let [ms_median, ms_p999, ms_worst] = ranks(&mut frames);
+    let (gpu, residency) = streamed(renderer, cloud)?;
     let [update_ms_median, update_ms_p999, update_ms_worst] = ranks(&mut updates);
     let flight = Flight {
         bench: "flight",
@@ -156,7 +159,16 @@ fn fly(
         device: gpu.device.name.clone(),
         driver: gpu.device.driver.clone(),
     };
+    renderer.remove(cloud)?;
     Ok(flight)
+}
+
+/// Returns the device and the nodes of an index on it.
+fn streamed(renderer: &mut Renderer, cloud: CloudId) -> Result<(&mut Gpu, &mut Residency)> {
+    match renderer.cloud(cloud)? {
+        (gpu, GpuCloud::Parts(residency)) => Ok((gpu, residency)),
+        (_, GpuCloud::Whole(_)) => unreachable!("an index was added"),
+    }
 }
 
 fn milliseconds(since: Instant) -> f64 {

@@ -1,6 +1,7 @@
 //! `pointillist bench`: times of passes, against other ways of doing the same.
 
 use super::options::{DetailOptions, DeviceOptions};
+use super::streams;
 use super::units::{Bytes, Size};
 use crate::bench::{self, flight, index, layers, luminance, project, strokes, surface, window};
 use crate::error::{Error, Result};
@@ -131,35 +132,35 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
         let values = values
             .chain(flights.iter().map(serde_json::to_value))
             .collect::<std::result::Result<Vec<_>, _>>();
-        println!(
-            "{:#}",
+        streams::print(&format!(
+            "{:#}\n",
             serde_json::Value::from(values.map_err(|error| Error::Request(error.to_string()))?)
-        );
+        ))?;
         return Ok(());
     }
     if !rows.is_empty() {
-        print!("{}", bench::table(&rows, &baseline));
+        streams::print(&bench::table(&rows, &baseline))?;
     }
     if !indexes.is_empty() {
-        print!("{}", index::table(&indexes));
+        streams::print(&index::table(&indexes))?;
     }
     if !surfaces.is_empty() {
-        print!("{}", surface::table(&surfaces));
+        streams::print(&surface::table(&surfaces))?;
     }
     if !luminances.is_empty() {
-        print!("{}", luminance::table(&luminances));
+        streams::print(&luminance::table(&luminances))?;
     }
     if !paintings.is_empty() {
-        print!("{}", strokes::table(&paintings));
+        streams::print(&strokes::table(&paintings))?;
     }
     if !layer_rows.is_empty() {
-        print!("{}", layers::table(&layer_rows));
+        streams::print(&layers::table(&layer_rows))?;
     }
     if !flights.is_empty() {
-        print!("{}", flight::table(&flights));
+        streams::print(&flight::table(&flights))?;
     }
     if !windows.is_empty() {
-        print!("{}", window::table(&windows));
+        streams::print(&window::table(&windows))?;
     }
     Ok(())
 }

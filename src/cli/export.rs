@@ -4,6 +4,7 @@
 use super::files::{check_extension, refuse_to_overwrite};
 use super::filters::{ClipOptions, FilterOptions};
 use super::options::{ColorOptions, TextArguments};
+use super::streams;
 use crate::cloud::{ColumnSet, ReadOptions};
 use crate::error::{Error, Result};
 use crate::extract::input::Input;
@@ -113,7 +114,7 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
     let input = open(&arguments.files, &options, progress)?;
     let thinning = Thinning { cell: arguments.thin, every: arguments.every, ..Thinning::default() };
     let exported = extract::export(&input, &arguments.selection()?, &thinning, output, progress)?;
-    exported.notes.iter().for_each(|note| eprintln!("pointillist: note: {note}"));
-    eprintln!("{}", exported.line(output));
+    exported.notes.iter().for_each(streams::note);
+    streams::say(exported.line(output));
     Ok(())
 }

@@ -5,14 +5,12 @@
 
 use super::files::{check_extension, refuse_to_overwrite};
 use super::render::Arguments;
+use super::streams;
 use crate::atomic_file::AtomicFile;
 use crate::error::{Error, Result};
-use crate::graph::Gpu;
 use crate::output::export::Downloads;
 use crate::output::film::{self, Film};
 use crate::progress::{Progress, Whole};
-use crate::render::frame;
-use crate::render::settings::FrameConfig;
 use crate::render::source::Source;
 use crate::view::camera_path::CameraPath;
 use crate::view::{Camera, View};
@@ -21,6 +19,9 @@ use std::path::{Path, PathBuf};
 
 /// Digits of a frame's number at least, so that names sort like numbers.
 const DIGITS: usize = 4;
+
+/// Most frames: nine hours at 30 a second.
+const MOST_FRAMES: u64 = 1_000_000;
 
 /// Returns the path of a frame; frames are counted from 1.
 fn numbered(output: &Path, extension: &str, number: u64, total: u64) -> PathBuf {
@@ -84,15 +85,21 @@ impl Cameras {
 pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
     let cameras = Cameras::of(arguments)?;
     let total = cameras.frames();
+    if total > MOST_FRAMES {
+        return Err(Error::Request(format!(
+            "the camera path has {total} frames, {} a second, more than {MOST_FRAMES}; check its times, or give --fps",
+            cameras.per_second(arguments.fps)
+        )));
+    }
     let options = arguments.picture.with_scene()?;
     let mut size = options.size.0;
     let film = arguments.output.as_deref().filter(|output| film::ending(output).is_some());
     if let Some(film) = film {
-        refuse_to_overwrite(film, &arguments.files)?;
+        refuse_to_overwrite(film, &arguments.inputs())?;
         size = film::even(size);
         if size != options.size.0 {
             let [width, height] = size;
-            eprintln!("pointillist: note: films have even sides: drawn with {width}x{height}");
+            streams::note(format_args!("films have even sides: drawn with {width}x{height}"));
         }
         if arguments.resume {
             return Err(Error::Request(format!(
@@ -111,17 +118,18 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
     .map(|(output, extension)| {
         move |number: u64| output.map(|output| numbered(output, extension, number + 1, total))
     });
-    let mut missing = Vec::new();
+    let (mut missing, inputs) = (Vec::new(), arguments.inputs());
     for number in 0..total {
         let files: Vec<PathBuf> = png(number).into_iter().chain(exr(number)).collect();
-        files.iter().try_for_each(|file| refuse_to_overwrite(file, &arguments.files))?;
+        files.iter().try_for_each(|file| refuse_to_overwrite(file, &inputs))?;
+        progress.tick("looking for frames", number, total)?;
         if !(arguments.resume && film.is_none() && files.iter().all(|file| file.exists())) {
             missing.push(number);
         }
     }
     let kept = total - missing.len() as u64;
     if kept > 0 {
-        eprintln!("pointillist: note: kept {kept} of {total} frames, which exist already");
+        streams::note(format_args!("kept {kept} of {total} frames, which exist already"));
     }
     let [first, ..] = missing[..] else { return Ok(()) };
     // Fails early if the folder is not writable.
@@ -129,22 +137,19 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
     // Fails early if there is no encoder.
     let create = |path| Film::create(path, size, total, cameras.per_second(arguments.fps));
     let mut film = film.map(create).transpose()?;
-    let settings = options.settings()?;
+    // Wrong numbers are refused before anything is read.
+    options.settings()?;
     let source = Source::open(&arguments.files, &options.opening(arguments.strict), progress)?;
     let notes = source.notes(options.further()).into_iter();
-    notes
-        .chain(source.clipped_away(&options.clips()))
-        .for_each(|note| eprintln!("pointillist: note: {note}"));
+    notes.chain(source.clipped_away(&options.clips())).for_each(streams::note);
     let (shown, _) = options.shown(&source)?;
     let (named, annotations) = (options.named(&source, shown)?, options.report.annotations());
     let first = match &cameras {
         Cameras::Path(path) => path.frame(0),
         Cameras::Turntable(_) => options.view(&source)?.camera,
     };
-    let mut gpu = Gpu::open(&arguments.device.to_options())?;
-    let mut cloud = source.upload(&mut gpu, shown, options.detail.pool_bytes(), progress)?;
-    cloud.set_filters(options.opacities(), options.clips());
-    cloud.set_scale(options.scale.scale()?);
+    let mut renderer = options.renderer(&arguments.device)?;
+    let cloud = renderer.add_source(source, shown, progress)?;
     let mut said = Vec::new();
     for number in missing {
         let frames = Whole { progress, doing: "drawing frames", done: number, total };
@@ -153,12 +158,12 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
         // Every note once, for the first frame that it concerns.
         let mut say = |note: String| {
             if !said.contains(&note) {
-                eprintln!("pointillist: note: frame {}: {note}", number + 1);
+                streams::note(format_args!("frame {}: {note}", number + 1));
                 said.push(note);
             }
         };
-        for note in cloud
-            .wait_until_resident(&mut gpu, &view, &options.detail.lod().of(size), &frames)?
+        for note in renderer
+            .load(cloud, &view, &options.detail.lod().of(size), &frames)?
             .into_iter()
             .flat_map(|taken| taken.notes)
         {
@@ -167,13 +172,12 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
             }
             say(note);
         }
-        let config = FrameConfig::new(&settings, &view, cloud.resident());
-        config.warnings(cloud.resident()).into_iter().for_each(&mut say);
+        let config = renderer.config(cloud, &view)?;
+        config.warnings(renderer.cloud(cloud)?.1.resident()).into_iter().for_each(&mut say);
         let [picture, layers] = [&arguments.output, &arguments.exr].map(Option::is_some);
-        let done =
-            frame::draw(&mut gpu, &view, cloud.resident(), &config, &frames, |g, outcome| {
-                Downloads::ask(g, outcome, picture, layers)
-            })?;
+        let done = renderer.draw(cloud, &view, &config, &frames, |g, outcome| {
+            Downloads::ask(g, outcome, picture, layers)
+        })?;
         done.notes.into_iter().for_each(&mut say);
         let (png, exr) = (png(number), exr(number));
         let over = annotations.overlay(&view, &named);

@@ -2,6 +2,7 @@
 
 use super::files::{check_extension, refuse_to_overwrite};
 use super::options::{ColorOptions, TextArguments};
+use super::streams;
 use super::units::Bytes;
 use crate::cloud::ColumnSet;
 use crate::config;
@@ -92,19 +93,19 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
     check_extension(&arguments.output, &["pnti"])?;
     let summary =
         build::build(&arguments.files, &arguments.output, &arguments.options()?, progress)?;
-    summary.notes.iter().for_each(|note| eprintln!("pointillist: note: {note}"));
+    summary.notes.iter().for_each(streams::note);
     if arguments.json {
-        println!(
-            "{}",
+        streams::print(&format!(
+            "{}\n",
             serde_json::to_string_pretty(&summary)
                 .map_err(|error| Error::Request(error.to_string()))?
-        );
+        ))?;
         return Ok(());
     }
     let Summary { points, nodes, leaves, bytes, seconds, derive_seconds, spilled_bytes, .. } =
         summary;
     let per_point = |bytes: u64| bytes as f64 / points.max(1) as f64;
-    eprintln!(
+    streams::say(format_args!(
         "{}: {points} points in {leaves} leaves and {} inner nodes, {} MiB ({:.1} bytes a point), {seconds:.1} s ({:.1} M points/s){}{}",
         arguments.output.display(),
         nodes - leaves,
@@ -120,7 +121,7 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
             format!(", {} MiB through a temporary file", spilled_bytes >> 20)
         } else {
             String::new()
-        },
-    );
+        }
+    ));
     Ok(())
 }

@@ -43,8 +43,7 @@ use crate::render::source;
 use glam::DVec3;
 use serde::Serialize;
 use std::fmt::Write as _;
-use std::io::Write as _;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 #[derive(clap::Args, Debug)]
 #[command(after_help = "Examples:
@@ -103,13 +102,7 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
         None => of_files(arguments, progress)?,
     };
     text.push('\n');
-    match std::io::stdout().lock().write_all(text.as_bytes()) {
-        // A closed pipe is no error: its reader needs no more.
-        Err(error) if error.kind() != std::io::ErrorKind::BrokenPipe => {
-            Err(Error::io("write", Path::new("standard output"), error))
-        }
-        _ => Ok(()),
-    }
+    super::streams::print(&text)
 }
 
 fn of_files(arguments: &Arguments, progress: &dyn Progress) -> Result<String> {

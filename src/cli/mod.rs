@@ -15,6 +15,7 @@ pub mod raster;
 pub mod renamed;
 pub mod render;
 pub mod shadows;
+mod streams;
 pub mod study;
 pub mod synth;
 pub mod terminal;

@@ -22,9 +22,11 @@ use crate::passes::{Effects, Switch};
 use crate::render::scene::Scene;
 use crate::render::settings::{Background, RenderSettings, Style};
 use crate::render::source::{OpenOptions, Source};
+use crate::renderer::{Renderer, RendererOptions};
 use crate::select::clip::Clips;
 use crate::select::lod::LodOptions;
 use crate::select::opacity::{Opacities, Rule};
+use crate::small_file::read_text;
 use crate::view::light::Light;
 use crate::view::{Camera, Preset, View};
 use std::path::{Path, PathBuf};
@@ -456,6 +458,25 @@ impl PictureOptions {
         self.camera.as_deref().map(read_camera).transpose().map(|read| read.or(self.saved_camera))
     }
 
+    /// Opens a device, and a renderer with these settings.
+    pub fn renderer(&self, device: &DeviceOptions) -> Result<Renderer> {
+        let options = RendererOptions {
+            memory_budget: self.detail.pool_bytes(),
+            ..RendererOptions::default()
+        };
+        let mut renderer = Renderer::open_device(&device.to_options(), options)?;
+        self.apply(&mut renderer)?;
+        Ok(renderer)
+    }
+
+    /// Gives a renderer these settings, filters and colours.
+    pub fn apply(&self, renderer: &mut Renderer) -> Result<()> {
+        renderer.set_settings(self.settings()?);
+        renderer.set_filters(self.opacities(), self.clips());
+        renderer.set_color_scale(self.scale.scale()?);
+        Ok(())
+    }
+
     /// Returns what annotations name of a picture.
     pub fn named(&self, source: &Source, mut attribute: DisplayAttribute) -> Result<Shown> {
         let up = source.up();
@@ -503,7 +524,7 @@ impl DeviceOptions {
 }
 
 pub fn read_camera(path: &Path) -> Result<Camera> {
-    let text = std::fs::read_to_string(path).map_err(|error| Error::io("read", path, error))?;
+    let text = read_text(path)?;
     serde_json::from_str(&text).map_err(|error| {
         Error::format(
             path,

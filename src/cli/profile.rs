@@ -8,6 +8,7 @@ use super::export;
 use super::files::refuse_to_overwrite;
 use super::filters::{ClipOptions, FilterOptions};
 use super::options::{ColorOptions, TextArguments};
+use super::streams;
 use super::units::Size;
 use crate::atomic_file::AtomicFile;
 use crate::cloud::ColumnSet;
@@ -192,7 +193,7 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
     };
     input.check(&selection.filter)?;
     let (ranges, notes) = ranges(&input, &selection, progress)?;
-    notes.iter().for_each(|note| eprintln!("pointillist: note: {note}"));
+    notes.iter().for_each(streams::note);
     if ranges.points == 0 {
         return Err(Error::Request(nothing(&input, arguments)));
     }
@@ -246,7 +247,7 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
         file.flush().map_err(wrote(&path))?;
         whole.finish()?;
     }
-    eprintln!("{said}");
+    streams::say(said);
     Ok(())
 }
 

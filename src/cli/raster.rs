@@ -5,6 +5,7 @@ use super::export;
 use super::files::{check_extension, refuse_to_overwrite};
 use super::filters::{ClipOptions, FilterOptions};
 use super::options::{ColorOptions, TextArguments};
+use super::streams;
 use super::units::Bytes;
 use crate::cloud::ReadOptions;
 use crate::cloud::crs::{Crs, Reference};
@@ -93,7 +94,7 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
     let selection = Selection { filter, clips, ..Selection::default() };
     // The points' own bounds, since headers may be wrong.
     let counted = count(&input, &selection, progress)?;
-    counted.notes.iter().for_each(|note| eprintln!("pointillist: note: {note}"));
+    counted.notes.iter().for_each(streams::note);
     let [low, high] = match counted.bounds {
         Some(bounds) => bounds,
         None => return Err(selection.leaves_none(&input, progress)),
@@ -103,12 +104,12 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
         None => MapGrid::around(low.truncate(), high.truncate(), *resolution, LARGEST_SIDE)?,
     };
     if grid.cells() > SPARSE * counted.points {
-        eprintln!(
-            "pointillist: note: the map has {} x {} cells for {} points; where some points are far outside, --extent, --clip or --not noise leave them out",
+        streams::note(format_args!(
+            "the map has {} x {} cells for {} points; where some points are far outside, --extent, --clip or --not noise leave them out",
             grid.size[0],
             grid.size[1],
             grouped(counted.points)
-        );
+        ));
     }
     let parts = input.parts();
     let reference = Reference::of(parts.iter().map(|part: &Part| (&part.header, part.lattice)));
@@ -137,7 +138,7 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
     let filled = geotiff::write(output, &map, |put| {
         raster::raster(&input, &selection, &request, progress, put)
     })?;
-    eprintln!("{}", line(output, &grid, &filled));
+    streams::say(line(output, &grid, &filled));
     Ok(())
 }
 
@@ -147,13 +148,13 @@ const _: () = assert!(NO_DATA == -9999.0);
 /// Says what a map cannot state of its coordinate system.
 pub fn note_system(system: Option<&Crs>) {
     match system {
-        None => eprintln!(
-            "pointillist: note: the files state no one coordinate system, so the map has none"
-        ),
-        Some(system) if system.epsg.is_none() => eprintln!(
-            "pointillist: note: the coordinate system \"{}\" has no EPSG number; the map has its name, and its definition where the files have it as text",
+        None => streams::note(format_args!(
+            "the files state no one coordinate system, so the map has none"
+        )),
+        Some(system) if system.epsg.is_none() => streams::note(format_args!(
+            "the coordinate system \"{}\" has no EPSG number; the map has its name, and its definition where the files have it as text",
             system.title()
-        ),
+        )),
         Some(_) => {}
     }
 }

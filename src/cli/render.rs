@@ -4,8 +4,9 @@ use super::files::{check_extension, refuse_to_overwrite};
 use super::frames;
 use super::options::{DeviceOptions, PictureOptions};
 use super::raster::note_system;
+use super::streams;
 use super::units::LARGEST_SIDE;
-use crate::atomic_file::AtomicFile;
+use crate::atomic_file::{AtomicFile, STANDARD_OUTPUT};
 use crate::cloud::crs::Crs;
 use crate::cloud::up::Up;
 use crate::error::{Error, Result};
@@ -19,9 +20,9 @@ use crate::passes::project::{self, Statistics};
 use crate::passes::tile_stats::{self, Counts};
 use crate::passes::{Effect, Effects, count_visible, shadows, significant, strokes};
 use crate::progress::Progress;
-use crate::render::frame::{self, Done};
 use crate::render::settings::FrameConfig;
-use crate::render::source::{GpuCloud, SelectionReport, Source};
+use crate::render::source::{SelectionReport, Source};
+use crate::renderer::{CloudId, Done, Renderer};
 use crate::resident::Resident;
 use crate::view::map::{self, Extent, MapGrid};
 use crate::view::{Preset, View};
@@ -45,6 +46,7 @@ Examples:
   pointillist render scan.laz -o tour.mp4 --path tour.json   the same as a film; needs ffmpeg
   pointillist render scan.laz -o turn.webm --turntable 120 --fps 30    also .mp4, .apng, or .png for frames
   pointillist render scan.laz -o map.tif --view top --resolution 0.25    a map, GeoTIFF or PNG with map.pgw; heights: raster
+  pointillist render scan.laz -o - | magick - out.jpg      a picture to standard output
   pointillist render huge.las -o out.png                   indexed first; the index is kept";
 
 #[derive(clap::Args, Clone, Debug)]
@@ -53,7 +55,7 @@ pub struct Arguments {
     /// Point clouds: LAS, LAZ, COPC, PLY, E57, OBJ, XYZ, CSV, TXT, PTS, PTX; or one index, PNTI
     #[arg(required = true, value_name = "FILE")]
     pub files: Vec<PathBuf>,
-    /// The picture to write: PNG; with --resolution a map, as GeoTIFF or PNG with a world file; with
+    /// The picture to write: PNG, - for standard output; with --resolution a map, as GeoTIFF or PNG with a world file; with
     /// --path and --turntable also a film: MP4 and WebM by ffmpeg, or animated PNG
     #[arg(short, long, value_name = "OUT.png|tif|mp4|webm|apng", required_unless_present = "exr")]
     pub output: Option<PathBuf>,
@@ -110,7 +112,7 @@ pub struct Arguments {
 
 pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
     if arguments.help_effects {
-        println!("{}", Effects::help());
+        streams::print(&format!("{}\n", Effects::help()))?;
         return Ok(());
     }
     if let (Some(png), Some(exr)) = (&arguments.output, &arguments.exr)
@@ -121,7 +123,18 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
             png.display()
         )));
     }
+    let pictures = [&arguments.output, &arguments.exr].into_iter().flatten();
+    let to_output = pictures.filter(|path| path.as_path() == Path::new(STANDARD_OUTPUT)).count();
+    if to_output > 0 && (arguments.explain.as_deref() == Some("json") || to_output > 1) {
+        return Err(Error::Request(
+            "standard output takes one picture, and no --explain=json beside it; name a file"
+                .into(),
+        ));
+    }
     if arguments.path.is_some() || arguments.turntable.is_some() {
+        if to_output > 0 {
+            return Err(Error::Request("frames and films are files; name one with -o".into()));
+        }
         return frames::run(arguments, progress);
     }
     if arguments.resume || arguments.fps.is_some() {
@@ -134,19 +147,18 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
     let endings: &[&str] = if arguments.resolution.is_some() { &MAPS } else { &["png"] };
     for (output, endings) in [(&arguments.output, endings), (&arguments.exr, &["exr"])] {
         let Some(output) = output else { continue };
-        refuse_to_overwrite(output, &arguments.files)?;
+        refuse_to_overwrite(output, &arguments.inputs())?;
         check_extension(output, endings)?;
         // Fails early if the folder is not writable.
         drop(AtomicFile::create(output)?);
     }
-    let settings = picture.settings()?;
+    // Wrong numbers are refused before anything is read.
+    picture.settings()?;
     let mut stages = Stages::new();
     let mut source = Source::open(&arguments.files, &picture.opening(arguments.strict), progress)?;
     source.find(picture.color, progress)?;
     let notes = source.notes(picture.further()).into_iter();
-    notes
-        .chain(source.clipped_away(&picture.clips()))
-        .for_each(|note| eprintln!("pointillist: note: {note}"));
+    notes.chain(source.clipped_away(&picture.clips())).for_each(streams::note);
     stages.done("read");
     let grid = arguments.grid(&picture, &source)?;
     let view = match &grid {
@@ -170,46 +182,37 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
         strokes: None,
     };
     stages.done("settings");
-    let mut gpu = Gpu::open(&arguments.device.to_options())?;
+    let mut renderer = picture.renderer(&arguments.device)?;
     stages.done("open device");
-    let mut cloud = source.upload(&mut gpu, shown, picture.detail.pool_bytes(), progress)?;
-    cloud.set_filters(picture.opacities(), picture.clips());
-    cloud.set_scale(picture.scale.scale()?);
+    let cloud = renderer.add_source(source, shown, progress)?;
     stages.done("organise");
     if placed.is_some()
         || arguments.tile.is_some()
-        || tiled::needs_pieces(&gpu, view.size, arguments.piece)
+        || tiled::needs_pieces(&renderer.gpu, view.size, arguments.piece)
     {
         let wanted = PictureRequest {
             view,
-            settings,
             lod: picture.detail.lod(),
             piece: arguments.piece,
             tile: arguments.tile,
             over,
         };
-        return in_pieces(arguments, wanted, placed, &mut gpu, cloud, progress);
+        return in_pieces(arguments, wanted, placed, &mut renderer, cloud, progress);
     }
-    facts.taken = cloud.wait_until_resident(
-        &mut gpu,
-        &view,
-        &picture.detail.lod().of(view.size),
-        progress,
-    )?;
+    facts.taken = renderer.load(cloud, &view, &picture.detail.lod().of(view.size), progress)?;
     for note in facts.taken.iter().flat_map(|taken| &taken.notes) {
         if arguments.strict {
             return Err(Error::Request(note.clone()));
         }
-        eprintln!("pointillist: note: {note}");
+        streams::note(note);
     }
     stages.done("load");
-    let resident = cloud.resident();
-    let config = FrameConfig::new(&settings, &view, resident);
-    config.warnings(resident).iter().for_each(|note| eprintln!("pointillist: note: {note}"));
+    let config = renderer.config(cloud, &view)?;
+    config.warnings(renderer.cloud(cloud)?.1.resident()).iter().for_each(streams::note);
 
     let [png, exr] = [&arguments.output, &arguments.exr].map(Option::is_some);
     let Done { frame, asked, notes } =
-        frame::draw(&mut gpu, &view, resident, &config, progress, |g, outcome| {
+        renderer.draw(cloud, &view, &config, progress, |g, outcome| {
             facts.strokes = outcome.strokes.as_ref().map(|painted| painted.facts);
             facts.shadows =
                 outcome.gbuffer.light_visibility.as_ref().map(|visibility| visibility.facts);
@@ -219,25 +222,24 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
         })?;
     let (downloads, counts, statistics) = asked;
     stages.done("draw");
-    notes.iter().for_each(|note| eprintln!("pointillist: note: {note}"));
+    notes.iter().for_each(streams::note);
     let [png, exr] = [&arguments.output, &arguments.exr].map(Option::as_deref);
     downloads.write(&frame, view.size, png, exr, over)?;
     stages.done("write");
 
     if let Some(counts) = counts {
-        facts.left = left(&mut gpu, &view, resident, &config)?;
+        let (gpu, cloud) = renderer.cloud(cloud)?;
+        let resident = cloud.resident();
+        facts.left = left(gpu, &view, resident, &config)?;
         let counts = counts.counts(&frame, view.size, &config.effects);
         match arguments.explain.as_deref() {
-            Some("json") => println!(
-                "{}",
-                explain_json(&facts, &gpu, resident, &config, &statistics, &counts, &frame)
+            Some("json") => streams::print(&format!(
+                "{}\n",
+                explain_json(&facts, gpu, resident, &config, &statistics, &counts, &frame)
+            ))?,
+            _ => streams::say(
+                explain(&facts, gpu, resident, &config, &statistics, &counts, &frame).trim_end(),
             ),
-            _ => {
-                eprint!(
-                    "{}",
-                    explain(&facts, &gpu, resident, &config, &statistics, &counts, &frame)
-                )
-            }
         }
     }
     if arguments.timings {
@@ -270,8 +272,8 @@ fn in_pieces(
     arguments: &Arguments,
     wanted: PictureRequest,
     placed: Option<Placed>,
-    gpu: &mut Gpu,
-    mut cloud: GpuCloud,
+    renderer: &mut Renderer,
+    cloud: CloudId,
     progress: &dyn Progress,
 ) -> Result<()> {
     let (Some(output), None, None, false) =
@@ -283,11 +285,11 @@ fn in_pieces(
         )));
     };
     let notes = match placed {
-        None => tiled::write(gpu, &mut cloud, wanted, output, progress)?,
-        Some(placed) => placed.write(gpu, &mut cloud, wanted, output, progress)?,
+        None => tiled::write(renderer, cloud, wanted, output, progress)?,
+        Some(placed) => placed.write(renderer, cloud, wanted, output, progress)?,
     };
     for note in notes {
-        eprintln!("pointillist: note: {note}");
+        streams::note(note);
     }
     Ok(())
 }
@@ -296,6 +298,13 @@ fn in_pieces(
 const MAPS: [&str; 3] = ["tif", "tiff", "png"];
 
 impl Arguments {
+    /// Returns all files that are read.
+    pub fn inputs(&self) -> Vec<PathBuf> {
+        let PictureOptions { camera, scene, detail, .. } = &self.picture;
+        let more = [camera, scene, &detail.shadows, &self.path].into_iter().flatten();
+        self.files.iter().chain(more).cloned().collect()
+    }
+
     /// Errors if a map lacks what makes it one.
     fn check_map(&self) -> Result<()> {
         let is_tiff = |path: &PathBuf| {
@@ -371,8 +380,8 @@ impl Placed {
 
     fn write(
         &self,
-        gpu: &mut Gpu,
-        cloud: &mut GpuCloud,
+        renderer: &mut Renderer,
+        cloud: CloudId,
         request: PictureRequest,
         output: &Path,
         progress: &dyn Progress,
@@ -389,11 +398,11 @@ impl Placed {
         };
         if output.extension().is_some_and(|own| own.eq_ignore_ascii_case("png")) {
             let world = world_file::create(&world_file::beside(output), &map)?;
-            let notes = tiled::write(gpu, cloud, request, output, progress)?;
+            let notes = tiled::write(renderer, cloud, request, output, progress)?;
             world.finish()?;
             return Ok(notes);
         }
-        geotiff::write(output, &map, |put| tiled::draw(gpu, cloud, request, progress, put))
+        geotiff::write(output, &map, |put| tiled::draw(renderer, cloud, request, progress, put))
     }
 }
 
@@ -553,14 +562,17 @@ impl Stages {
 
     fn print(&self, frame: &CompletedSubmission) {
         for (name, ms) in &self.done {
-            eprintln!("{name:<16} {ms:>9.1} ms");
+            streams::say(format_args!("{name:<16} {ms:>9.1} ms"));
             if *name == "draw" {
-                frame
-                    .passes
-                    .iter()
-                    .for_each(|(pass, ms)| eprintln!("  {pass:<14} {ms:>9.1} ms on the device"));
+                frame.passes.iter().for_each(|(pass, ms)| {
+                    streams::say(format_args!("  {pass:<14} {ms:>9.1} ms on the device"))
+                });
             }
         }
-        eprintln!("{:<16} {:>9.1} ms", "total", self.done.iter().map(|(_, ms)| ms).sum::<f64>());
+        streams::say(format_args!(
+            "{:<16} {:>9.1} ms",
+            "total",
+            self.done.iter().map(|(_, ms)| ms).sum::<f64>()
+        ));
     }
 }

@@ -3,6 +3,7 @@
 
 use super::files::refuse_to_overwrite;
 use super::options::{DeviceOptions, effect};
+use super::streams;
 use super::units::Bytes;
 use crate::config;
 use crate::error::{Error, Result};
@@ -73,12 +74,12 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
         &arguments.output,
         progress,
     )?;
-    eprintln!(
+    streams::say(format_args!(
         "{}: {} points in {leaves} leaves, read {}; {facts}; {} KiB",
         arguments.output.display(),
         index.directory.contents.points,
         if readings == 1 { "once".to_string() } else { format!("{readings} times") },
         bytes >> 10
-    );
+    ));
     Ok(())
 }

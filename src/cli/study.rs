@@ -1,6 +1,7 @@
 //! `pointillist study`: accuracy against time, as a folder of CSV, SVG and one HTML page.
 
 use super::options::DeviceOptions;
+use super::streams;
 use super::units::Size;
 use crate::error::Result;
 use crate::graph::Gpu;
@@ -61,6 +62,6 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
     let mut gpu = Gpu::open(&arguments.device.to_options())?;
     let sections = study::run(&arguments.names, &mut gpu, &plan, progress)?;
     report::write(&arguments.output, &sections, &plan, &report::Origin::here(&gpu))?;
-    println!("{}", arguments.output.join("study.html").display());
+    streams::print(&format!("{}\n", arguments.output.join("study.html").display()))?;
     Ok(())
 }

@@ -1,5 +1,6 @@
-//! Progress on a terminal, and Ctrl-C.
+//! Progress on a terminal, and signals that end the program: Ctrl-C, SIGTERM and SIGHUP.
 
+use super::streams;
 use crate::error::{Error, Result};
 use crate::progress::Progress;
 use indicatif::{ProgressBar, ProgressStyle};
@@ -13,7 +14,7 @@ static INTERRUPTED: AtomicBool = AtomicBool::new(false);
 /// Callbacks of [`Progress::when_interrupted`].
 static WAITING: Mutex<Vec<Box<dyn Fn() + Send>>> = Mutex::new(Vec::new());
 
-/// A progress bar for work of over a second, on a terminal only. Turns Ctrl-C into an error, so
+/// A progress bar for work of over a second, on a terminal only. Turns these signals into an error, so
 /// that half-written files are removed.
 pub struct Terminal {
     shows: bool,
@@ -23,7 +24,7 @@ pub struct Terminal {
 
 impl Terminal {
     pub fn new() -> Terminal {
-        // If no handler can be set, Ctrl-C ends the process at once.
+        // If no handler can be set, a signal ends the process at once.
         let _ = ctrlc::set_handler(|| {
             if INTERRUPTED.swap(true, Relaxed) {
                 crate::atomic_file::remove_unfinished();
@@ -82,7 +83,7 @@ impl Progress for Terminal {
 
     fn note(&self, line: &str) {
         let shown = self.bar.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
-        let print = || eprintln!("pointillist: {line}");
+        let print = || streams::say(format_args!("pointillist: {line}"));
         shown.as_ref().map_or_else(print, |(_, bar)| bar.suspend(print));
     }
 

@@ -64,6 +64,22 @@ impl Lattice {
         self.offset + self.step * DVec3::new(q[0] as f64, q[1] as f64, q[2] as f64)
     }
 
+    /// Returns what is wrong if a box reaches farther than 2^53 steps from 0, or is larger than f64
+    /// can express.
+    pub fn too_far(&self, lo: DVec3, hi: DVec3) -> Option<String> {
+        const MOST_STEPS: f64 = (1u64 << 53) as f64;
+        let far = lo.abs().max(hi.abs());
+        let is_far = |axis: &usize| {
+            let steps = far[*axis] / self.step[*axis].abs();
+            !(steps <= MOST_STEPS && (hi[*axis] - lo[*axis]).is_finite())
+        };
+        let axis = (0..3).find(is_far)?;
+        let (name, far, step) = (["x", "y", "z"][axis], far[axis], self.step[axis]);
+        Some(format!(
+            "has {name} coordinates of up to {far:e}, more than 2^53 steps of {step:e} or beyond f64: positions there cannot be distinguished"
+        ))
+    }
+
     /// Returns the world corners of a box given in steps.
     pub fn world_box(&self, steps: [[i32; 3]; 2]) -> (DVec3, DVec3) {
         let [lo, hi] = steps.map(|q| self.world(q.map(i64::from)));
@@ -559,23 +575,10 @@ fn bounds_note(
     }
 }
 
-/// Returns an error if coordinates are more than 2^53 steps of their lattice away, or farther apart
-/// than f64 can express.
+/// Returns an error if coordinates are farther away than their lattice can tell.
 fn far_error(path: &Path, lattice: Lattice, bounds: Option<(DVec3, DVec3)>) -> Result<()> {
-    const MOST_STEPS: f64 = (1u64 << 53) as f64;
-    let Some((lo, hi)) = bounds else { return Ok(()) };
-    let far = lo.abs().max(hi.abs());
-    let is_far = |axis: &usize| {
-        !(far[*axis] / lattice.step[*axis] <= MOST_STEPS && (hi[*axis] - lo[*axis]).is_finite())
-    };
-    let Some(axis) = (0..3).find(is_far) else { return Ok(()) };
-    let (name, far, step) = (["x", "y", "z"][axis], far[axis], lattice.step[axis]);
-    Err(Error::format(
-        path,
-        format!(
-            "has {name} coordinates of up to {far:e}, more than 2^53 steps of {step:e} or beyond f64: positions there cannot be distinguished"
-        ),
-    ))
+    let far = bounds.and_then(|(lo, hi)| lattice.too_far(lo, hi));
+    far.map_or(Ok(()), |what| Err(Error::format(path, what)))
 }
 
 /// Describes header bounds that are wrong by more than a step and the digits headers are rounded

@@ -1,15 +1,14 @@
 //! Export of a frame: picture and layers as PNG and EXR.
 
 use crate::error::{Error, Result};
-use crate::graph::{Buffer, CompletedSubmission, Gpu, Graph};
+use crate::graph::{Buffer, CompletedSubmission, Graph};
 use crate::output::image_io::{self, Samples};
 use crate::output::overlay::Overlay;
 use crate::output::tiled::{self, PictureRequest};
 use crate::passes::encode::{self, Encoded};
 use crate::progress::Progress;
-use crate::render::frame::{self, Outcome};
-use crate::render::settings::FrameConfig;
-use crate::render::source::GpuCloud;
+use crate::render::frame::Outcome;
+use crate::renderer::{CloudId, Renderer};
 use std::path::Path;
 
 /// The images to download.
@@ -72,31 +71,28 @@ impl Downloads {
 
 /// Draws a frame and writes its layers to a file, in one piece. Returns warnings.
 pub fn write(
-    gpu: &mut Gpu,
-    cloud: &mut GpuCloud,
+    renderer: &mut Renderer,
+    cloud: CloudId,
     request: &PictureRequest,
     path: &Path,
     progress: &dyn Progress,
 ) -> Result<Vec<String>> {
-    let PictureRequest { view, settings, lod, .. } = request;
-    if tiled::needs_pieces(gpu, view.size, None) {
+    let PictureRequest { view, lod, .. } = request;
+    if tiled::needs_pieces(&renderer.gpu, view.size, None) {
         let [width, height] = view.size;
         return Err(Error::Request(format!(
             "cannot write layers of {width}x{height} pixels: such pictures are drawn in pieces; make it smaller"
         )));
     }
-    let taken = cloud.wait_until_resident(gpu, view, &lod.of(view.size), progress)?;
-    let config = FrameConfig::new(settings, view, cloud.resident());
-    let done = frame::draw(gpu, view, cloud.resident(), &config, progress, |g, outcome| {
+    let taken = renderer.load(cloud, view, &lod.of(view.size), progress)?;
+    let config = renderer.config(cloud, view)?;
+    let done = renderer.draw(cloud, view, &config, progress, |g, outcome| {
         Downloads::ask(g, outcome, false, true)
     })?;
     done.asked.write(&done.frame, view.size, None, Some(path), Overlay::default())?;
-    Ok(taken
-        .into_iter()
-        .flat_map(|taken| taken.notes)
-        .chain(config.warnings(cloud.resident()))
-        .chain(done.notes)
-        .collect())
+    let notes = taken.into_iter().flat_map(|taken| taken.notes);
+    let warnings = config.warnings(renderer.cloud(cloud)?.1.resident());
+    Ok(notes.chain(warnings).chain(done.notes).collect())
 }
 
 /// Writes the linear picture (its alpha is the coverage) and the layers.

@@ -18,9 +18,9 @@ use crate::output::image_io::PngRows;
 use crate::output::overlay::Overlay;
 use crate::passes::{BLOCK_PX, encode, visibility};
 use crate::progress::{Progress, Whole};
-use crate::render::frame;
-use crate::render::settings::{FrameConfig, RenderSettings};
-use crate::render::source::{GpuCloud, SelectionReport};
+use crate::render::settings::FrameConfig;
+use crate::render::source::SelectionReport;
+use crate::renderer::{CloudId, Renderer};
 use crate::select::lod::LodOptions;
 use crate::view::View;
 use std::path::{Path, PathBuf};
@@ -117,7 +117,6 @@ impl Piece {
 #[derive(Clone)]
 pub struct PictureRequest {
     pub view: View,
-    pub settings: RenderSettings,
     pub lod: LodOptions,
     /// Most pixels per side of a piece.
     pub piece: Option<u32>,
@@ -185,11 +184,11 @@ impl TiledPicture {
     /// no effect.
     pub fn step(
         &mut self,
-        gpu: &mut Gpu,
-        cloud: &mut GpuCloud,
+        renderer: &mut Renderer,
+        cloud: CloudId,
         progress: &dyn Progress,
     ) -> Result<bool> {
-        self.drawing.step(gpu, cloud, progress, &mut |pixels| self.rows.write(pixels))
+        self.drawing.step(renderer, cloud, progress, &mut |pixels| self.rows.write(pixels))
     }
 
     /// Completes the file and returns the warnings.
@@ -209,16 +208,16 @@ impl Drawing {
 
     fn step(
         &mut self,
-        gpu: &mut Gpu,
-        cloud: &mut GpuCloud,
+        renderer: &mut Renderer,
+        cloud: CloudId,
         progress: &dyn Progress,
         put: &mut Put,
     ) -> Result<bool> {
         let mut plan = match self.plan.take() {
             Some(plan) => plan,
-            None => self.plan(gpu, cloud, progress)?,
+            None => self.plan(renderer, cloud, progress)?,
         };
-        let drawn = self.draw_next(&mut plan, gpu, cloud, progress, put);
+        let drawn = self.draw_next(&mut plan, renderer, cloud, progress, put);
         let is_whole = plan.done == plan.tiles.len();
         self.plan = Some(plan);
         drawn.map(|()| is_whole)
@@ -226,19 +225,20 @@ impl Drawing {
 
     fn plan(
         &mut self,
-        gpu: &mut Gpu,
-        cloud: &mut GpuCloud,
+        renderer: &mut Renderer,
+        cloud: CloudId,
         progress: &dyn Progress,
     ) -> Result<Plan> {
-        let PictureRequest { view, settings, lod, piece, tile, .. } = self.request.clone();
+        let PictureRequest { view, lod, piece, tile, .. } = self.request.clone();
         // For a picture in pieces, effects are decided by as much of the cloud as shows the whole
         // picture on a screen.
-        let overview = if needs_pieces(gpu, view.size, piece) { PIECE } else { view.size };
-        let taken = cloud.wait_until_resident(gpu, &view, &lod.of(overview), progress)?;
+        let overview =
+            if needs_pieces(&renderer.gpu, view.size, piece) { PIECE } else { view.size };
+        let taken = renderer.load(cloud, &view, &lod.of(overview), progress)?;
         self.note(notes_of(taken));
-        let config = FrameConfig::new(&settings, &view, cloud.resident());
-        self.note(config.warnings(cloud.resident()));
-        let pieces = Pieces::of(gpu, &view, &config, piece)?;
+        let config = renderer.config(cloud, &view)?;
+        self.note(config.warnings(renderer.cloud(cloud)?.1.resident()));
+        let pieces = Pieces::of(&renderer.gpu, &view, &config, piece)?;
         let side_and_border = tile
             .zip(config.reach_px(&view))
             .map(|(side, reach)| (in_blocks(side.max(1)), in_blocks(reach)));
@@ -250,8 +250,8 @@ impl Drawing {
     fn draw_next(
         &mut self,
         plan: &mut Plan,
-        gpu: &mut Gpu,
-        cloud: &mut GpuCloud,
+        renderer: &mut Renderer,
+        cloud: CloudId,
         progress: &dyn Progress,
         put: &mut Put,
     ) -> Result<()> {
@@ -260,18 +260,17 @@ impl Drawing {
         let (done, total, width) =
             (plan.done as u64, plan.tiles.len() as u64, view.size[0] as usize);
         let whole = Whole { progress, doing: "drawing pieces", done, total };
-        let taken = cloud.wait_until_resident(
-            gpu,
+        let taken = renderer.load(
+            cloud,
             &loaded,
             &lod.of(loaded.size),
             if total > 1 { &whole } else { progress },
         )?;
         let window = view.window(part.window_corner.map(|at| at as i32), part.window_size);
         self.pixels.resize(3 * width * height as usize, 0);
-        let done =
-            frame::draw(gpu, &window, cloud.resident(), &plan.config, &whole, |g, outcome| {
-                encode::download(g, &outcome.picture)
-            })?;
+        let done = renderer.draw(cloud, &window, &plan.config, &whole, |g, outcome| {
+            encode::download(g, &outcome.picture)
+        })?;
         cut_out(&done.asked.read(&done.frame), &part, top, width, &mut self.pixels);
         self.note(notes_of(taken));
         self.note(done.notes);
@@ -335,8 +334,8 @@ fn row_of_tiles(view: &View, row: &[Piece], side_and_border: Option<(u32, u32)>)
 
 /// Draws a picture, 8-bit RGB, and gives its rows to `put`. Returns warnings.
 pub fn draw(
-    gpu: &mut Gpu,
-    cloud: &mut GpuCloud,
+    renderer: &mut Renderer,
+    cloud: CloudId,
     request: PictureRequest,
     progress: &dyn Progress,
     put: &mut Put,
@@ -351,20 +350,20 @@ pub fn draw(
         rows += pixels.len() / (3 * width);
         put(&blended)
     };
-    while !drawing.step(gpu, cloud, progress, &mut put)? {}
+    while !drawing.step(renderer, cloud, progress, &mut put)? {}
     Ok(drawing.notes)
 }
 
 /// Draws a picture into a PNG file. Returns warnings.
 pub fn write(
-    gpu: &mut Gpu,
-    cloud: &mut GpuCloud,
+    renderer: &mut Renderer,
+    cloud: CloudId,
     request: PictureRequest,
     path: &Path,
     progress: &dyn Progress,
 ) -> Result<Vec<String>> {
     let mut picture = TiledPicture::begin(request, path)?;
-    while !picture.step(gpu, cloud, progress)? {}
+    while !picture.step(renderer, cloud, progress)? {}
     picture.finish()
 }
 

@@ -11,13 +11,13 @@ use pointillist::cli::options::PictureOptions;
 use pointillist::cloud::points::{Points, Positions};
 use pointillist::cloud::{self, Cloud};
 use pointillist::error::{Error, Result};
-use pointillist::graph::{Buffer, CompletedSubmission, Gpu, Graph};
+use pointillist::graph::{Buffer, CompletedSubmission, Graph};
 use pointillist::output::tiled;
 use pointillist::passes::{Switch, encode};
 use pointillist::progress::Progress;
-use pointillist::render::frame::{self, Outcome};
-use pointillist::render::settings::FrameConfig;
-use pointillist::render::source::{GpuCloud, Source};
+use pointillist::render::frame::Outcome;
+use pointillist::render::source::Source;
+use pointillist::renderer::{self, CloudId, RendererOptions};
 use pointillist::view::{Camera, Preset, View};
 use pointillist::{config, gpu};
 use pyo3::exceptions::{PyException, PyKeyboardInterrupt, PyUserWarning, PyValueError};
@@ -221,7 +221,7 @@ struct Entry {
 struct Uploaded {
     /// Clouds and options that it was made of.
     key: String,
-    cloud: GpuCloud,
+    cloud: CloudId,
     /// What a camera frames.
     framed: Vec<glam::DVec3>,
     /// The axis that points up.
@@ -233,8 +233,7 @@ struct State {
     clouds: Vec<Entry>,
     next: u64,
     uploaded: Option<Uploaded>,
-    // Dropped last.
-    gpu: Gpu,
+    renderer: renderer::Renderer,
 }
 
 /// A layer of a picture.
@@ -349,8 +348,8 @@ impl Downloads {
 impl State {
     fn open(device: Option<String>, validate: bool) -> Result<State> {
         let options = gpu::DeviceOptions { device, validate, ..gpu::DeviceOptions::default() };
-        let gpu = Gpu::open(&options)?;
-        Ok(State { words: Words::new(), clouds: Vec::new(), next: 1, uploaded: None, gpu })
+        let renderer = renderer::Renderer::open_device(&options, RendererOptions::default())?;
+        Ok(State { words: Words::new(), clouds: Vec::new(), next: 1, uploaded: None, renderer })
     }
 
     fn add(&mut self, origin: Origin) -> u64 {
@@ -406,14 +405,16 @@ impl State {
             picture.color, picture.opacity
         );
         if self.uploaded.as_ref().is_none_or(|uploaded| uploaded.key != key) {
-            self.uploaded = None;
+            if let Some(Uploaded { cloud, .. }) = self.uploaded.take() {
+                self.renderer.remove(cloud)?;
+            }
             let mut source = self.source(picture, progress)?;
             source.find(picture.color, progress)?;
             source.notes(further).iter().for_each(|note| progress.note(note));
             let (framed, up) = (source.framed_points(&clips), source.up().axis());
             let (shown, _) = picture.shown(&source)?;
-            let pool = picture.detail.pool_bytes();
-            let cloud = source.upload(&mut self.gpu, shown, pool, progress)?;
+            self.renderer.set_memory_budget(picture.detail.pool_bytes());
+            let cloud = self.renderer.add_source(source, shown, progress)?;
             self.uploaded = Some(Uploaded { key, cloud, framed, up });
         }
         Ok(self.uploaded.as_mut().expect("just uploaded"))
@@ -436,20 +437,21 @@ impl State {
     ) -> Result<Vec<Values>> {
         let view = View::new(self.camera(picture, progress)?, picture.size.0)?;
         self.upload(picture, progress)?;
-        let State { gpu, uploaded, .. } = self;
-        let Uploaded { cloud, .. } = uploaded.as_mut().expect("uploaded above");
-        if tiled::needs_pieces(gpu, view.size, None) {
+        let State { renderer, uploaded, .. } = self;
+        let Uploaded { cloud, .. } = *uploaded.as_ref().expect("uploaded above");
+        picture.apply(renderer)?;
+        if tiled::needs_pieces(renderer.cloud(cloud)?.0, view.size, None) {
             let [width, height] = view.size;
             return Err(Error::Request(format!(
                 "{width}x{height} pixels are drawn in pieces; `pointillist render` does that"
             )));
         }
-        cloud.set_filters(picture.opacities(), picture.clips());
         let detail = picture.detail.lod().of(view.size);
-        let taken = cloud.wait_until_resident(gpu, &view, &detail, progress)?;
+        let taken = renderer.load(cloud, &view, &detail, progress)?;
+        let config = renderer.config(cloud, &view)?;
+        let done = renderer.draw(cloud, &view, &config, progress, Downloads::ask)?;
+        let (gpu, cloud) = renderer.cloud(cloud)?;
         let resident = cloud.resident();
-        let config = FrameConfig::new(&picture.settings()?, &view, resident);
-        let done = frame::draw(gpu, &view, resident, &config, progress, Downloads::ask)?;
         let notes = taken.into_iter().flat_map(|taken| taken.notes);
         let notes = notes.chain(config.warnings(resident)).chain(done.notes);
         notes.for_each(|note| progress.note(&note));
@@ -617,7 +619,7 @@ impl Renderer {
     /// Name of the device.
     #[getter]
     fn device(&self, py: Python<'_>) -> String {
-        self.state(py).gpu.device.name.clone()
+        self.state(py).renderer.device_name().to_string()
     }
 
     /// Clouds, in the order in which they were added.
@@ -744,7 +746,7 @@ impl Renderer {
         format!(
             "<pointillist.Renderer of {} clouds on {}>",
             state.clouds.len(),
-            state.gpu.device.name
+            state.renderer.device_name()
         )
     }
 }

@@ -1,7 +1,7 @@
 //! The whole frame, top to bottom.
 
 use crate::error::Result;
-use crate::graph::{Buffer, CompletedSubmission, Gpu, Graph, Image, ReusedImages, TileList};
+use crate::graph::{Buffer, Graph, Image, ReusedImages, TileList};
 use crate::passes::project::{Behind, Drawn, Strip};
 use crate::passes::resolve::ColorLookup;
 use crate::passes::shadows::LightVisibility;
@@ -9,9 +9,8 @@ use crate::passes::strokes::Painting;
 use crate::passes::transparency::Accumulation;
 use crate::passes::{
     self, FrameContext, GBuffer, composite, luminance, predicate, project, resolve, shadows,
-    strokes, surface_normal, tile_stats,
+    strokes, surface_normal,
 };
-use crate::progress::Progress;
 use crate::render::settings::FrameConfig;
 use crate::resident::Resident;
 use crate::view::View;
@@ -26,37 +25,6 @@ pub struct Outcome {
     pub statistics: project::Statistics,
     /// Statistics of strokes, if drawn.
     pub strokes: Option<strokes::Painted>,
-}
-
-/// A completed frame.
-pub struct Done<T> {
-    pub frame: CompletedSubmission,
-    /// The value that `ask` returned.
-    pub asked: T,
-    /// Warnings that only a completed frame can give.
-    pub notes: Vec<String>,
-}
-
-/// Draws a frame and waits for it. `ask` requests downloads while it is recorded.
-pub fn draw<T>(
-    gpu: &mut Gpu,
-    view: &View,
-    resident: &Resident,
-    config: &FrameConfig,
-    progress: &dyn Progress,
-    ask: impl FnOnce(&mut Graph, &Outcome) -> Result<T>,
-) -> Result<Done<T>> {
-    let mut g = Graph::new(gpu).with_progress(progress);
-    let outcome = record(&mut g, view, resident, config)?;
-    let asked = ask(&mut g, &outcome)?;
-    let warned = tile_stats::Warned::ask(&mut g, &config.effects, &outcome.gbuffer);
-    let frame = g.submit_and_wait(&[])?;
-    let notes = warned
-        .note(&frame)
-        .into_iter()
-        .chain(outcome.strokes.and_then(|painted| painted.facts.note()))
-        .collect();
-    Ok(Done { frame, asked, notes })
 }
 
 pub fn record(

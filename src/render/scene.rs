@@ -13,6 +13,7 @@ use crate::render::settings::{Background, RenderSettings};
 use crate::select::clip::{Clip, Clips};
 use crate::select::lod::LodOptions;
 use crate::select::opacity::{Opacities, Rule};
+use crate::small_file::read_text;
 use crate::view::Camera;
 use crate::view::light::Light;
 use serde::{Deserialize, Serialize};
@@ -94,7 +95,7 @@ impl Scene {
     }
 
     pub fn read(path: &Path) -> Result<Scene> {
-        let text = std::fs::read_to_string(path).map_err(|error| Error::io("read", path, error))?;
+        let text = read_text(path)?;
         let words: Words = serde_json::from_str(&text)
             .map_err(|error| Error::format(path, format!("not a scene file: {error}")))?;
         Scene::of(words).map_err(|why| Error::format(path, why))

@@ -13,9 +13,7 @@ use crate::index::attributes::strokes::StrokeCache;
 use crate::progress::Progress;
 use crate::render::source::{GpuCloud, OpenOptions, PreparedCloud, Source};
 use crate::resident::Resident;
-use crate::select::clip::Clips;
 use crate::select::lod::Detail;
-use crate::select::opacity::Opacities;
 use crate::view::View;
 use glam::{DMat4, DVec3};
 use std::path::PathBuf;
@@ -233,6 +231,16 @@ impl Entry {
         Ok(Entry::new(id, Stage::Loading(Loading::of_points(points, strokes)?), strokes))
     }
 
+    /// Takes a cloud that is on the device.
+    pub fn of_cloud(id: CloudId, cloud: GpuCloud) -> Entry {
+        Entry::new(id, Stage::Ready(cloud), false)
+    }
+
+    /// Takes a prepared cloud.
+    pub fn of_prepared(id: CloudId, prepared: PreparedCloud) -> Entry {
+        Entry::new(id, Stage::Uploading(prepared), false)
+    }
+
     /// Takes points of a buffer of the host's device, which the next frame copies.
     pub fn of_buffer(id: CloudId, points: PointBuffer, strokes: bool) -> Result<Entry> {
         points.check()?;
@@ -267,18 +275,27 @@ impl Entry {
             },
             stage => stage,
         };
+        if let Err(error) = self.upload(gpu, memory_budget, &crate::progress::Silent) {
+            self.stage = failed(error);
+        }
+    }
+
+    /// Uploads some of a prepared cloud. Returns whether more remains.
+    pub fn upload(
+        &mut self,
+        gpu: &mut Gpu,
+        memory_budget: u64,
+        progress: &dyn Progress,
+    ) -> Result<bool> {
+        let Stage::Uploading(prepared) = &mut self.stage else { return Ok(false) };
+        if prepared.step(gpu, progress)? {
+            return Ok(true);
+        }
         let waiting = Stage::Failed(String::new());
-        self.stage = match std::mem::replace(&mut self.stage, waiting) {
-            Stage::Uploading(mut prepared) => match prepared.step(gpu, &crate::progress::Silent) {
-                Ok(true) => Stage::Uploading(prepared),
-                Ok(false) => match prepared.finish(gpu, memory_budget) {
-                    Ok(cloud) => Stage::Ready(cloud),
-                    Err(error) => Stage::Failed(error.to_string()),
-                },
-                Err(error) => Stage::Failed(error.to_string()),
-            },
-            stage => stage,
-        };
+        if let Stage::Uploading(prepared) = std::mem::replace(&mut self.stage, waiting) {
+            self.stage = Stage::Ready(prepared.finish(gpu, memory_budget)?);
+        }
+        Ok(false)
     }
 
     pub fn state(&self) -> CloudState {
@@ -329,9 +346,10 @@ impl Entry {
         }
     }
 
-    pub fn set_filters(&mut self, opacities: &Opacities, clips: &Clips) {
-        if let Stage::Ready(cloud) = &mut self.stage {
-            cloud.set_filters(opacities.clone(), clips.clone());
+    pub fn cloud_mut(&mut self) -> Option<&mut GpuCloud> {
+        match &mut self.stage {
+            Stage::Ready(cloud) => Some(cloud),
+            _ => None,
         }
     }
 

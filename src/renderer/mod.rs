@@ -24,6 +24,7 @@ mod clouds;
 mod compose;
 mod device_points;
 mod host;
+mod own_queue;
 mod picture;
 mod projection;
 mod words;
@@ -32,8 +33,11 @@ pub use clouds::{CloudId, CloudState, OpenSettings};
 pub use compose::{Area, Targets};
 pub use device_points::PointBuffer;
 pub use host::{Access, Encoding, Host, Requirement, Target, check, enable_features, requirements};
+#[doc(hidden)]
+pub use own_queue::Done;
 pub use projection::{Matrices, ViewCamera};
 
+pub use crate::cloud::color_scale::{ColorScale, Ramp};
 pub use crate::cloud::points::{Points, Positions};
 pub use crate::config::NO_POINT;
 pub use crate::error::{Error, Result};
@@ -180,6 +184,7 @@ pub struct Renderer {
     settings: RenderSettings,
     opacities: Opacities,
     clips: Clips,
+    scale: ColorScale,
     options: RendererOptions,
     clouds: Vec<Entry>,
     removed: Vec<Entry>,
@@ -197,7 +202,7 @@ pub struct Renderer {
     last_frame: u64,
     buckets: RawBuffer,
     // Dropped last: everything else gives its memory back.
-    gpu: Gpu,
+    pub(crate) gpu: Gpu,
 }
 
 impl Renderer {
@@ -208,12 +213,16 @@ impl Renderer {
     /// lists as required is enabled.
     pub unsafe fn new(host: &Host, options: RendererOptions) -> Result<Renderer> {
         // SAFETY: as the caller ensures.
-        let mut gpu = unsafe { Gpu::adopt(&host.device(options.overrides)?) }?;
+        Renderer::on(unsafe { Gpu::adopt(&host.device(options.overrides)?) }?, options)
+    }
+
+    fn on(mut gpu: Gpu, options: RendererOptions) -> Result<Renderer> {
         let buckets = compose::buckets(&mut gpu)?;
         Ok(Renderer {
             settings: RenderSettings::default(),
             opacities: Opacities::default(),
             clips: Clips::default(),
+            scale: ColorScale::default(),
             options,
             clouds: Vec::new(),
             removed: Vec::new(),
@@ -274,7 +283,11 @@ impl Renderer {
     /// Removes a cloud; its memory is freed when the device has completed the frames that drew it.
     pub fn remove(&mut self, cloud: CloudId) -> Result<()> {
         let place = self.place(cloud)?;
-        self.removed.push(self.clouds.remove(place));
+        let removed = self.clouds.remove(place);
+        // Our own queue has completed all that was drawn.
+        if self.gpu.host.is_some() {
+            self.removed.push(removed);
+        }
         Ok(())
     }
 
@@ -335,6 +348,12 @@ impl Renderer {
         (self.opacities, self.clips) = (opacities, clips);
     }
 
+    /// Sets how numbers and channels become colours.
+    pub fn set_color_scale(&mut self, scale: ColorScale) {
+        self.revision += 1;
+        self.scale = scale;
+    }
+
     /// Requests the point in a pixel of the targets, of the next frame that is recorded.
     pub fn pick(&mut self, pixel: [u32; 2]) -> PickId {
         let pick = PickId(self.next_pick);
@@ -369,6 +388,12 @@ impl Renderer {
     /// rendering. It is submitted before those of later frames, on one queue. The images are alive
     /// until then, and as their targets say. `frame.safe` has been completed by the device.
     pub unsafe fn record(&mut self, commands: u64, frame: &Frame) -> Result<FrameReport> {
+        if self.gpu.host.is_none() {
+            return Err(Error::Request(
+                "this renderer has a device of its own, and no host's commands; call picture"
+                    .into(),
+            ));
+        }
         if frame.number <= self.last_frame || frame.safe >= frame.number {
             return Err(Error::Request(format!(
                 "frame {} after frame {}, with {} completed: numbers must grow",
@@ -381,10 +406,12 @@ impl Renderer {
         self.retire(frame.safe)?;
         self.gpu.begin_host_frame(commands, frame.number, frame.safe);
         self.last_frame = frame.number;
-        let (opacities, clips) = (&self.opacities, &self.clips);
-        for cloud in &mut self.clouds {
-            cloud.advance(&mut self.gpu, self.options.memory_budget);
-            cloud.set_filters(opacities, clips);
+        for entry in &mut self.clouds {
+            entry.advance(&mut self.gpu, self.options.memory_budget);
+            if let Some(cloud) = entry.cloud_mut() {
+                cloud.set_filters(self.opacities.clone(), self.clips.clone());
+                cloud.set_scale(self.scale);
+            }
         }
         let mut report = FrameReport { settled: true, ..FrameReport::default() };
         self.update_clouds(frame.views, &mut report)?;

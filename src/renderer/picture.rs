@@ -10,7 +10,7 @@ use crate::gpu::memory::RawBuffer;
 use crate::graph::host::Answers;
 use crate::graph::record::Recorded;
 use crate::graph::{Buffer, Gpu, Graph, Handle};
-use crate::passes::Switch;
+use crate::passes::{Effect, Switch};
 use crate::render::frame;
 use crate::render::settings::{FrameConfig, RenderSettings};
 use crate::resident::{Resident, ResidentNode};
@@ -79,6 +79,24 @@ pub(super) struct RecordedPicture {
 const NO_STROKES: &str =
     "a cloud that was opened before the style was strokes is drawn as points; open it again";
 
+/// Tests whether strokes are wanted of points that were loaded without.
+fn lacks_strokes(settings: &RenderSettings, resident: &Resident) -> bool {
+    settings.effects.strokes.switch == Switch::On && resident.shown.strokes().is_none()
+}
+
+/// Returns the configuration of a picture. Points that were loaded without strokes are drawn as
+/// points.
+pub(super) fn config(settings: &RenderSettings, view: &View, resident: &Resident) -> FrameConfig {
+    if !lacks_strokes(settings, resident) {
+        return FrameConfig::new(settings, view, resident);
+    }
+    let mut without = settings.clone();
+    without.effects.strokes.switch = Switch::Off;
+    let mut config = FrameConfig::new(&without, view, resident);
+    config.decisions.explain(Effect::Strokes, NO_STROKES);
+    config
+}
+
 /// A picture to be drawn.
 pub(super) struct Drawing<'d> {
     pub key: Key,
@@ -117,14 +135,11 @@ impl Drawing<'_> {
         if same.is_some_and(|same| if same.waits { same.frame > completed } else { !settled }) {
             return Ok(None);
         }
-        let mut settings = self.settings.clone();
-        let strokes = &mut settings.effects.strokes.switch;
-        if *strokes == Switch::On && resident.shown.strokes().is_none() {
-            *strokes = Switch::Off;
+        if lacks_strokes(self.settings, resident) {
             report.errors.push(NO_STROKES.into());
         }
         let mut answers = same.map(|same| same.answers.clone()).unwrap_or_default();
-        let mut config = FrameConfig::new(&settings, &view, resident);
+        let mut config = config(self.settings, &view, resident);
         if !self.key.opaque {
             // Blended over what is there.
             config.background = [0.0; 3];
@@ -153,8 +168,10 @@ impl Drawing<'_> {
             _ => None,
         };
         let waits = outcome.strokes.as_ref().is_some_and(|painted| painted.waits);
-        let effect = |(effect, reason): &(crate::passes::Effect, crate::passes::Reason)| {
-            EffectReport { name: effect.name(), runs: reason.runs, why: reason.why.clone() }
+        let effect = |(effect, reason): &(Effect, crate::passes::Reason)| EffectReport {
+            name: effect.name(),
+            runs: reason.runs,
+            why: reason.why.clone(),
         };
         Ok(Some(RecordedPicture {
             key: self.key,

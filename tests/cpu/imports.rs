@@ -24,7 +24,6 @@ const EDGES: &[(&str, &[&str])] = &[
     ("resident", &["cloud", "gpu", "graph", "index", "loader", "select", "view"]),
     ("passes", &["cloud", "gpu", "graph", "index", "resident", "select", "shader", "view"]),
     ("render", &["cloud", "graph", "index", "passes", "resident", "select", "view"]),
-    ("output", &["cloud", "graph", "passes", "render", "select", "view"]),
     (
         "renderer",
         &[
@@ -33,18 +32,19 @@ const EDGES: &[(&str, &[&str])] = &[
         ],
     ),
     ("c", &["renderer"]),
+    ("output", &["cloud", "graph", "passes", "render", "renderer", "select", "view"]),
     (
         "app",
         &[
-            "cloud", "gpu", "graph", "index", "output", "passes", "present", "render", "resident",
-            "select", "view",
+            "cloud", "gpu", "graph", "index", "output", "passes", "present", "render", "renderer",
+            "resident", "select", "view",
         ],
     ),
     (
         "bench",
         &[
-            "app", "cloud", "gpu", "graph", "index", "passes", "render", "resident", "select",
-            "shader", "synth", "view",
+            "app", "cloud", "gpu", "graph", "index", "passes", "render", "renderer", "resident",
+            "select", "shader", "synth", "view",
         ],
     ),
     (
@@ -58,7 +58,7 @@ const EDGES: &[(&str, &[&str])] = &[
         "cli",
         &[
             "app", "bench", "cloud", "extract", "gpu", "graph", "guide", "index", "output",
-            "passes", "render", "resident", "select", "study", "synth", "view",
+            "passes", "render", "renderer", "resident", "select", "study", "synth", "view",
         ],
     ),
 ];
@@ -79,7 +79,7 @@ const CIRCLES: &[&str] = &[
     "synth: material props shapes terrain world",
 ];
 
-const FOR_ALL: &[&str] = &["error", "config", "progress", "atomic_file"];
+const FOR_ALL: &[&str] = &["error", "config", "progress", "atomic_file", "small_file"];
 
 fn root() -> &'static Path {
     Path::new(env!("CARGO_MANIFEST_DIR"))

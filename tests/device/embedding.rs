@@ -6,6 +6,7 @@ use crate::index_file::indexed;
 use ash::vk::{self, Handle};
 use glam::DVec3;
 use pointillist::gpu::{Device, DeviceOptions, TestOverrides};
+use pointillist::graph::Graph;
 use pointillist::passes::{Effects, Switch, encode};
 use pointillist::progress::Silent;
 use pointillist::render::frame;
@@ -434,18 +435,42 @@ fn rendered(path: &std::path::Path, camera: Camera, settings: &RenderSettings) -
     let resident = Resident::fill(&mut gpu, cloud, shown, &Silent).unwrap();
     let view = View::new(camera, SIZE).unwrap();
     let config = FrameConfig::new(settings, &view, &resident);
-    let done = frame::draw(&mut gpu, &view, &resident, &config, &Silent, |g, outcome| {
-        let layers = [&outcome.gbuffer.depth, &outcome.gbuffer.index, &outcome.normal];
-        Ok((encode::download(g, &outcome.picture)?, layers.map(|layer| g.download(layer))))
-    })
-    .unwrap();
-    let (encoded, [depth, ids, normals]) = &done.asked;
+    let mut g = Graph::new(&mut gpu);
+    let outcome = frame::record(&mut g, &view, &resident, &config).unwrap();
+    let encoded = encode::download(&mut g, &outcome.picture).unwrap();
+    let layers = [&outcome.gbuffer.depth, &outcome.gbuffer.index, &outcome.normal];
+    let [depth, ids, normals] = layers.map(|layer| g.download(layer));
+    let done = g.submit_and_wait(&[]).unwrap();
     Rendered {
-        color: encoded.read(&done.frame).concat(),
-        depth: done.frame.read(depth).to_vec(),
-        ids: done.frame.read(ids).to_vec(),
-        normals: done.frame.read(normals).to_vec(),
+        color: encoded.read(&done).concat(),
+        depth: done.read(&depth).to_vec(),
+        ids: done.read(&ids).to_vec(),
+        normals: done.read(&normals).to_vec(),
     }
+}
+
+#[test]
+fn a_renderer_with_a_device_of_its_own_draws_the_same_and_refuses_frames_of_hosts() {
+    let folder = tempfile::tempdir().unwrap();
+    let (path, camera) = scan(folder.path());
+    let options = DeviceOptions { validate: true, ..DeviceOptions::default() };
+    let mut renderer = Renderer::open_device(&options, RendererOptions::default()).unwrap();
+    let cloud = renderer.open(std::slice::from_ref(&path), &OpenSettings::default()).unwrap();
+    renderer.wait(cloud).unwrap();
+    let expected = rendered(&path, camera, &RenderSettings::default());
+    assert_eq!(renderer.picture(cloud, camera, SIZE).unwrap(), expected.color);
+
+    let application = Application::new(COLOR);
+    let (targets, mut hosted) = (application.targets(), application.renderer());
+    let frame = Frame { number: 1, safe: 0, targets, views: &[] };
+    // SAFETY: it is refused before anything is used.
+    let refused = unsafe { renderer.record(0, &frame) }.unwrap_err();
+    assert!(refused.to_string().contains("device of its own"), "{refused}");
+    let cloud = hosted.open(std::slice::from_ref(&path), &OpenSettings::default()).unwrap();
+    let refused = hosted.wait(cloud).unwrap_err();
+    assert!(refused.to_string().contains("host's device"), "{refused}");
+    let missing = renderer.open(&[folder.path().join("missing.las")], &OpenSettings::default());
+    assert!(renderer.wait(missing.unwrap()).unwrap_err().to_string().contains("missing.las"));
 }
 
 fn without_alpha(color: &[u8]) -> Vec<u8> {

@@ -461,23 +461,26 @@ fn a_full_disk_is_said_and_the_old_index_stays() {
     }
 }
 
+/// Signals that end a program in an orderly way.
+const SIGNALS: [i32; 3] = [libc::SIGINT, libc::SIGTERM, libc::SIGHUP];
+
 #[test]
 fn interrupted_it_leaves_nothing() {
     let place = Place::new(2_000_000);
     let began = Instant::now();
     succeeded(&place.command().output().unwrap());
     let whole = began.elapsed();
-    for i in 0..8u32 {
+    for i in 0..9u32 {
         let before = if i % 2 == 0 { State::Absent } else { State::Old };
         place.set(before);
         let child = place.command().stderr(Stdio::piped()).spawn().unwrap();
-        std::thread::sleep(Duration::from_millis(20) + whole * i / 8);
+        std::thread::sleep(Duration::from_millis(20) + whole * i / 9);
         // SAFETY: a system call; the child has not been waited for, so its id is its own.
-        unsafe { libc::kill(child.id() as i32, libc::SIGINT) };
+        unsafe { libc::kill(child.id() as i32, SIGNALS[i as usize % SIGNALS.len()]) };
         let since = Instant::now();
         let output = child.wait_with_output().unwrap();
         assert!(since.elapsed() < Duration::from_secs(5), "heeded after {:?}", since.elapsed());
-        let what = format!("interrupted at {i}/8: {}", output.status);
+        let what = format!("interrupted at {i}/9: {}", output.status);
         match output.status.code() {
             Some(0) => assert_eq!(place.state(&what), State::New),
             // Before the handler is installed the signal itself ends the process.

@@ -29,6 +29,7 @@ mod films;
 mod guide;
 mod hosts;
 mod indexed;
+mod inputs_and_outputs;
 mod maps;
 mod pictures;
 mod python;

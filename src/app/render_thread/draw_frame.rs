@@ -12,8 +12,7 @@ use crate::passes::{Effect, Switch, shadows};
 use crate::present::Present;
 use crate::progress::Progress;
 use crate::render::frame;
-use crate::render::scene::Scene;
-use crate::render::settings::{FrameConfig, RenderSettings};
+use crate::render::settings::FrameConfig;
 use crate::render::source::GpuCloud;
 use crate::resident::Resident;
 use crate::resident::streaming::Update;
@@ -76,26 +75,14 @@ fn refine_shadows(
     }
 }
 
-/// Returns the scene's settings; without strokes until they are computed.
-pub(super) fn settings(scene: &Scene, resident: &Resident) -> RenderSettings {
-    let mut settings = scene.settings.clone();
-    if strokes_missing(scene, resident) {
-        settings.effects.strokes.switch = Switch::Off;
-    }
-    settings
-}
-
-/// Returns whether strokes are wanted that are not computed yet.
-fn strokes_missing(scene: &Scene, resident: &Resident) -> bool {
-    scene.settings.effects.strokes.switch == Switch::On && resident.shown.strokes().is_none()
-}
-
 impl RenderLoop {
     /// Shows the last frame under the new panel.
     pub(super) fn show_again(&mut self) -> Result<()> {
         self.schedule.show_due = false;
         let present = self.present.as_mut().expect("taken at the end");
-        if !present.fit(&mut self.gpu, self.window)? || !present.show(&self.gpu)? {
+        if !present.fit(&mut self.renderer.gpu, self.window)?
+            || !present.show(&self.renderer.gpu)?
+        {
             self.schedule.change(Instant::now());
         }
         Ok(())
@@ -105,28 +92,28 @@ impl RenderLoop {
     pub(super) fn draw(&mut self) -> Result<bool> {
         let present = self.present.as_mut().expect("taken at the end");
         let (mut times, fitting) = (FrameTimes::default(), Instant::now());
-        if !present.fit(&mut self.gpu, self.window)? {
+        if !present.fit(&mut self.renderer.gpu, self.window)? {
             // A message comes when the window is uncovered.
             (self.schedule.redraw, self.schedule.show_due) = (Redraw::Nothing, false);
             return Ok(false);
         }
-        let (Some(scene), Some(cloud)) = (&self.scene, &mut self.cloud) else {
+        let (Some(scene), Some(id)) = (&self.scene, self.cloud) else {
             self.schedule.redraw = Redraw::Nothing;
             return self.blank().map(|()| true);
         };
-        cloud.set_filters(scene.opacities.clone(), scene.clips.clone());
-        cloud.set_scale(scene.scale);
-        self.saves.filters_replaced = false;
+        self.renderer.set_scene(scene);
+        self.saves.scene_replaced = false;
         times.fitting = fitting.elapsed();
         let divisor = if self.schedule.redraw == Redraw::Changed { self.scale.divisor } else { 1 };
         let size = divided(present.size(), divisor);
         let view = View::new(scene.camera, size)?;
         let (mut loading, taking_in) = (None, Instant::now());
+        let (gpu, cloud) = self.renderer.cloud(id)?;
         if let GpuCloud::Parts(residency) = cloud {
             let detail = scene.lod.of(size);
             let update = match self.schedule.redraw {
-                Redraw::Changed => residency.update_moving(&mut self.gpu, &view, &detail)?,
-                _ => residency.update(&mut self.gpu, &view, &detail)?,
+                Redraw::Changed => residency.update_moving(gpu, &view, &detail)?,
+                _ => residency.update(gpu, &view, &detail)?,
             };
             let Update { cut, budget, missing, coarse, bytes_read, errors, .. } = update;
             loading = Some(Loading {
@@ -145,8 +132,7 @@ impl RenderLoop {
         let complete = loading.is_none_or(|loading| loading.awaited == 0);
         times.taking_in = taking_in.elapsed();
         let recording = Instant::now();
-        let resident = cloud.resident();
-        let identity = resident.identity();
+        let identity = cloud.resident().identity();
         if self.schedule.redraw == Redraw::NodesArriving
             && identity == self.last_drawn
             && !complete
@@ -157,14 +143,14 @@ impl RenderLoop {
         let newer = self.inbox.superseded();
         // A refinement of the same picture can be interrupted; another picture is finished.
         let interruptible = self.schedule.redraw != Redraw::Changed;
-        // EffectDecisions for the full size: a smaller picture has more points per pixel, and would call
-        // for other effects.
-        let mut config = FrameConfig::new(
-            &settings(scene, resident),
-            &View::new(scene.camera, present.size())?,
-            resident,
-        );
-        if strokes_missing(scene, resident) {
+        // Effects are decided for the full size: a smaller picture has more points per pixel, and
+        // would call for others.
+        let full = View::new(scene.camera, present.size())?;
+        let mut config = self.renderer.config(id, &full)?;
+        let (gpu, cloud) = self.renderer.cloud(id)?;
+        let resident = cloud.resident();
+        if scene.settings.effects.strokes.switch == Switch::On && resident.shown.strokes().is_none()
+        {
             config.decisions.explain(Effect::Strokes, "strokes are still being computed");
         }
         let mut drawn =
@@ -173,9 +159,9 @@ impl RenderLoop {
             drawn.overlap = Arc::new(resident.overlap(&view));
         }
         if interruptible {
-            refine_shadows(&mut self.gpu, &view, resident, &config, &newer)?;
+            refine_shadows(gpu, &view, resident, &config, &newer)?;
         }
-        let mut g = Graph::new(&mut self.gpu);
+        let mut g = Graph::new(gpu);
         if interruptible {
             g = g.with_progress(&newer);
         }
@@ -213,10 +199,10 @@ impl RenderLoop {
             Err(error) => return Err(error),
         };
         (self.report)(RenderEvent::FrameStarted);
-        let frame = running.finish(&mut self.gpu)?;
+        let frame = running.finish(&mut self.renderer.gpu)?;
         let took = began.elapsed();
         let reading_back = Instant::now();
-        present.set_picture_size(&mut self.gpu, size)?;
+        present.set_picture_size(&mut self.renderer.gpu, size)?;
         let pick_buffer = Arc::new(PickBuffer {
             view,
             depth: frame.read(&depth).to_vec(),
@@ -225,6 +211,7 @@ impl RenderLoop {
         let passes = frame.passes.clone();
         let unordered = outcome.strokes.as_ref().and_then(|painted| painted.unordered.as_ref());
         let ordered = unordered.is_none_or(|unordered| frame.read::<u32>(unordered)[0] == 0);
+        let (_, cloud) = self.renderer.cloud(id)?;
         let mut notes = config.warnings(cloud.resident());
         notes.extend(
             warned
@@ -251,11 +238,13 @@ impl RenderLoop {
             cloud.resident().leaves_out().then(|| config.drops_back_faces(cloud.resident()));
         (times.drawing, times.reading_back) = (took, reading_back.elapsed());
         let showing = Instant::now();
-        if !present.show(&self.gpu)? {
+        if !present.show(&self.renderer.gpu)? {
             self.schedule.redraw = Redraw::Changed;
         }
         times.showing = showing.elapsed();
-        if let (Some(loading), GpuCloud::Parts(residency)) = (&mut loading, cloud) {
+        if let (Some(loading), (_, GpuCloud::Parts(residency))) =
+            (&mut loading, self.renderer.cloud(id)?)
+        {
             loading.worked = residency.loader_worked();
         }
         let (decisions, statistics, latency) =
@@ -292,13 +281,13 @@ impl RenderLoop {
         } else {
             red | green << 8 | blue << 16
         };
-        let mut g = Graph::new(&mut self.gpu);
+        let mut g = Graph::new(&mut self.renderer.gpu);
         let mut screen = g.import("screen", present.screen());
         g.fill(&mut screen, word | 255 << 24);
         g.submit_and_wait(&[screen.resource()])?;
-        present.set_picture_size(&mut self.gpu, present.size())?;
+        present.set_picture_size(&mut self.renderer.gpu, present.size())?;
         self.schedule.show_due = false;
-        if !present.show(&self.gpu)? {
+        if !present.show(&self.renderer.gpu)? {
             self.schedule.redraw = Redraw::Changed;
         }
         Ok(())

@@ -22,7 +22,6 @@ use std::time::{Duration, Instant};
 pub struct Upload {
     pub prepared: PreparedCloud,
     pub info: CloudInfo,
-    pub pool_bytes: u64,
     pub watch: ProgressReporter,
 }
 

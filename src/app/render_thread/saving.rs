@@ -7,18 +7,16 @@
 //! once, unless nodes are arriving. Pictures that are unfinished when the window closes are
 //! reported and not written.
 
-use super::draw_frame::settings;
 use super::{Redraw, RenderEvent, RenderLoop};
 use crate::app::warn;
-use crate::cloud::color_scale::ColorScale;
 use crate::error::{Error, Result};
 use crate::output::export;
 use crate::output::overlay::Overlay;
 use crate::output::tiled::{self, TiledPicture};
 use crate::progress::{Progress, Silent};
+use crate::render::scene::Scene;
 use crate::render::source::GpuCloud;
-use crate::select::clip::Clips;
-use crate::select::opacity::Opacities;
+use crate::renderer::CloudId;
 use crate::view::View;
 use std::collections::VecDeque;
 use std::path::{Path, PathBuf};
@@ -31,25 +29,22 @@ const TILE: u32 = 2048;
 #[derive(Default)]
 pub(super) struct SaveQueue {
     pub queue: VecDeque<PendingSave>,
-    /// Clouds that the window no longer shows, of the first of these pictures.
-    pub retired: VecDeque<RetiredCloud>,
-    /// Whether the filters of the window's cloud are those of a saved picture.
-    pub filters_replaced: bool,
+    /// Whether the renderer has the scene of a saved picture.
+    pub scene_replaced: bool,
 }
 
-/// A picture to save, and its filters.
+impl SaveQueue {
+    /// Tests whether pictures of other clouds than the window's are to be saved.
+    pub fn of_other_clouds(&self, own: Option<CloudId>) -> bool {
+        self.queue.iter().any(|save| Some(save.cloud) != own)
+    }
+}
+
+/// A picture to save, with cloud and scene of its time.
 pub(super) struct PendingSave {
     target: SaveTarget,
-    scale: ColorScale,
-    opacities: Opacities,
-    clips: Clips,
-}
-
-/// A cloud that the window no longer shows but saves pictures of.
-pub(super) struct RetiredCloud {
-    cloud: GpuCloud,
-    /// Number of its pictures.
-    pictures: usize,
+    cloud: CloudId,
+    scene: Scene,
 }
 
 /// A file to save, and where.
@@ -77,7 +72,7 @@ impl RenderLoop {
         layers: bool,
         over: Overlay,
     ) -> Result<()> {
-        let (Some(scene), Some(cloud)) = (&self.scene, &self.cloud) else {
+        let (Some(scene), Some(cloud)) = (&self.scene, self.cloud) else {
             (self.report)(RenderEvent::SaveFailed(
                 path,
                 Error::Request(
@@ -88,7 +83,6 @@ impl RenderLoop {
         };
         let wanted = tiled::PictureRequest {
             view: View::new(scene.camera, size)?,
-            settings: settings(scene, cloud.resident()),
             lod: scene.lod,
             piece: None,
             tile: Some(TILE),
@@ -96,7 +90,7 @@ impl RenderLoop {
         };
         // If the window shows everything, there is nothing to wait for.
         let is_there = self.schedule.redraw == Redraw::Nothing
-            || matches!(self.cloud, Some(GpuCloud::Whole(_)));
+            || matches!(self.renderer.cloud(cloud)?.1, GpuCloud::Whole(_));
         let at_once = is_there
             && self.saves.queue.is_empty()
             && size.map(u64::from).iter().product::<u64>() <= self.pixels();
@@ -106,12 +100,9 @@ impl RenderLoop {
                 .map(|picture| SaveTarget::Picture(Box::new(picture))),
         };
         match target {
-            Ok(target) => self.saves.queue.push_back(PendingSave {
-                target,
-                scale: scene.scale,
-                opacities: scene.opacities.clone(),
-                clips: scene.clips.clone(),
-            }),
+            Ok(target) => {
+                self.saves.queue.push_back(PendingSave { target, cloud, scene: scene.clone() });
+            }
             Err(error) => (self.report)(RenderEvent::SaveFailed(path, error)),
         }
         while at_once && !self.saves.queue.is_empty() {
@@ -132,22 +123,17 @@ impl RenderLoop {
 
     /// Saves one more tile of the first picture; a newer message interrupts it if `interruptible`.
     fn continue_save(&mut self, interruptible: bool) -> Result<()> {
-        let retired = self.saves.retired.front_mut().map(|retired| &mut retired.cloud);
-        self.saves.filters_replaced |= retired.is_none();
-        let (Some(saving), Some(cloud)) =
-            (self.saves.queue.front_mut(), retired.or(self.cloud.as_mut()))
-        else {
-            return Ok(());
-        };
-        cloud.set_filters(saving.opacities.clone(), saving.clips.clone());
-        cloud.set_scale(saving.scale);
+        let Some(saving) = self.saves.queue.front_mut() else { return Ok(()) };
+        let (renderer, cloud) = (&mut self.renderer, saving.cloud);
+        renderer.set_scene(&saving.scene);
+        self.saves.scene_replaced = true;
         let newer = self.inbox.superseded();
         let progress = if interruptible { &newer as &dyn Progress } else { &Silent };
         let written = match &mut saving.target {
             SaveTarget::Layers(wanted, path) => {
-                export::write(&mut self.gpu, cloud, wanted, path, progress)
+                export::write(renderer, cloud, wanted, path, progress)
             }
-            SaveTarget::Picture(picture) => match picture.step(&mut self.gpu, cloud, progress) {
+            SaveTarget::Picture(picture) => match picture.step(renderer, cloud, progress) {
                 Ok(false) => {
                     let (done, total) = picture.so_far().unwrap_or((0, 1));
                     (self.report)(RenderEvent::Status(format!(
@@ -181,38 +167,28 @@ impl RenderLoop {
             }
             Err(error) => (self.report)(RenderEvent::SaveFailed(path, error)),
         }
-        if let Some(retired) = self.saves.retired.front_mut() {
-            retired.pictures -= 1;
-            if retired.pictures == 0 {
-                self.saves.retired.pop_front();
-            }
-        }
-        Ok(())
+        self.remove_unused(cloud)
     }
 
-    /// Frees a cloud that the window no longer shows, once all of its pictures are saved.
-    pub(super) fn retire(&mut self, cloud: GpuCloud) {
-        // Pictures are saved in order, so those of earlier clouds come first.
-        let pictures = self.saves.queue.len()
-            - self.saves.retired.iter().map(|retired| retired.pictures).sum::<usize>();
-        if pictures > 0 {
-            self.saves.retired.push_back(RetiredCloud { cloud, pictures });
-        }
+    /// Removes a cloud that the window does not show and that no picture is saved of.
+    pub(super) fn remove_unused(&mut self, cloud: CloudId) -> Result<()> {
+        let is_saved = self.saves.queue.iter().any(|save| save.cloud == cloud);
+        if self.cloud == Some(cloud) || is_saved { Ok(()) } else { self.renderer.remove(cloud) }
     }
 
-    /// Restores filters and nodes of the window's view after saving has replaced them.
-    pub(super) fn restore_filters(&mut self) -> Result<()> {
+    /// Restores scene and nodes of the window's view after saving has replaced them.
+    pub(super) fn restore_scene(&mut self) -> Result<()> {
         let (true, Some(scene), Some(cloud), Some(present)) =
-            (self.saves.filters_replaced, &self.scene, &mut self.cloud, &self.present)
+            (self.saves.scene_replaced, &self.scene, self.cloud, &self.present)
         else {
             return Ok(());
         };
-        self.saves.filters_replaced = false;
-        cloud.set_filters(scene.opacities.clone(), scene.clips.clone());
-        cloud.set_scale(scene.scale);
+        self.saves.scene_replaced = false;
+        self.renderer.set_scene(scene);
+        let (gpu, cloud) = self.renderer.cloud(cloud)?;
         if let GpuCloud::Parts(residency) = cloud {
             let update = residency.update(
-                &mut self.gpu,
+                gpu,
                 &View::new(scene.camera, present.size())?,
                 &scene.lod.of(present.size()),
             )?;
@@ -235,6 +211,5 @@ impl RenderLoop {
                 saving.path().display()
             ));
         }
-        self.saves.retired.clear();
     }
 }

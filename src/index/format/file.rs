@@ -267,6 +267,10 @@ fn check(directory: &Directory, end: u64) -> std::result::Result<(), String> {
         if node.origin.iter().any(|origin| origin.unsigned_abs() > 1 << 60) {
             return wrong("beyond any coordinate");
         }
+        let (lo, hi) = bounds(node, &directory.contents.lattices);
+        if let Some(what) = lattice(node, &directory.contents.lattices).too_far(lo, hi) {
+            return wrong(&format!("that {what}"));
+        }
         if (0..3)
             .any(|plane| node.has(PLANES[plane].0) != ((plane as u32) < node.position_planes()))
             || (node.single_station().is_some() && !node.has(Plane::Station))
@@ -282,6 +286,9 @@ fn check(directory: &Directory, end: u64) -> std::result::Result<(), String> {
             || (node.spacing == 0.0) != node.is_leaf()
         {
             return wrong("with an impossible spacing");
+        }
+        if i < directory.roots as usize && node.parent as usize != i {
+            return wrong("that is a root below another node");
         }
         if node.is_leaf() {
             if node.points != node.count as u64 {

@@ -158,6 +158,7 @@ fn crafted_directories_are_refused() {
         try_it("children of two", &[(second, FIRST_CHILD, &word(nodes[inner].first_child))]);
     }
     try_it("another parent", &[(child, PARENT, &word(u32::MAX))]);
+    try_it("a root below another node", &[(0, PARENT, &word(leaf as u32))]);
     for count in [0, POINTS_PER_PAGE + 1, u32::MAX] {
         try_it("a count", &[(leaf, COUNT, &word(count))]);
         try_it(
