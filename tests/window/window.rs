@@ -515,7 +515,7 @@ fn panel_switches_an_effect_off() {
     place.display.xdotool(&format!("mousemove {} {} click 1", EFFECTS_FOLD[0], EFFECTS_FOLD[1]));
     viewer.until("effect that runs", |viewer| find(viewer, green).is_some());
     let [_, row] = find_at_rest(&mut viewer, green);
-    place.display.xdotool(&format!("mousemove 168 {row} click 1"));
+    place.display.xdotool(&format!("mousemove 186 {row} click 1"));
     viewer.until("effect that stops", |viewer| find(viewer, green).is_none());
     place.display.xdotool("mousemove 600 800 key n");
     viewer.shows(&place.picture(

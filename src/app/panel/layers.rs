@@ -21,11 +21,13 @@ pub fn show(
     scene: &mut Scene,
     actions: &mut Vec<Action>,
 ) {
+    // Before the tree, which has fewer rows when they leave fewer kinds of points.
+    filters::show(ui, state, &mut scene.filter);
+    ui.separator();
     for branch in tree(state) {
         branch.show(ui, &mut scene.opacities, true);
     }
     ui.separator();
-    filters::show(ui, state, &mut scene.filter);
     let mut added = false;
     clip_box_widget::list(ui, &mut scene.clips, &mut added);
     if added {
@@ -96,7 +98,12 @@ fn tree(state: &UiState) -> Vec<Branch> {
             is_open: is_shown(attribute) || attribute == Attribute::Class,
         })
     };
-    let mut all: Vec<Branch> = state.files.iter().map(file).collect();
+    let files = state.files.iter().map(file).filter(|file| file.points > 0);
+    // Scans with names of their own, as in E57, are of no file by name.
+    let is_of_a_file =
+        |station: &Station| state.files.iter().any(|name| What::File(name.clone()).has(station));
+    let others = stations.iter().filter(|own| !is_of_a_file(own)).map(|own| station(own, ""));
+    let mut all: Vec<Branch> = files.chain(others).collect();
     all.extend(of_kind("classes", Attribute::Class, classes, What::Class, |number| {
         class_name(number).map_or(number.to_string(), |name| format!("{number} {name}"))
     }));
@@ -194,6 +201,7 @@ mod tests {
             station(0, Some(3), "a.las source 3", 5),
             station(0, Some(7), "a.las source 7", 6),
             station(1, None, "b.ply", 9),
+            station(2, None, "north", 4),
         ];
         let categories = Categories {
             classes: vec![(2, 15), (6, 5)],
@@ -201,7 +209,7 @@ mod tests {
             stations,
             ..Categories::default()
         };
-        let files = vec!["a.las".to_string(), "b.ply".to_string()];
+        let files = ["a.las", "b.ply", "c.e57"].map(str::to_string).into();
         let state = UiState { files, categories, ..UiState::default() };
         let rows = |branches: &[Branch]| -> Vec<(String, u64, usize)> {
             let row = |branch: &Branch| (branch.name.clone(), branch.points, branch.below.len());
@@ -209,9 +217,12 @@ mod tests {
         };
         let tree = tree(&state);
         let row = |name: &str, points, below| (name.to_string(), points, below);
-        assert_eq!(rows(&tree), [row("a.las", 11, 2), row("b.ply", 9, 0), row("classes", 20, 2)]);
+        assert_eq!(
+            rows(&tree),
+            [row("a.las", 11, 2), row("b.ply", 9, 0), row("north", 4, 0), row("classes", 20, 2)]
+        );
         assert_eq!(rows(&tree[0].below), [row("source 3", 5, 0), row("source 7", 6, 0)]);
-        assert_eq!(rows(&tree[2].below), [row("2 ground", 15, 0), row("6 building", 5, 0)]);
+        assert_eq!(rows(&tree[3].below), [row("2 ground", 15, 0), row("6 building", 5, 0)]);
         assert_eq!(tree[0].below[1].what, Some(What::Station("a.las source 7".into())));
     }
 }
