@@ -23,6 +23,9 @@ const SIZE: DVec2 = DVec2::new(560.0, 240.0);
 /// Room for the axes at its left, top, right and bottom `[points]`.
 const AROUND: [f32; 4] = [64.0, 8.0, 16.0, 40.0];
 
+/// Side of a point `[points]`.
+const POINT: usize = 2;
+
 /// Least distances between ticks `[points]`.
 const APART: DVec2 = DVec2::new(80.0, 30.0);
 
@@ -61,7 +64,7 @@ impl Profile {
     fn image(&self, axes: &Axes) -> ColorImage {
         let mut canvas = Canvas::new(axes);
         for found in &self.section.points {
-            canvas.draw(axes, &self.point(found), FINER);
+            canvas.draw(axes, &self.point(found), POINT * FINER);
         }
         let size = canvas.size().map(|side| side as usize);
         ColorImage::from_rgba_unmultiplied(size, &canvas.rgba())

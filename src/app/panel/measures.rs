@@ -2,9 +2,10 @@
 
 use super::state::UiState;
 use super::text::weak;
+use super::theme;
 use crate::app::actions::Action;
 use crate::app::measure::{self, Looked, Measure, Picked};
-use egui::{DragValue, Grid, Label, Ui};
+use egui::{DragValue, Grid, Label, RichText, Ui};
 use glam::DVec3;
 
 pub fn show(ui: &mut Ui, state: &mut UiState, actions: &mut Vec<Action>) {
@@ -104,7 +105,7 @@ fn picked(ui: &mut Ui, measure: &Measure, Picked { point, record }: &Picked) {
 fn table(ui: &mut Ui, name: &str, rows: Vec<(&str, String)>) {
     Grid::new(name).num_columns(2).show(ui, |ui| {
         for (name, value) in rows {
-            weak(ui, name);
+            ui.label(RichText::new(name).color(theme::WEAK));
             ui.label(value);
             ui.end_row();
         }
