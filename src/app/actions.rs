@@ -1,11 +1,13 @@
 //! Actions: what keys and the panel can do, and the files that some of them write.
 
+use super::history::History;
 use super::navigation::Input;
 use super::profile;
 use super::render_thread::Message;
 use super::{App, clip_box_widget};
 use crate::atomic_file::write_atomically;
 use crate::error::{Error, Result};
+use crate::render::scene::Scene;
 use crate::select::slab::Slab;
 use crate::view::View;
 use std::path::{Path, PathBuf};
@@ -39,6 +41,14 @@ pub enum Action {
     /// Starts or stops flying along the camera path.
     Play,
     FullScreen,
+    /// Asks for files to open.
+    Open,
+    /// Opens a recent file, by its number in the list.
+    OpenRecent(usize),
+    Undo,
+    Redo,
+    /// Closes the window, whatever is lost.
+    CloseAnyway,
     /// Shows or hides the list of keys.
     Help,
     /// Shows or hides the panel.
@@ -51,10 +61,13 @@ impl App {
         let (Some(window), Some(panel)) = (&self.window, &mut self.panel) else { return };
         let before = self.scene.clone();
         (self.ui.mode, self.ui.style) = (self.navigation.mode, self.navigation.style);
+        self.ui.steps = self.history.steps();
         let view = View::new(self.scene.camera, self.size.map(|side| side.max(1))).ok();
         let laid_out = panel.lay_out(window, &mut self.ui, view.as_ref(), &mut self.scene);
         self.panel_due = laid_out.repaint_in.and_then(|wait| Instant::now().checked_add(wait));
-        self.post(Message::Panel(Box::new(laid_out.overlay)));
+        let answers = std::mem::take(&mut self.answers);
+        self.post(Message::Panel { overlay: Box::new(laid_out.overlay), answers });
+        self.history.record(&before, &self.scene, laid_out.continues);
         if let Err(error) = self.scene_changed(&before) {
             self.report_error(&error);
         }
@@ -74,14 +87,22 @@ impl App {
             Action::Navigate(input) => self.navigate(input),
             Action::SavePicture => self.save_picture(false),
             Action::SaveLayers => self.save_picture(true),
-            Action::SaveScene => self.save(&unused_name("json"), |app, path| app.scene.write(path)),
+            Action::SaveScene => {
+                if self.save(&unused_name("json"), |app, path| app.scene.write(path)) {
+                    self.saved.scene = self.scene.clone();
+                }
+            }
             Action::LoadScene => match last_name("json") {
                 Some(path) => self.take(path),
                 None => self.report_error(&Error::Request(
                     "there is no saved scene in this folder; F8 saves one, or drop a scene file on the window".into(),
                 )),
             },
-            Action::SavePath => self.save(&unused_name("path.json"), |app, path| app.ui.path.write(path)),
+            Action::SavePath => {
+                if self.save(&unused_name("path.json"), |app, path| app.ui.path.write(path)) {
+                    self.saved.path = self.ui.path.clone();
+                }
+            }
             Action::Export(_) if self.ui.measure.points.is_empty() => {
                 self.report_error(&Error::Request("no points are picked; click on one first".into()));
             }
@@ -89,28 +110,45 @@ impl App {
                 if extension == "csv" {
                     self.save_profile();
                 }
-                self.save(&unused_name(extension), |app, path| app.export(extension, path));
+                if self.save(&unused_name(extension), |app, path| app.export(extension, path)) {
+                    self.saved.points = self.ui.measure.places();
+                }
             }
             Action::Profile => self.profile(),
             Action::SaveProfile => self.save_profile(),
             Action::CloseProfile => self.ui.profile = None,
             Action::Forget => self.forget(),
             Action::AddBox => {
+                let before = self.scene.clone();
                 self.scene.clips.0.push(clip_box_widget::around(&self.ui.measure, &self.navigation.camera));
+                self.history.record(&before, &self.scene, false);
                 self.post_scene();
             }
-            Action::AddKey => {
-                if let Err(error) = self.ui.path.add(self.navigation.camera) {
-                    self.report_error(&error);
-                }
-            }
+            Action::AddKey => self.ui.path.add(self.navigation.camera),
             Action::ForgetPath => self.ui.path.keys.clear(),
             Action::Play => self.play(),
             Action::FullScreen => self.full_screen(),
+            Action::Open => self.ask_for_files(),
+            Action::OpenRecent(number) => {
+                self.ui.recent.get(number).cloned().into_iter().for_each(|file| self.take(file));
+            }
+            Action::Undo => self.step_in_history(History::undo),
+            Action::Redo => self.step_in_history(History::redo),
+            Action::CloseAnyway => self.closes = true,
             Action::Help => self.ui.help = !self.ui.help,
             Action::Panel => self.ui.hidden = !self.ui.hidden,
         }
         self.title();
+    }
+
+    /// Replaces the scene by that before or after the last change, seen as now.
+    fn step_in_history(&mut self, step: fn(&mut History, &Scene) -> Option<Scene>) {
+        let before = self.scene.clone();
+        let Some(scene) = step(&mut self.history, &before) else { return };
+        self.scene = scene;
+        if let Err(error) = self.scene_changed(&before) {
+            self.report_error(&error);
+        }
     }
 
     /// Requests a profile of the points that are loaded now.
@@ -155,10 +193,17 @@ impl App {
         }
     }
 
-    fn save(&mut self, path: &Path, write: impl FnOnce(&App, &Path) -> Result<()>) {
+    /// Writes a file; returns whether it is there.
+    fn save(&mut self, path: &Path, write: impl FnOnce(&App, &Path) -> Result<()>) -> bool {
         match write(self, path) {
-            Ok(()) => self.ui.doing = Some(format!("saved {}", path.display())),
-            Err(error) => self.report_error(&error),
+            Ok(()) => {
+                self.ui.doing = Some(format!("saved {}", path.display()));
+                true
+            }
+            Err(error) => {
+                self.report_error(&error);
+                false
+            }
         }
     }
 

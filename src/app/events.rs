@@ -15,9 +15,9 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 use winit::application::ApplicationHandler;
 use winit::dpi::{PhysicalPosition, PhysicalSize};
-use winit::event::{ElementState, MouseScrollDelta, WindowEvent};
+use winit::event::{ElementState, KeyEvent, MouseScrollDelta, WindowEvent};
 use winit::event_loop::{ActiveEventLoop, ControlFlow};
-use winit::keyboard::PhysicalKey;
+use winit::keyboard::{Key, KeyCode, PhysicalKey};
 use winit::window::{Window, WindowId};
 
 impl App {
@@ -87,6 +87,21 @@ impl App {
     }
 }
 
+/// Returns the key of an event, by its place; with control by its letter, as other programs do.
+fn code(event: &KeyEvent, control: bool) -> Option<KeyCode> {
+    let letter = match &event.logical_key {
+        Key::Character(text) if control => text.to_lowercase(),
+        _ => String::new(),
+    };
+    match (letter.as_str(), event.physical_key) {
+        ("z", _) => Some(KeyCode::KeyZ),
+        ("y", _) => Some(KeyCode::KeyY),
+        ("o", _) => Some(KeyCode::KeyO),
+        (_, PhysicalKey::Code(code)) => Some(code),
+        _ => None,
+    }
+}
+
 impl ApplicationHandler<Event> for App {
     fn resumed(&mut self, events: &ActiveEventLoop) {
         if self.window.is_none()
@@ -109,6 +124,7 @@ impl ApplicationHandler<Event> for App {
             Event::Loaded(Ok(opened), _) => self.loaded(*opened),
             Event::Loaded(Err(error), _) => self.load_failed(&error),
             Event::LookedUp(place, looked, _) => self.looked_up(place, looked),
+            Event::Chosen(files) => self.chosen(files),
             Event::Render(event) => return self.render_event(events, event),
             Event::Interrupted => {
                 self.exit_error = Some(Error::Interrupted);
@@ -127,6 +143,7 @@ impl ApplicationHandler<Event> for App {
         if let (Some(window), Some(panel)) = (&self.window, &mut self.panel) {
             let response = panel.handle_event(window, &event);
             if response.repaint && !matches!(event, WindowEvent::RedrawRequested) {
+                self.answers = true;
                 window.request_redraw();
             }
             if response.consumed {
@@ -134,7 +151,7 @@ impl ApplicationHandler<Event> for App {
             }
         }
         match event {
-            WindowEvent::CloseRequested => events.exit(),
+            WindowEvent::CloseRequested => self.close(),
             WindowEvent::Resized(size) => self.resized(size),
             WindowEvent::ScaleFactorChanged { .. } => {
                 let size = self.window.as_ref().map(|window| window.inner_size());
@@ -165,8 +182,8 @@ impl ApplicationHandler<Event> for App {
                     Modifiers { shift: state.shift_key(), control: state.control_key() };
             }
             WindowEvent::KeyboardInput { event, .. } => {
-                if let PhysicalKey::Code(code) = event.physical_key {
-                    self.key(events, code, event.state == ElementState::Pressed, event.repeat);
+                if let Some(code) = code(&event, self.mouse.modifiers.control) {
+                    self.key(code, event.state == ElementState::Pressed, event.repeat);
                 }
             }
             WindowEvent::Focused(false) => self.navigation.release_all(),
@@ -176,6 +193,9 @@ impl ApplicationHandler<Event> for App {
     }
 
     fn about_to_wait(&mut self, events: &ActiveEventLoop) {
+        if self.closes {
+            return events.exit();
+        }
         let now = Instant::now();
         if self.panel_due.is_some_and(|when| when <= now) {
             self.panel_due = None;

@@ -4,7 +4,7 @@ use super::cancel::CancelToken;
 use super::load_thread::{self, CloudInfo, FirstStage, LoadRequest, LoadedCloud};
 use super::navigation::Input;
 use super::render_thread::{Message, Upload};
-use super::{App, Event, warn};
+use super::{App, Event, recent, warn};
 use crate::cloud::attribute::ExtraAttributes;
 use crate::error::{Error, Result};
 use crate::index::attributes::strokes::StrokeCache;
@@ -78,6 +78,8 @@ impl App {
         self.framing.chosen = true;
         self.options.camera = Some(self.scene.camera);
         self.navigation.camera = self.scene.camera;
+        self.history.record(&before, &self.scene, false);
+        self.saved.scene = self.scene.clone();
         self.scene_changed(&before)?;
         self.ui.doing = Some(format!("loaded {}", file.display()));
         Ok(())
@@ -136,7 +138,8 @@ impl App {
 
     /// Returns the files that should be open, and the attribute to show.
     fn load_request(&self) -> LoadRequest {
-        LoadRequest { files: self.load.files.clone(), color: self.scene.color }
+        let Scene { color, filter, .. } = &self.scene;
+        LoadRequest { files: self.load.files.clone(), color: *color, filter: filter.clone() }
     }
 
     /// Reports a failed load, and returns to what was open before.
@@ -156,8 +159,15 @@ impl App {
             _ if self.load.files.iter().any(is_wrong) => {
                 self.load.files.retain(|file| !is_wrong(file))
             }
-            Some(LoadRequest { files, color }) => {
-                (self.load.files, self.scene.color) = (files, color)
+            Some(LoadRequest { files, color, filter }) => {
+                if self.scene.filter != filter {
+                    // The line keeps its text, to be corrected.
+                    self.ui.filter.of = filter.clone();
+                    self.ui.filter.error = Some(error.to_string());
+                }
+                (self.load.files, self.scene.color) = (files, color);
+                self.options.opening.filter = filter.clone();
+                self.scene.filter = filter;
             }
             // The file dropped last is the most likely cause.
             None => drop(self.load.files.pop()),
@@ -210,11 +220,19 @@ impl App {
     pub(super) fn uploaded(&mut self, info: CloudInfo, token: &CancelToken) {
         let CloudInfo { request, is_whole, origins, shown, categories, points, why_shown, notes } =
             info;
+        if is_whole {
+            match recent::add(&request.files) {
+                Ok(recent) => self.ui.recent = recent,
+                Err(error) => warn(&format!("recent files are not kept: {error}")),
+            }
+        }
         self.load.displayed = is_whole.then_some(request);
         if is_whole && !token.is_cancelled() {
             (self.load.active, self.ui.doing) = (false, None);
         }
-        self.load.origins = origins;
+        let mut files: Vec<String> = origins.iter().map(|path| file_name(path)).collect();
+        files.dedup();
+        (self.load.origins, self.ui.files) = (origins, files);
         (self.ui.points, self.ui.shown, self.ui.categories) = (points, Some(shown), categories);
         self.ui.measure.reference = self.ui.categories.reference.clone();
         self.ui.why_shown = why_shown;
@@ -261,4 +279,9 @@ impl App {
     fn wants_strokes(&self) -> bool {
         self.scene.settings.effects.strokes.switch == Switch::On
     }
+}
+
+/// Returns the name of a file without its folders.
+fn file_name(path: &Path) -> String {
+    path.file_name().unwrap_or(path.as_os_str()).to_string_lossy().into_owned()
 }

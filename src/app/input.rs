@@ -9,7 +9,6 @@ use glam::DVec2;
 use std::time::{Duration, Instant};
 use winit::dpi::PhysicalSize;
 use winit::event::{ElementState, MouseButton};
-use winit::event_loop::ActiveEventLoop;
 use winit::keyboard::KeyCode;
 
 /// Longest time between the clicks of a double click.
@@ -128,21 +127,17 @@ impl App {
         });
     }
 
-    pub(super) fn key(
-        &mut self,
-        events: &ActiveEventLoop,
-        code: KeyCode,
-        pressed: bool,
-        repeated: bool,
-    ) {
-        match keys::find(code) {
+    pub(super) fn key(&mut self, code: KeyCode, pressed: bool, repeated: bool) {
+        // A key that is released ends what it began, whatever else is held by then.
+        let held = if pressed { self.mouse.modifiers } else { Modifiers::default() };
+        match keys::find(code, held) {
             Some(Binding::Fly(direction)) => self.fly(direction, pressed),
             Some(Binding::Do(action)) if pressed && !repeated => self.perform(action),
-            // Escape first dismisses an error or a profile.
-            Some(Binding::Close) if pressed => match self.ui.dismiss() {
+            Some(Binding::Close) if pressed && !repeated => match self.ui.dismiss() {
                 true => self.title(),
-                false => events.exit(),
+                false => self.close(),
             },
+            Some(Binding::Confirm) if pressed && !self.ui.asks.is_empty() => self.closes = true,
             _ => {}
         }
     }

@@ -1,7 +1,7 @@
 //! Key bindings: one table, for the window and for its help.
 
 use super::actions::Action;
-use super::navigation::{Direction, Input, Mode, NavigationStyle};
+use super::navigation::{Direction, Input, Mode, Modifiers, NavigationStyle};
 use crate::view::{Preset, Projection};
 use winit::keyboard::KeyCode;
 
@@ -11,10 +11,22 @@ pub enum Binding {
     Fly(Direction),
     Do(Action),
     Close,
+    /// Answers the question whether to close with yes.
+    Confirm,
+}
+
+/// Keys that are held besides.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Held {
+    /// Not control.
+    None,
+    Control,
+    ControlShift,
 }
 
 pub struct Key {
     pub codes: &'static [KeyCode],
+    pub held: Held,
     pub binding: Binding,
     pub name: &'static str,
     pub about: &'static str,
@@ -26,7 +38,11 @@ const fn key(
     binding: Binding,
     about: &'static str,
 ) -> Key {
-    Key { codes, binding, name, about }
+    Key { codes, held: Held::None, binding, name, about }
+}
+
+const fn with(held: Held, key: Key) -> Key {
+    Key { held, ..key }
 }
 
 const fn look(from: Preset) -> Binding {
@@ -37,7 +53,7 @@ const fn project(onto: Projection) -> Binding {
     Binding::Do(Action::Navigate(Input::Project { onto }))
 }
 
-pub const KEYS: &[Key] = &[
+const KEYS: &[Key] = &[
     key(
         &[KeyCode::Digit0, KeyCode::Numpad0, KeyCode::Home],
         "0",
@@ -124,6 +140,16 @@ pub const KEYS: &[Key] = &[
         Binding::Do(Action::SaveLayers),
         "save layers: depth, point ids, normals and more, as EXR",
     ),
+    with(
+        Held::Control,
+        key(&[KeyCode::KeyZ], "Ctrl Z", Binding::Do(Action::Undo), "undo a change of the scene"),
+    ),
+    with(
+        Held::ControlShift,
+        key(&[KeyCode::KeyZ], "Ctrl Shift Z", Binding::Do(Action::Redo), "redo it"),
+    ),
+    with(Held::Control, key(&[KeyCode::KeyY], "Ctrl Y", Binding::Do(Action::Redo), "redo")),
+    with(Held::Control, key(&[KeyCode::KeyO], "Ctrl O", Binding::Do(Action::Open), "open files")),
     key(&[KeyCode::F11], "F11", Binding::Do(Action::FullScreen), "full screen"),
     key(&[KeyCode::KeyH, KeyCode::F1], "H", Binding::Do(Action::Help), "these keys"),
     key(&[KeyCode::KeyN], "N", Binding::Do(Action::Panel), "hide or show the panel"),
@@ -131,12 +157,18 @@ pub const KEYS: &[Key] = &[
         &[KeyCode::Escape],
         "Esc",
         Binding::Close,
-        "dismiss an error, or close the profile, or the window",
+        "close a list, a message, the profile, these keys, or the window",
+    ),
+    key(
+        &[KeyCode::Enter, KeyCode::NumpadEnter],
+        "Enter",
+        Binding::Confirm,
+        "close the window though something is not saved",
     ),
 ];
 
 /// Returns what the mouse does, for a navigation style and a mode.
-pub fn mouse(style: NavigationStyle, mode: Mode) -> Vec<(&'static str, &'static str)> {
+fn mouse(style: NavigationStyle, mode: Mode) -> Vec<(&'static str, &'static str)> {
     let turns = match mode {
         Mode::Orbit => "turn about the point under the cursor",
         Mode::Fly => "look around",
@@ -168,9 +200,20 @@ pub fn mouse(style: NavigationStyle, mode: Mode) -> Vec<(&'static str, &'static 
     drags.into_iter().chain(others).collect()
 }
 
-/// Returns the binding of a key; None if it has none.
-pub fn find(code: KeyCode) -> Option<Binding> {
-    KEYS.iter().find(|key| key.codes.contains(&code)).map(|key| key.binding)
+/// Returns what the mouse and every key do, for the window's help and for that of `view`.
+pub fn rows(style: NavigationStyle, mode: Mode) -> Vec<(&'static str, &'static str)> {
+    mouse(style, mode).into_iter().chain(KEYS.iter().map(|key| (key.name, key.about))).collect()
+}
+
+/// Returns the binding of a key with others held; None if it has none.
+pub fn find(code: KeyCode, modifiers: Modifiers) -> Option<Binding> {
+    let held = match (modifiers.control, modifiers.shift) {
+        (false, _) => Held::None,
+        (true, false) => Held::Control,
+        (true, true) => Held::ControlShift,
+    };
+    let found = KEYS.iter().find(|key| key.codes.contains(&code) && key.held == held);
+    found.map(|key| key.binding)
 }
 
 #[cfg(test)]
@@ -179,7 +222,8 @@ mod tests {
 
     #[test]
     fn no_key_does_two_things() {
-        let codes: Vec<_> = KEYS.iter().flat_map(|key| key.codes).collect();
+        let codes: Vec<_> =
+            KEYS.iter().flat_map(|key| key.codes.iter().map(|code| (code, key.held))).collect();
         let distinct: std::collections::HashSet<_> = codes.iter().collect();
         assert_eq!(codes.len(), distinct.len());
     }

@@ -4,6 +4,7 @@ use super::cancel::CancelToken;
 use super::navigation::Subject;
 use crate::cloud::attribute::{Attribute, DisplayAttribute, ExtraAttributes};
 use crate::cloud::crs::Reference;
+use crate::cloud::filter::Filter;
 use crate::cloud::histograms::Histograms;
 use crate::cloud::up::Up;
 use crate::cloud::{ColumnSet, ReadOptions, Station};
@@ -23,11 +24,13 @@ pub struct LoadedCloud {
     pub info: CloudInfo,
 }
 
-/// Files to load, and the attribute to show; None chooses it automatically.
+/// Files to load, and what to show of them.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LoadRequest {
     pub files: Vec<PathBuf>,
+    /// The attribute to show; None chooses it automatically.
     pub color: Option<Attribute>,
+    pub filter: Filter,
 }
 
 /// Facts of a loaded cloud, for the panel and for picks.

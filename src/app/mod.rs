@@ -16,21 +16,23 @@ pub mod dynamic_resolution;
 mod events;
 mod files;
 pub mod frame_stats;
+mod history;
 mod input;
 pub mod keys;
-mod legend;
-mod light_widget;
 pub mod load_thread;
 pub mod measure;
 pub mod navigation;
+mod open_dialog;
 mod options;
 pub mod panel;
 pub mod pick_buffer;
 mod point_lookup;
 pub mod profile;
+mod recent;
 mod render_events;
 pub mod render_thread;
 pub mod scripted_flight;
+mod unsaved;
 
 use crate::cloud::point_lookup::Record;
 use crate::error::{Error, Result};
@@ -41,6 +43,7 @@ use cancel::CancelToken;
 use files::{Framing, LoadState};
 use frame_stats::{FrameStats, Summary};
 use glam::DVec3;
+use history::History;
 use input::Mouse;
 use load_thread::{LoadedCloud, ProgressReporter};
 use navigation::Navigation;
@@ -53,6 +56,7 @@ use std::io::Write as _;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Instant;
+use unsaved::Saved;
 use winit::error::EventLoopError;
 use winit::event_loop::{EventLoop, EventLoopProxy};
 use winit::window::Window;
@@ -64,6 +68,8 @@ enum Event {
     /// The record of the point at a place (world); None if it is a sample of an index.
     LookedUp(DVec3, Result<Option<Record>>, CancelToken),
     Render(RenderEvent),
+    /// Files that the user chose; None if the system has no dialog, or none was chosen.
+    Chosen(Option<Vec<PathBuf>>),
     /// Ctrl-C in the terminal.
     Interrupted,
 }
@@ -83,13 +89,23 @@ pub fn run(options: Options, progress: &dyn Progress) -> Result<Summary> {
             path: options.path.clone(),
             save_size: options.save_size,
             annotations: options.annotations.clone(),
+            recent: recent::read(),
             ..UiState::default()
         },
         window_title: String::new(),
         pending_saves: Vec::new(),
         panel: None,
         panel_due: None,
+        answers: false,
         scene: options.scene.clone(),
+        history: History::default(),
+        saved: Saved {
+            scene: options.scene.clone(),
+            points: Vec::new(),
+            path: options.path.clone(),
+        },
+        closes: false,
+        is_choosing: false,
         window: None,
         size: options.size,
         render_thread: None,
@@ -118,6 +134,13 @@ struct App {
     render_thread: Option<RenderThread>,
     navigation: Navigation,
     scene: Scene,
+    history: History,
+    /// What need not be saved when the window closes.
+    saved: Saved,
+    /// Whether the window closes next.
+    closes: bool,
+    /// Whether a dialog asks for files.
+    is_choosing: bool,
     load: LoadState,
     framing: Framing,
     mouse: Mouse,
@@ -128,6 +151,8 @@ struct App {
     panel: Option<Panel>,
     /// Time of the next layout of the panel without input.
     panel_due: Option<Instant>,
+    /// Whether the next layout of the panel answers input.
+    answers: bool,
     window_title: String,
     /// Pictures that are being saved.
     pending_saves: Vec<PathBuf>,

@@ -50,6 +50,8 @@ pub struct RenderThread {
     messages: Sender<Message>,
     /// Number of messages sent that change the picture.
     posted: Arc<AtomicU64>,
+    /// Number of messages sent that are urgent.
+    urgent: Arc<AtomicU64>,
     thread: Option<JoinHandle<()>>,
 }
 
@@ -61,12 +63,12 @@ impl RenderThread {
         report: impl Fn(RenderEvent) + Send + Sync + 'static,
     ) -> Result<RenderThread> {
         let (sender, messages) = channel();
-        let posted = Arc::new(AtomicU64::new(0));
+        let [posted, urgent] = [(); 2].map(|()| Arc::new(AtomicU64::new(0)));
         let thread = RenderLoop {
             renderer,
             present: Some(present),
             window: [0, 0],
-            inbox: Inbox { messages, posted: posted.clone(), handled: 0 },
+            inbox: Inbox { messages, handled: 0, urgent: urgent.clone(), urgent_handled: 0 },
             report: Box::new(report),
             uploading: None,
             cloud: None,
@@ -79,12 +81,13 @@ impl RenderThread {
         let thread = std::thread::Builder::new().name("render".into()).spawn(move || thread.run());
         let thread = thread
             .map_err(|error| Error::Device(format!("cannot start a thread to draw: {error}")))?;
-        Ok(RenderThread { messages: sender, posted, thread: Some(thread) })
+        Ok(RenderThread { messages: sender, posted, urgent, thread: Some(thread) })
     }
 
     /// Sends a message; never waits.
     pub fn post(&self, message: Message) {
         self.posted.fetch_add(message.changes_picture() as u64, Relaxed);
+        self.urgent.fetch_add(message.is_urgent() as u64, Relaxed);
         // A thread that has ended has reported why.
         let _ = self.messages.send(message);
     }
@@ -119,21 +122,26 @@ enum Redraw {
 /// Time without changes after which the scene is at rest.
 const IDLE_DELAY: Duration = Duration::from_millis(150);
 
+/// Time on the device from which on a picture is too slow for the panel to wait for it.
+const SLOW: Duration = Duration::from_millis(30);
+
 /// Time between two checks for loaded nodes.
 const LOAD_POLL: Duration = Duration::from_millis(10);
 
 /// Messages from the window.
 struct Inbox {
     messages: Receiver<Message>,
-    /// Number of messages sent that change the picture.
-    posted: Arc<AtomicU64>,
-    /// Number of these that have been handled.
+    /// Number of messages handled that change the picture.
     handled: u64,
+    /// Number of messages sent that are urgent.
+    urgent: Arc<AtomicU64>,
+    /// Number of these that have been handled.
+    urgent_handled: u64,
 }
 
 impl Inbox {
     fn superseded(&self) -> Superseded<'_> {
-        Superseded { posted: &self.posted, handled: self.handled }
+        Superseded { posted: &self.urgent, handled: self.urgent_handled }
     }
 }
 
@@ -149,12 +157,15 @@ struct Schedule {
     /// Set if the points of the last frame have to be counted, since filters leave some out; true
     /// if back faces are left out, too.
     count_due: Option<bool>,
+    /// Time that the last frame took on the device.
+    took: Duration,
 }
 
 impl Schedule {
     fn new(now: Instant) -> Schedule {
         let redraw = Redraw::Nothing;
-        Schedule { changed: now, asked: now, redraw, show_due: false, count_due: None }
+        let took = Duration::ZERO;
+        Schedule { changed: now, asked: now, redraw, show_due: false, count_due: None, took }
     }
 
     /// Schedules another frame, requested at `asked`.
@@ -232,6 +243,7 @@ impl RenderLoop {
             let mut next = first;
             while let Some(message) = next {
                 self.inbox.handled += message.changes_picture() as u64;
+                self.inbox.urgent_handled += message.is_urgent() as u64;
                 if matches!(message, Message::Close) {
                     return Ok(());
                 }
@@ -277,7 +289,7 @@ impl RenderLoop {
                 self.window = size;
                 self.schedule.change(Instant::now());
             }
-            Message::Panel(overlay) => {
+            Message::Panel { overlay, .. } => {
                 self.present
                     .as_mut()
                     .expect("taken at the end")
@@ -366,6 +378,9 @@ impl RenderLoop {
             Redraw::FullResolution => self.schedule.changed.elapsed() >= IDLE_DELAY,
             Redraw::Nothing => false,
         };
+        if due && self.schedule.show_due && self.schedule.took > SLOW {
+            self.show_again()?;
+        }
         if due && self.draw()? {
             return Ok(());
         }

@@ -68,7 +68,7 @@ fn measure(plan: &Plan, folder: &Path, progress: &dyn Progress) -> Result<Vec<Ro
         progress.tick("bench window", flights, total as u64)?;
         flights += 1;
         let mut path = CameraPath::default();
-        cameras.iter().try_for_each(|&camera| path.add(camera))?;
+        cameras.iter().for_each(|&camera| path.add(camera));
         path.write(&written)?;
         let size = format!("{}x{}", size[0], size[1]);
         let mut words: Vec<OsString> =
@@ -82,7 +82,7 @@ fn measure(plan: &Plan, folder: &Path, progress: &dyn Progress) -> Result<Vec<Ro
             cloud: cloud.into(),
             points,
             size,
-            summary: view(&words)?,
+            summary: view(&words, folder)?,
         });
         Ok(())
     };
@@ -133,11 +133,14 @@ fn on_foot(viewpoint: synth::Viewpoint) -> Vec<Camera> {
     [0.0, 0.4, 0.8, 0.4, 0.0].map(at).into()
 }
 
-fn view(words: &[OsString]) -> Result<Summary> {
+fn view(words: &[OsString], state: &Path) -> Result<Summary> {
     let failed = |what: String| Error::Request(format!("the measured window failed: {what}"));
     let program = std::env::current_exe().map_err(|error| failed(error.to_string()))?;
-    let done =
-        Command::new(program).args(words).output().map_err(|error| failed(error.to_string()))?;
+    let done = Command::new(program)
+        .args(words)
+        .env("XDG_STATE_HOME", state)
+        .output()
+        .map_err(|error| failed(error.to_string()))?;
     if !done.status.success() {
         return Err(failed(String::from_utf8_lossy(&done.stderr).trim().to_string()));
     }

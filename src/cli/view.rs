@@ -2,7 +2,9 @@
 
 use super::options::{DeviceOptions, PictureOptions};
 use super::units::Size;
-use crate::app::{self, Options, keys, navigation::NavigationStyle, panel::SaveSize};
+use crate::app::navigation::{Mode, NavigationStyle};
+use crate::app::panel::SaveSize;
+use crate::app::{self, Options, keys};
 use crate::error::Result;
 use crate::index::fault_injection::Fault;
 use crate::progress::Progress;
@@ -77,9 +79,11 @@ fn save_size(text: &str) -> std::result::Result<SaveSize, String> {
 }
 
 fn help() -> String {
-    let keys: Vec<_> =
-        keys::KEYS.iter().map(|key| format!("  {:<4} {}", key.name, key.about)).collect();
-    format!("Keys:\n{}\n\n{EXAMPLES}", keys.join("\n"))
+    let keys: Vec<_> = keys::rows(NavigationStyle::default(), Mode::default())
+        .into_iter()
+        .map(|(name, about)| format!("  {name:<18} {about}"))
+        .collect();
+    format!("Mouse and keys:\n{}\n\n{EXAMPLES}", keys.join("\n"))
 }
 
 pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {

@@ -242,6 +242,38 @@ pub struct Filter {
     pub not: Vec<Condition>,
 }
 
+impl std::str::FromStr for Filter {
+    type Err = String;
+
+    /// Parses conditions as on the command line. Words before the first option are of an `--only`.
+    fn from_str(text: &str) -> std::result::Result<Filter, String> {
+        let mut conditions = vec![(true, Vec::new())];
+        for word in text.split_whitespace() {
+            let (option, value) = match word.split_once('=') {
+                Some((option, value)) if word.starts_with("--") => (option, Some(value)),
+                _ => (word, None),
+            };
+            match option {
+                "--only" | "--where" => conditions.push((true, value.into_iter().collect())),
+                "--not" => conditions.push((false, value.into_iter().collect())),
+                _ if option.starts_with("--") => {
+                    return Err(format!("{option} is none of --only, --where, --not"));
+                }
+                _ => conditions.last_mut().expect("there is one").1.push(word),
+            }
+        }
+        let first = conditions.remove(0);
+        let mut filter = Filter::default();
+        for (keeps, words) in
+            Some(first).filter(|(_, words)| !words.is_empty()).into_iter().chain(conditions)
+        {
+            let condition = words.join(" ").parse()?;
+            if keeps { filter.only.push(condition) } else { filter.not.push(condition) }
+        }
+        Ok(filter)
+    }
+}
+
 /// The meaning of stored numbers, which differs between parts.
 pub struct Meaning<'m> {
     /// Range of stored intensities ([`Part::intensity_range`]).
@@ -679,6 +711,23 @@ mod tests {
         ] {
             let error = text.parse::<Condition>().unwrap_err();
             assert!(error.contains(said), "{text}: {error}");
+        }
+    }
+
+    #[test]
+    fn a_line_is_read_as_the_command_line_is() {
+        let filter = filter(&["ground", "file=a b.las", "z=0..2"], &["return=last"]);
+        let read = |text: &str| text.parse::<Filter>();
+        assert_eq!(read(&filter.words()).unwrap(), filter);
+        assert_eq!(
+            read("ground --only=file=a b.las --where z=0..2 --not return=last").unwrap(),
+            filter
+        );
+        assert_eq!(read("  ").unwrap(), Filter::default());
+        for (text, said) in
+            [("--without 3", "--not"), ("--only", "class"), ("--not grund", "grund")]
+        {
+            assert!(read(text).unwrap_err().contains(said), "{text}");
         }
     }
 

@@ -109,6 +109,11 @@ impl What {
         }
     }
 
+    /// Tests whether a file's rule is about a station.
+    pub fn has(&self, station: &Station) -> bool {
+        matches!(self, What::File(_)) && self.is_of(usize::MAX, station)
+    }
+
     /// Tests whether the rule may match any point.
     fn is_of_some(&self, known: &Known) -> bool {
         // A point without class or return number has 0.

@@ -8,7 +8,7 @@
 use crate::atomic_file::write_atomically;
 use crate::error::{Error, Result};
 use crate::small_file::read_text;
-use crate::view::{Camera, View};
+use crate::view::{Camera, Projection, View};
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
@@ -38,7 +38,8 @@ fn frames_per_second() -> f64 {
 /// Default time between two keys `[s]`.
 pub const STEP: f64 = 2.0;
 
-const MIXED: &str = "all keys of a camera path must have the same projection";
+/// Field of view of a view that stands for one without perspective `[degrees]`.
+const FLAT: f64 = 2.0;
 
 impl Default for CameraPath {
     fn default() -> CameraPath {
@@ -63,9 +64,9 @@ impl CameraPath {
     }
 
     fn check(&self) -> std::result::Result<(), String> {
-        let [first, ..] = &self.keys[..] else {
+        if self.keys.is_empty() {
             return Err("a camera path needs at least one key".into());
-        };
+        }
         if !(self.frames_per_second > 0.0 && self.frames_per_second.is_finite()) {
             return Err(format!(
                 "frames_per_second must be above 0, not {}",
@@ -77,9 +78,6 @@ impl CameraPath {
             if !key.time.is_finite() || number > 0 && key.time <= self.keys[number - 1].time {
                 return wrong("its time must be after the one before");
             }
-            if key.camera.projection != first.camera.projection {
-                return wrong(MIXED);
-            }
             if let Err(error) = View::new(key.camera, [1, 1]) {
                 return wrong(&error.to_string());
             }
@@ -87,14 +85,10 @@ impl CameraPath {
         Ok(())
     }
 
-    /// Appends a key [`STEP`] after the last. Errors if its projection differs from the path's.
-    pub fn add(&mut self, camera: Camera) -> Result<()> {
-        if self.keys.last().is_some_and(|last| last.camera.projection != camera.projection) {
-            return Err(Error::Request(MIXED.into()));
-        }
+    /// Appends a key [`STEP`] after the last.
+    pub fn add(&mut self, camera: Camera) {
         let time = self.keys.last().map_or(0.0, |last| last.time + STEP);
         self.keys.push(Key { time, camera });
-        Ok(())
     }
 
     /// Returns the time from the first key to the last `[s]`.
@@ -125,6 +119,9 @@ impl CameraPath {
         }
         let (from, to) = (self.keys[next - 1], self.keys[next]);
         let share = (time - from.time) / (to.time - from.time);
+        if from.camera.projection != to.camera.projection {
+            return between_projections(&from.camera, &to.camera, share);
+        }
         let at = |number: Option<usize>| {
             number.and_then(|number| self.keys.get(number)).map(|key| key.camera)
         };
@@ -132,6 +129,38 @@ impl CameraPath {
             [at(next.checked_sub(2)), Some(from.camera), Some(to.camera), at(Some(next + 1))],
             share,
         )
+    }
+}
+
+/// Interpolates between a camera with perspective and one without, which is as one from far away
+/// with a narrow field of view. The height of what is seen at the target, and the field of view,
+/// change by ratios, and the movement rests at both ends.
+fn between_projections(from: &Camera, to: &Camera, share: f64) -> Camera {
+    let ends = [from, to].map(|camera| {
+        let away = camera.eye - camera.target;
+        let (fov_y, height) = match camera.projection {
+            Projection::Perspective => {
+                let slope = (camera.fov_y.to_radians() / 2.0).tan();
+                (camera.fov_y, 2.0 * away.length() * slope)
+            }
+            Projection::Orthographic => (FLAT, camera.ortho_height.unwrap_or(1.0)),
+        };
+        let slope = (fov_y.to_radians() / 2.0).tan();
+        (camera.target, away.normalize(), camera.up.normalize(), height.ln(), slope.ln())
+    });
+    let [a, b] = ends;
+    let share = share * share * (3.0 - 2.0 * share);
+    let mix = |a: f64, b: f64| a + (b - a) * share;
+    let (height, slope) = (mix(a.3, b.3).exp(), mix(a.4, b.4).exp());
+    // Relative to the start, since coordinates are large.
+    let target = a.0 + (b.0 - a.0) * share;
+    Camera {
+        eye: target + a.1.slerp(b.1, share) * height / (2.0 * slope),
+        target,
+        up: a.2.slerp(b.2, share),
+        fov_y: (2.0 * slope.atan()).to_degrees(),
+        ortho_height: None,
+        projection: Projection::Perspective,
     }
 }
 
@@ -210,14 +239,7 @@ mod tests {
 
     fn path(cameras: &[Camera]) -> CameraPath {
         let mut path = CameraPath::default();
-        cameras.iter().for_each(|&camera| path.add(camera).unwrap());
-        let mut other = path.clone();
-        let otherwise = match cameras[0].projection {
-            Projection::Perspective => Projection::Orthographic,
-            Projection::Orthographic => Projection::Perspective,
-        };
-        let added = other.add(Camera { projection: otherwise, ..cameras[0] });
-        assert!(added.is_err() && other == path);
+        cameras.iter().for_each(|&camera| path.add(camera));
         path.check().unwrap();
         path
     }
@@ -277,6 +299,29 @@ mod tests {
         assert!((heights[20] - 100.0).abs() < 1e-9);
     }
 
+    /// What is seen at the target keeps its size, and nothing jumps.
+    #[test]
+    fn a_path_goes_from_perspective_to_none_and_back() {
+        let flat = Camera {
+            projection: Projection::Orthographic,
+            ortho_height: Some(8.0),
+            up: DVec3::Y,
+            ..camera([0.0, 10.0, 50.0], [0.0, 10.0, 0.0])
+        };
+        let path = path(&[camera([0.0, 0.0, 10.0], [0.0, 10.0, 0.0]), flat, flat]);
+        let seen = |camera: Camera| {
+            let view = View::new(camera, [400, 300]).unwrap();
+            let beside = camera.target + view.basis.right;
+            let [a, b] = [camera.target, beside].map(|place| view.pixel(place).unwrap());
+            (a[0] - b[0]).hypot(a[1] - b[1])
+        };
+        let sizes: Vec<f64> = (0..=40).map(|step| seen(path.camera(0.05 * step as f64))).collect();
+        assert!((sizes[40] - 300.0 / 8.0).abs() < 1e-6, "{sizes:?}");
+        assert!(sizes.windows(2).all(|pair| (pair[1] / pair[0] - 1.0).abs() < 0.1), "{sizes:?}");
+        let last = path.camera(STEP - 1e-6);
+        assert!((last.eye - last.target).normalize().distance(DVec3::Z) < 1e-6);
+    }
+
     #[test]
     fn a_path_is_what_was_written_and_what_is_none_is_refused_with_its_key() {
         let folder = tempfile::tempdir().unwrap();
@@ -288,17 +333,10 @@ mod tests {
         written.write(&file).unwrap();
         assert_eq!(CameraPath::read(&file).unwrap(), written);
         assert_eq!(written.frames(), 51);
-        let flat = Camera {
-            projection: Projection::Orthographic,
-            ortho_height: Some(1.0),
-            ..written.keys[0].camera
-        };
         let still = Camera { target: written.keys[0].camera.eye, ..written.keys[0].camera };
-        for (camera, time, said) in [
-            (flat, 2.0, "projection"),
-            (still, 2.0, "direction"),
-            (written.keys[1].camera, 0.0, "after the one"),
-        ] {
+        for (camera, time, said) in
+            [(still, 2.0, "direction"), (written.keys[1].camera, 0.0, "after the one")]
+        {
             let wrong =
                 CameraPath { keys: vec![written.keys[0], Key { time, camera }], ..written.clone() };
             wrong.write(&file).unwrap();

@@ -31,6 +31,7 @@ mod ground;
 mod header;
 mod imports;
 mod index;
+mod keys;
 mod navigation;
 mod public_api;
 mod registry;

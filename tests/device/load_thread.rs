@@ -4,6 +4,7 @@ use crate::files::scan;
 use crate::program::{pointillist, succeeded};
 use pointillist::app::load_thread::{self, FirstStage, LoadRequest, LoadedCloud, ProgressReporter};
 use pointillist::cloud::attribute::{Attribute, DisplayAttribute, ExtraAttributes};
+use pointillist::cloud::filter::Filter;
 use pointillist::cloud::{ColumnSet, ReadOptions};
 use pointillist::config;
 use pointillist::config::POINTS_PER_PAGE;
@@ -42,7 +43,7 @@ fn loaded(
     let watch = ProgressReporter::new(Default::default(), |_| ());
     let loaded = move |loaded| sender.send(loaded).unwrap();
     load_thread::start(
-        LoadRequest { files: files.to_vec(), color: None },
+        LoadRequest { files: files.to_vec(), color: None, filter: Filter::default() },
         opening,
         further,
         first,

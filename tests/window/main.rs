@@ -17,6 +17,8 @@ mod tree;
 
 mod display;
 mod hosts;
+mod pace;
+mod panel;
 mod presentation;
 mod window;
 mod window_lifecycle;

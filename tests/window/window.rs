@@ -458,7 +458,7 @@ fn dropped_file_is_drawn_with_the_open_one() {
 fn find(viewer: &Viewer, color: [u8; 3]) -> Option<[usize; 2]> {
     let seen = viewer.photograph();
     // Where the panel is not there yet, the picture may have the colour.
-    if seen.pixels[16 * seen.size[0] as usize + 16] == pointillist::config::BACKGROUND {
+    if seen.pixels[2 * seen.size[0] as usize + 2] != FILL {
         return None;
     }
     let near = |pixel: &[u8; 3]| pixel.iter().zip(color).all(|(&a, b)| a.abs_diff(b) <= 3);
@@ -484,8 +484,16 @@ fn find_at_rest(viewer: &mut Viewer, color: [u8; 3]) -> [usize; 2] {
     last.expect("it was found")
 }
 
-/// Least width of the panel [px].
-const PANEL: usize = 240;
+/// Width of the panel [px], its colour, and where its tabs and the fold of effects are.
+const PANEL: usize = 276;
+const FILL: [u8; 3] = [27; 3];
+const LAYERS: [u32; 2] = [225, 82];
+const EFFECTS_FOLD: [u32; 2] = [40, 198];
+
+fn is_there(viewer: &Viewer) -> bool {
+    let seen = viewer.photograph();
+    seen.pixels[2 * seen.size[0] as usize + 2] == FILL
+}
 
 #[test]
 fn panel_switches_an_effect_off() {
@@ -501,11 +509,13 @@ fn panel_switches_an_effect_off() {
     viewer.key("n");
     viewer.shows(&on);
     viewer.key("n");
-    // Effects that run are named in green, and one runs; its switch begins with `off`, at the left.
+    // Effects that run are named in green, and one runs; `off` is in the middle of its row.
     let green = [0x90, 0xEE, 0x90];
+    viewer.until("panel", |viewer| is_there(viewer));
+    place.display.xdotool(&format!("mousemove {} {} click 1", EFFECTS_FOLD[0], EFFECTS_FOLD[1]));
     viewer.until("effect that runs", |viewer| find(viewer, green).is_some());
     let [_, row] = find_at_rest(&mut viewer, green);
-    place.display.xdotool(&format!("mousemove 28 {row} click 1"));
+    place.display.xdotool(&format!("mousemove 186 {row} click 1"));
     viewer.until("effect that stops", |viewer| find(viewer, green).is_none());
     place.display.xdotool("mousemove 600 800 key n");
     viewer.shows(&place.picture(
@@ -542,14 +552,16 @@ fn panel_hides_and_shows_a_class() {
                     &format!("{size} --effect shape=off --effect edl=off {rule}"),
                 )
             });
-        // The legend shows each class's colour beside its box.
+        // The tree shows each class's colour beside its eye.
+        viewer.until("panel", |viewer| is_there(viewer));
+        place.display.xdotool(&format!("mousemove {} {} click 1", LAYERS[0], LAYERS[1]));
         viewer
             .until("legend", |viewer| find(viewer, code_color(Attribute::Class, CLASS)).is_some());
         for wanted in [without, all] {
             let [x, y] = find_at_rest(&mut viewer, code_color(Attribute::Class, CLASS));
             place
                 .display
-                .xdotool(&format!("mousemove {} {y} click 1 mousemove 600 650 key n", x + 20));
+                .xdotool(&format!("mousemove {} {y} click 1 mousemove 600 650 key n", x - 18));
             viewer.shows(&wanted);
             viewer.key("n");
             viewer.until("legend", |viewer| {
@@ -770,7 +782,7 @@ fn hanging_disk_is_reported_within_a_second() {
         let scene = place.saved(&mut viewer, "F8", "pointillist-1.json");
         std::fs::remove_file(scene).unwrap();
         put_away(&mut viewer);
-        viewer.key("Escape");
+        viewer.leave();
         // It reports the panic, and no device error.
         let ended = viewer.ended();
         let said = text(&ended.stderr);

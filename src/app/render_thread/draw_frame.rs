@@ -220,6 +220,7 @@ impl RenderLoop {
                 .chain(outcome.strokes.as_ref().and_then(|painted| painted.facts.note())),
         );
         self.scale = self.scale.after(divisor, took);
+        self.schedule.took = took;
         self.last_drawn = identity;
         let lit = outcome
             .gbuffer

@@ -35,7 +35,11 @@ pub enum Message {
     /// The window has another size `[px]`, or was uncovered.
     Exposed([u32; 2]),
     /// Sets what is drawn over the picture.
-    Panel(Box<Overlay>),
+    Panel {
+        overlay: Box<Overlay>,
+        /// Whether it answers the user: then a refinement of the picture waits.
+        answers: bool,
+    },
     /// Uploads a cloud, which then replaces the current one.
     Upload(Box<Upload>),
     /// Reads the point with an id of the last frame; `adds` it to the picked ones.
@@ -60,7 +64,12 @@ pub enum Message {
 impl Message {
     /// Returns whether it changes the picture, so that a frame in progress is superseded.
     pub fn changes_picture(&self) -> bool {
-        !matches!(self, Message::Panel(_))
+        !matches!(self, Message::Panel { .. })
+    }
+
+    /// Returns whether a refinement of the picture is interrupted for it.
+    pub fn is_urgent(&self) -> bool {
+        !matches!(self, Message::Panel { answers: false, .. })
     }
 }
 

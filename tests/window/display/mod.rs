@@ -163,6 +163,7 @@ impl<'d> Viewer<'d> {
             .args(&words[environment.count()..])
             .env("DISPLAY", &display.name)
             .env("XDG_RUNTIME_DIR", folder)
+            .env("XDG_STATE_HOME", folder)
             .env_remove("WAYLAND_DISPLAY");
         let mut program = command
             .current_dir(folder)
@@ -322,10 +323,15 @@ impl<'d> Viewer<'d> {
         }
     }
 
+    /// Closes the window, though something may not be saved.
+    pub fn leave(&self) {
+        self.display.xdotool("key Escape key Return");
+    }
+
     /// Closes the window, and returns the program's statistics; fails on validation messages.
     #[track_caller]
     pub fn close(self) -> String {
-        self.key("Escape");
+        self.leave();
         let said = succeeded(&self.ended());
         // Objects that outlive the device are counted when it is destroyed.
         assert!(!said.contains("Validation") && !said.contains("validation"), "{said}");

@@ -1,5 +1,6 @@
 //! The widget that chooses the light.
 
+use super::text;
 use crate::config::SUN;
 use crate::view::light::Light;
 use egui::{Color32, DragValue, Sense, Slider, Stroke, Ui, Vec2, vec2};
@@ -10,7 +11,7 @@ const RADIUS: f32 = 34.0;
 
 /// Chooses the kind of light and its direction or position. A new lamp stands at `eye` (world).
 pub fn choose(ui: &mut Ui, light: &mut Light, eye: DVec3) {
-    ui.horizontal(|ui| {
+    text::named(ui, "light", |ui| {
         for (name, other) in [
             ("headlight", Light::Headlight),
             ("sun", Light::Direction(SUN)),

@@ -1,0 +1,100 @@
+//! How points are drawn: style, colours, light, effects, and what is in the picture besides.
+
+use super::state::UiState;
+use super::text::{self, spaced_hyphens, weak};
+use super::theme;
+use super::{camera_path, color, effects, light};
+use crate::app::actions::Action;
+use crate::output::annotations::Annotations;
+use crate::passes::Effects;
+use crate::render::scene::Scene;
+use crate::render::settings::Style;
+use clap::ValueEnum;
+use egui::{CollapsingHeader, ProgressBar, RichText, Ui};
+
+/// Least share of the frame time that a pass needs to be listed.
+const LEAST_SHARE: f64 = 0.01;
+
+pub fn show(ui: &mut Ui, state: &mut UiState, scene: &mut Scene, actions: &mut Vec<Action>) {
+    style(ui, &mut scene.settings.effects);
+    color::show(ui, state, scene);
+    light::choose(ui, &mut scene.settings.light, scene.camera.eye);
+    effects::show(ui, &mut scene.settings, &state.decisions);
+    in_the_picture(ui, &mut state.annotations, &mut scene.settings.background);
+    camera_path::show(ui, state, actions);
+    CollapsingHeader::new("what runs, and why").show(ui, |ui| reasons(ui, state));
+    CollapsingHeader::new(format!("picture, {:.1} ms", state.took.as_secs_f64() * 1e3))
+        .id_salt("passes")
+        .show(ui, |ui| passes(ui, state));
+}
+
+/// Chooses how points are drawn. Strokes need what is computed while a cloud is loaded, so they are
+/// offered only where they are drawn.
+fn style(ui: &mut Ui, effects: &mut Effects) {
+    text::named(ui, "style", |ui| {
+        let current = effects.style();
+        for &style in Style::value_variants() {
+            let is_offered = style != Style::Strokes || current == Some(Style::Strokes);
+            let name = style.to_possible_value().expect("no style is hidden");
+            if is_offered && ui.selectable_label(current == Some(style), name.get_name()).clicked()
+            {
+                effects.set_style(style);
+            }
+        }
+    });
+}
+
+/// Chooses what is drawn besides points, as `--title` and its like do.
+fn in_the_picture(ui: &mut Ui, own: &mut Annotations, background: &mut [u8; 3]) {
+    CollapsingHeader::new("in the picture").show(ui, |ui| {
+        ui.horizontal(|ui| {
+            ui.color_edit_button_srgb(background);
+            ui.label("background");
+        });
+        ui.horizontal(|ui| {
+            let mut title = own.title.take().unwrap_or_default();
+            ui.label("title");
+            ui.text_edit_singleline(&mut title);
+            own.title = Some(title).filter(|title| !title.is_empty());
+        });
+        ui.horizontal_wrapped(|ui| {
+            ui.checkbox(&mut own.legend, "legend");
+            ui.checkbox(&mut own.scale_bar, "scale bar");
+            ui.checkbox(&mut own.north_arrow, "north arrow");
+            ui.checkbox(&mut own.axes, "axes");
+        });
+    });
+}
+
+fn reasons(ui: &mut Ui, state: &UiState) {
+    for (effect, reason) in &state.decisions.0 {
+        let (switch, color) = if reason.runs { ("on", theme::RUNS) } else { ("off", theme::WEAK) };
+        ui.horizontal_wrapped(|ui| {
+            ui.label(RichText::new(format!("{} {switch}:", effect.name())).color(color));
+            ui.label(spaced_hyphens(ui, &reason.why));
+        });
+    }
+}
+
+fn passes(ui: &mut Ui, state: &UiState) {
+    let total: f64 = state.passes.iter().map(|(_, ms)| ms).sum();
+    let mut by_name: Vec<(&str, f64)> = Vec::new();
+    for (name, ms) in &state.passes {
+        match by_name.iter_mut().find(|(known, _)| known == name) {
+            Some((_, sum)) => *sum += ms,
+            None => by_name.push((name, *ms)),
+        }
+    }
+    // Once a software device has rasterised a panel, its timestamps all come from the end of a
+    // submission.
+    if total < 0.5 * state.took.as_secs_f64() * 1e3 {
+        ui.label(
+            RichText::new("a software device cannot time passes under a panel; render can, with its option timings").weak(),
+        );
+    } else {
+        for (name, ms) in by_name.into_iter().filter(|(_, ms)| *ms >= LEAST_SHARE * total) {
+            ui.add(ProgressBar::new((ms / total) as f32).text(format!("{name} {ms:.2} ms")));
+        }
+    }
+    weak(ui, format!("from change to picture: {:.1} ms", state.latency.as_secs_f64() * 1e3));
+}

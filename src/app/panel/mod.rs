@@ -1,0 +1,225 @@
+//! The panel: what is drawn and why, and all settings, from the registry of effects. UI state and a
+//! scene in, triangles and actions out.
+//!
+//! ```text
+//! header     what is open, navigation, tabs
+//! look       how points are drawn      | measures   picked points | layers   which points are drawn
+//! footer     saving, notes, work in progress
+//! ```
+//! Header and footer have the same rows at all times, and tabs scroll between them, so that no row
+//! moves under the cursor.
+
+mod camera_path;
+mod color;
+mod detail;
+mod effects;
+mod filters;
+mod footer;
+mod header;
+mod layers;
+mod light;
+mod look;
+mod measure_overlay;
+mod measures;
+mod ramp;
+mod state;
+mod text;
+mod theme;
+mod windows;
+
+use super::actions::Action;
+use super::clip_box_widget;
+use crate::present::overlay::Overlay;
+use crate::render::scene::Scene;
+use crate::view::View;
+use egui::{Area, Frame, Margin, Order, ScrollArea, Ui, vec2};
+pub use state::{SaveSize, Tab, UiState};
+use std::time::Duration;
+use winit::event::{ElementState, WindowEvent};
+use winit::keyboard::{KeyCode, PhysicalKey};
+use winit::window::Window;
+
+/// Result of laying out the panel.
+pub struct PanelOutput {
+    pub overlay: Overlay,
+    pub actions: Vec<Action>,
+    /// Whether a drag or typing goes on, so that what follows is part of this change.
+    pub continues: bool,
+    /// Time until animations need another layout.
+    pub repaint_in: Option<Duration>,
+}
+
+/// How the panel took an event.
+pub struct EventResponse {
+    /// Whether the event was meant for the panel.
+    pub consumed: bool,
+    /// Whether the panel has to be laid out again.
+    pub repaint: bool,
+}
+
+/// The panel, and its state in egui.
+pub struct Panel {
+    input: egui_winit::State,
+    /// Position of the cursor `[px]`.
+    cursor: egui::Pos2,
+    /// Whether a drop-down list was open at the last layout.
+    list_open: bool,
+}
+
+/// Width of the panel, and its margin `[points]`.
+const WIDTH: f32 = 276.0;
+const MARGIN: f32 = 8.0;
+
+impl Panel {
+    pub fn new(window: &Window) -> Panel {
+        let context = egui::Context::default();
+        let input = egui_winit::State::new(
+            context,
+            egui::ViewportId::ROOT,
+            window,
+            None,
+            window.theme(),
+            None,
+        );
+        theme::set(input.egui_ctx());
+        Panel { input, cursor: egui::Pos2::ZERO, list_open: false }
+    }
+
+    /// Returns a panel without textures, for another device; layout and open sections are kept.
+    pub fn renewed(&self, window: &Window) -> Panel {
+        let renewed = Panel { cursor: self.cursor, ..Panel::new(window) };
+        let memory = self.input.egui_ctx().memory(Clone::clone);
+        renewed.input.egui_ctx().memory_mut(|own| *own = memory);
+        renewed
+    }
+
+    /// Passes an event to egui.
+    pub fn handle_event(&mut self, window: &Window, event: &WindowEvent) -> EventResponse {
+        if let WindowEvent::ScaleFactorChanged { scale_factor, .. } = event {
+            // On some systems the event comes before the window, which egui asks, knows the new
+            // factor.
+            self.input.egui_ctx().set_zoom_factor((scale_factor / window.scale_factor()) as f32);
+        }
+        let response = self.input.on_window_event(window, event);
+        let consumed = match event {
+            WindowEvent::CursorMoved { position, .. } => {
+                self.cursor = egui::pos2(position.x as f32, position.y as f32);
+                response.consumed
+            }
+            // Drags that began on the picture end there.
+            WindowEvent::MouseInput { state: ElementState::Released, .. } => false,
+            // A click may come before the panel has been laid out with the cursor over it.
+            WindowEvent::MouseInput { .. } | WindowEvent::MouseWheel { .. } => {
+                response.consumed || self.is_over()
+            }
+            // Escape closes an open list, not the window.
+            WindowEvent::KeyboardInput { event, .. }
+                if event.physical_key == PhysicalKey::Code(KeyCode::Escape) =>
+            {
+                response.consumed || self.list_open
+            }
+            _ => response.consumed,
+        };
+        EventResponse { consumed, repaint: response.repaint }
+    }
+
+    /// Returns whether the cursor is over the panel of the last layout.
+    fn is_over(&self) -> bool {
+        let context = self.input.egui_ctx();
+        let layer = context.layer_id_at(self.cursor / context.pixels_per_point());
+        layer.is_some_and(|layer| layer.order != egui::Order::Background)
+    }
+
+    /// Returns the width of the window's left part that the panel covers `[px]`.
+    pub fn covers_px(&self, hidden: bool) -> f64 {
+        let per_point = self.input.egui_ctx().pixels_per_point();
+        if hidden { 0.0 } else { (WIDTH * per_point).into() }
+    }
+
+    /// Lays out the panel, and everything over the picture.
+    pub fn lay_out(
+        &mut self,
+        window: &Window,
+        state: &mut UiState,
+        view: Option<&View>,
+        scene: &mut Scene,
+    ) -> PanelOutput {
+        let input = self.input.take_egui_input(window);
+        let context = self.input.egui_ctx().clone();
+        let mut actions = Vec::new();
+        let output = context.run_ui(input, |ui| {
+            if let Some(view) = view {
+                measure_overlay::show(ui, &state.measure, view);
+                if let Some(named) = state.named(scene).filter(|_| !state.annotations.is_empty()) {
+                    let painter = ui.ctx().layer_painter(egui::LayerId::background());
+                    state.annotations.draw(&painter, ui.ctx().content_rect(), view, &named);
+                }
+            }
+            if let Some(view) = view.filter(|_| !state.hidden) {
+                clip_box_widget::handles(ui, &mut scene.clips, view);
+            }
+            if !state.hidden {
+                panel(ui, state, view, scene, &mut actions);
+            }
+            if let Some(profile) = &mut state.profile {
+                egui::Window::new("profile")
+                    .default_pos([WIDTH + 60.0, 60.0])
+                    .show(ui.ctx(), |ui| profile.show(ui, &state.measure.reference, &mut actions));
+            }
+            windows::notes(ui.ctx(), state);
+            windows::help(ui.ctx(), state);
+            windows::error(ui.ctx(), state);
+            windows::hint(ui.ctx(), state, &mut actions);
+            windows::question(ui.ctx(), state, &mut actions);
+        });
+        let continues =
+            context.input(|input| input.pointer.any_down()) || context.text_edit_focused();
+        self.list_open = egui::Popup::is_any_open(&context);
+        self.input.handle_platform_output(window, output.platform_output);
+        let repaint_in =
+            output.viewport_output.values().map(|viewport| viewport.repaint_delay).min();
+        let overlay = Overlay {
+            triangles: context.tessellate(output.shapes, output.pixels_per_point),
+            pixels_per_point: output.pixels_per_point,
+            textures: output.textures_delta,
+        };
+        PanelOutput { overlay, actions, continues, repaint_in }
+    }
+}
+
+/// Shows the panel on the left, as high as the window.
+fn panel(
+    ui: &Ui,
+    state: &mut UiState,
+    view: Option<&View>,
+    scene: &mut Scene,
+    actions: &mut Vec<Action>,
+) {
+    let all = ui.ctx().content_rect();
+    let area = Area::new(egui::Id::new("panel")).fixed_pos(all.min).order(Order::Middle);
+    area.constrain(false).show(ui.ctx(), |ui| {
+        let frame = Frame::NONE.fill(theme::FILL).inner_margin(Margin::same(MARGIN as i8));
+        frame.show(ui, |ui| {
+            let size = vec2(WIDTH, all.height()) - vec2(2.0 * MARGIN, 2.0 * MARGIN);
+            ui.set_min_size(size);
+            ui.set_max_size(size);
+            let bare = |panel: egui::Panel| {
+                panel.frame(Frame::NONE).resizable(false).show_separator_line(false)
+            };
+            bare(egui::Panel::top("header")).show(ui, |ui| header::show(ui, state, scene, actions));
+            bare(egui::Panel::bottom("footer"))
+                .show(ui, |ui| footer::show(ui, state, view, actions));
+            egui::CentralPanel::no_frame().show(ui, |ui| {
+                let tab = state.tab;
+                ScrollArea::vertical().id_salt(tab as u8).auto_shrink(false).show(
+                    ui,
+                    |ui| match tab {
+                        Tab::Look => look::show(ui, state, scene, actions),
+                        Tab::Measure => measures::show(ui, state, actions),
+                        Tab::Layers => layers::show(ui, state, view, scene, actions),
+                    },
+                );
+            });
+        });
+    });
+}

@@ -1,0 +1,165 @@
+//! State that the panel shows and edits, besides the scene.
+
+use crate::app::load_thread::Categories;
+use crate::app::measure::Measure;
+use crate::app::navigation::{Mode, NavigationStyle};
+use crate::app::profile::Profile;
+use crate::app::render_thread::Loading;
+use crate::cloud::attribute::DisplayAttribute;
+use crate::cloud::filter::Filter;
+use crate::cloud::histograms::Histograms;
+use crate::output::annotations::{Annotations, Shown};
+use crate::passes::EffectDecisions;
+use crate::render::scene::Scene;
+use crate::view::camera_path::CameraPath;
+use std::path::PathBuf;
+use std::time::Duration;
+
+#[derive(Default)]
+pub struct UiState {
+    /// What is drawn in the picture.
+    pub annotations: Annotations,
+    /// Names of the open files.
+    pub title: String,
+    /// Work in progress, or its last result.
+    pub doing: Option<String>,
+    /// The last errors, until dismissed.
+    pub error: Option<String>,
+    /// The error dismissed last; it is not shown again until the next action.
+    pub dismissed_error: Option<String>,
+    /// Files that were opened before, newest first.
+    pub recent: Vec<PathBuf>,
+    /// What would be lost, while the window asks whether to close.
+    pub asks: Vec<String>,
+    /// Numbers of steps that can be undone, and redone.
+    pub steps: [usize; 2],
+    /// The line of filters.
+    pub filter: FilterLine,
+    /// Names of the files that the displayed points come from.
+    pub files: Vec<String>,
+    /// Points of the whole cloud.
+    pub points: u64,
+    /// Points of the last frame.
+    pub drawn: u64,
+    /// Whether filters may leave out some of these.
+    pub at_most: bool,
+    pub latency: Duration,
+    pub took: Duration,
+    /// Device time of every pass `[ms]`.
+    pub passes: Vec<(String, f64)>,
+    pub decisions: EffectDecisions,
+    pub shown: Option<DisplayAttribute>,
+    /// Reason for the displayed attribute.
+    pub why_shown: String,
+    /// Oddities of the files.
+    pub notes: Vec<String>,
+    /// Settings that have no effect on the last frame, and other notes on it.
+    pub picture_notes: Vec<String>,
+    /// Loading of an index; None for files.
+    pub loading: Option<Loading>,
+    /// Bytes read of the index.
+    pub bytes_read: u64,
+    pub categories: Categories,
+    pub mode: Mode,
+    pub style: NavigationStyle,
+    /// The picked points.
+    pub measure: Measure,
+    /// Size of saved pictures.
+    pub save_size: SaveSize,
+    /// Width of profiles `[m]`; 0: by their length.
+    pub width: f64,
+    pub profile: Option<Profile>,
+    /// The camera path.
+    pub path: CameraPath,
+    /// Whether the path is played.
+    pub plays: bool,
+    /// The part of the panel that is shown.
+    pub tab: Tab,
+    /// Whether the notes are shown.
+    pub reads_notes: bool,
+    /// Whether the list of keys is shown.
+    pub help: bool,
+    /// Whether the panel is hidden.
+    pub hidden: bool,
+}
+
+/// Filters as text, while they are typed.
+#[derive(Default)]
+pub struct FilterLine {
+    pub text: String,
+    /// The filter that the text was made from, or has become.
+    pub of: Filter,
+    /// Why the text is no filter, or leaves nothing.
+    pub error: Option<String>,
+}
+
+/// A part of the panel.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Tab {
+    /// How points are drawn.
+    #[default]
+    Look,
+    /// Picked points, and profiles.
+    Measure,
+    /// Which points are drawn.
+    Layers,
+}
+
+impl Tab {
+    pub const ALL: [(Tab, &str); 3] =
+        [(Tab::Look, "Look"), (Tab::Measure, "Measure"), (Tab::Layers, "Layers")];
+}
+
+impl UiState {
+    /// Closes the question, the error, the notes, the profile or the keys, the first that is there;
+    /// false if there is none.
+    pub fn dismiss(&mut self) -> bool {
+        if !std::mem::take(&mut self.asks).is_empty() {
+            return true;
+        }
+        let was = self.error.take();
+        if was.is_none() && self.profile.take().is_some() {
+            return true;
+        }
+        if was.is_none() {
+            let read = std::mem::take(&mut self.reads_notes);
+            return read || std::mem::take(&mut self.help);
+        }
+        self.dismissed_error = was;
+        true
+    }
+
+    /// Returns what annotations name of the displayed cloud, if there is one.
+    pub fn named(&self, scene: &Scene) -> Option<Shown> {
+        let mut attribute = self.shown?;
+        attribute.scale = scene.scale;
+        let Categories { classes, returns, stations, reference, up } = self.categories.clone();
+        let counts = Histograms { classes, returns };
+        Some(Shown { attribute, reference, up, counts, stations })
+    }
+}
+
+/// Size of a saved picture.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum SaveSize {
+    /// A multiple of the window's size.
+    Times(u32),
+    /// A size `[px]`.
+    To([u32; 2]),
+}
+
+impl Default for SaveSize {
+    fn default() -> SaveSize {
+        SaveSize::Times(1)
+    }
+}
+
+impl SaveSize {
+    /// Returns the size `[px]` for a window of this size.
+    pub fn of(self, window: [u32; 2]) -> [u32; 2] {
+        match self {
+            SaveSize::Times(times) => window.map(|side| side * times),
+            SaveSize::To(size) => size,
+        }
+    }
+}
