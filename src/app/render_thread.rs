@@ -68,7 +68,13 @@ impl RenderThread {
             renderer,
             present: Some(present),
             window: [0, 0],
-            inbox: Inbox { messages, handled: 0, urgent: urgent.clone(), urgent_handled: 0 },
+            inbox: Inbox {
+                messages,
+                posted: posted.clone(),
+                handled: 0,
+                urgent: urgent.clone(),
+                urgent_handled: 0,
+            },
             report: Box::new(report),
             uploading: None,
             cloud: None,
@@ -131,7 +137,9 @@ const LOAD_POLL: Duration = Duration::from_millis(10);
 /// Messages from the window.
 struct Inbox {
     messages: Receiver<Message>,
-    /// Number of messages handled that change the picture.
+    /// Number of messages sent that change the picture.
+    posted: Arc<AtomicU64>,
+    /// Number of these that have been handled.
     handled: u64,
     /// Number of messages sent that are urgent.
     urgent: Arc<AtomicU64>,
@@ -142,6 +150,12 @@ struct Inbox {
 impl Inbox {
     fn superseded(&self) -> Superseded<'_> {
         Superseded { posted: &self.urgent, handled: self.urgent_handled }
+    }
+
+    /// Interrupts saving: by changes of the picture alone, since a tile that is begun again at every
+    /// answer of the panel would never be done.
+    fn picture_superseded(&self) -> Superseded<'_> {
+        Superseded { posted: &self.posted, handled: self.handled }
     }
 }
 

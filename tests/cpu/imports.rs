@@ -319,7 +319,10 @@ fn unsafe_code_and_vulkan_stay_where_they_are_read_with_care() {
 fn the_library_prints_nothing() {
     let mut wrong = Vec::new();
     for (path, code) in sources() {
-        let prints = path.starts_with("cli/") || path.starts_with("app/") || path == "main.rs";
+        // Standard output is also a file that a user names `-`.
+        let prints = path.starts_with("cli/")
+            || path.starts_with("app/")
+            || ["main.rs", "atomic_file.rs"].contains(&&path[..]);
         let code = code.split("#[cfg(test)]").next().unwrap();
         for printer in ["println!", "print!", "dbg!", "stderr()", "stdout()"] {
             if !prints && code.contains(printer) {

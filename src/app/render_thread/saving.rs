@@ -127,7 +127,7 @@ impl RenderLoop {
         let (renderer, cloud) = (&mut self.renderer, saving.cloud);
         renderer.set_scene(&saving.scene);
         self.saves.scene_replaced = true;
-        let newer = self.inbox.superseded();
+        let newer = self.inbox.picture_superseded();
         let progress = if interruptible { &newer as &dyn Progress } else { &Silent };
         let written = match &mut saving.target {
             SaveTarget::Layers(wanted, path) => {
