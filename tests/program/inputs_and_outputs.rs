@@ -134,7 +134,8 @@ fn a_reader_that_goes_away_does_not_cost_the_picture() {
             .stderr(Stdio::piped())
             .spawn()
             .unwrap();
-        (drop(child.stdout.take()), drop(child.stderr.take()));
+        drop(child.stdout.take());
+        drop(child.stderr.take());
         assert_eq!(child.wait().unwrap().code(), Some(0), "{words}");
         std::fs::remove_file(place.at("picture.png")).unwrap();
     }

@@ -92,7 +92,7 @@ fn pending_saves_do_not_block_on_a_hanging_disk_or_lost_device() {
     );
 
     let small = place.scan("small.las", SceneKind::Street, 60_000);
-    let mut viewer = place.view(&[&small], "--save-size 8x --lose-device 8");
+    let mut viewer = place.view(&[&small], "--save-size 8x --lose-device 5");
     let fit = place.picture(&[&small], "fit.png", "");
     viewer.key("F9");
     viewer.until("lost device", |viewer| {
