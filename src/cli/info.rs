@@ -14,8 +14,8 @@
 //! `full` (1, 255, 65535 or as stated), `by` (`file`, `values`, `request`), `min`, `max`},
 //! `intensity` {`min`, `max`}, `class` [{`class`, `points`}], `returns` {`most`, `impossible`},
 //! `source` {`ids`}, `gps_time` {`min`, `max`, `nan`, `nan_share`}, `normal` {`zero_share`},
-//! `extra` [{`name`, `min`, `max`, `missing`}] of columns of text that are none of these}, `colors`
-//! [`name`] for `--color`}] ·
+//! `extra` [{`name`, `min`, `max`, `missing`}] of columns of text that are none of these},
+//! `colors` \[`name`\] for `--color`}] ·
 //! `stations` [{`part`, `source`, `name`, `points`}] · `exposures` {`values`, `overlaps`
 //! [{`stations`, `cells`, `step`, `gain`}], `balance` {`gains`, `uneven`}} where two stations have
 //! colours · `notes` [`line`]. An attribute that a part lacks is absent.
