@@ -1,7 +1,7 @@
 //! `bench splat`: round points against one-pixel points that cover as many pixels.
 //!
 //! The scene is a wall with random points. With splats of a given diameter it has as many as cover
-//! [`COVERED`] of the picture; with one-pixel points, as many as cover the same. All ways are
+//! `COVERED` of the picture; with one-pixel points, as many as cover the same. All ways are
 //! interleaved round by round on the same device. Times are of all passes of the frame.
 
 use super::quartiles;
