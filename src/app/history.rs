@@ -11,7 +11,7 @@ const MOST: usize = 200;
 pub struct History {
     past: Vec<Scene>,
     future: Vec<Scene>,
-    /// Whether the last step may still be continued.
+    /// State of the last step: true while more of it may follow.
     is_open: bool,
 }
 

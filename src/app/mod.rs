@@ -135,11 +135,11 @@ struct App {
     navigation: Navigation,
     scene: Scene,
     history: History,
-    /// What need not be saved when the window closes.
+    /// State that is in files already.
     saved: Saved,
-    /// Whether the window closes next.
+    /// Request to close the window.
     closes: bool,
-    /// Whether a dialog asks for files.
+    /// State of the dialog that asks for files: true while it is open.
     is_choosing: bool,
     load: LoadState,
     framing: Framing,
@@ -151,7 +151,7 @@ struct App {
     panel: Option<Panel>,
     /// Time of the next layout of the panel without input.
     panel_due: Option<Instant>,
-    /// Whether the next layout of the panel answers input.
+    /// Mark that the next layout of the panel answers input.
     answers: bool,
     window_title: String,
     /// Pictures that are being saved.

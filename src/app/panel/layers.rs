@@ -45,7 +45,7 @@ struct Branch {
     /// Colour of its points, if they have one.
     swatch: Option<(Attribute, u8)>,
     below: Vec<Branch>,
-    /// Whether what is below is shown at first.
+    /// Initial state: true if what is below is shown.
     is_open: bool,
 }
 

@@ -43,7 +43,7 @@ use winit::window::Window;
 pub struct PanelOutput {
     pub overlay: Overlay,
     pub actions: Vec<Action>,
-    /// Whether a drag or typing goes on, so that what follows is part of this change.
+    /// Mark that a drag or typing goes on: what follows is part of this change.
     pub continues: bool,
     /// Time until animations need another layout.
     pub repaint_in: Option<Duration>,
@@ -51,9 +51,9 @@ pub struct PanelOutput {
 
 /// How the panel took an event.
 pub struct EventResponse {
-    /// Whether the event was meant for the panel.
+    /// Mark that the event was meant for the panel.
     pub consumed: bool,
-    /// Whether the panel has to be laid out again.
+    /// Mark that the panel has to be laid out again.
     pub repaint: bool,
 }
 
