@@ -19,7 +19,7 @@ layout(r32f) writeonly uniform image2D splat_depth;
 layout(r32ui) writeonly uniform uimage2D splat_index;
 layout(rgba32f) writeonly uniform image2D splat_color;
 
-// Tests for a surface.
+// Variant that draws over a surface.
 layout(constant_id = 0) const bool OVER = false;
 
 layout(push_constant, scalar) uniform Push {
