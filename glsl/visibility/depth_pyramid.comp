@@ -34,15 +34,19 @@ void main() {
     float side = float(1 << (push.level - 1));
     float nearest = uintBitsToFloat(BACKGROUND_BITS);
     float place = NO_PLACE;
+    float points = 0.0;
     [[unroll]] for (int k = 0; k < 4; ++k) {
         ivec2 fine = 2 * cell + ivec2(k % 2, k / 2);
         ivec2 at = min(fine, last);
         float z = FIRST ? imageLoad(depth, at).r : imageLoad(pyramid, from + at).r;
-        float own = FIRST ? 0.0 : imageLoad(places, from + at).r;
-        bool nearer = at == fine && z > 0.0 && z < nearest;
+        float own = FIRST ? ONE_POINT : imageLoad(places, from + at).r;
+        bool has = at == fine && z > 0.0 && z < uintBitsToFloat(BACKGROUND_BITS);
+        bool nearer = has && z < nearest;
+        points += has ? points_in(own) : 0.0;
+        own -= ONE_POINT * points_in(own);
         nearest = nearer ? z : nearest;
         place = nearer ? own + side * (float(k % 2) + ROW_OF_PLACES * float(k / 2)) : place;
     }
     imageStore(pyramid, level_corner(size, push.level) + cell, vec4(nearest));
-    imageStore(places, level_corner(size, push.level) + cell, vec4(place));
+    imageStore(places, level_corner(size, push.level) + cell, vec4(place + ONE_POINT * min(points, MOST_POINTS)));
 }

@@ -226,7 +226,9 @@ void work(uint n) {
             bool empty = !(own[p] <= FARTHEST);
             float closed = empty ? push.hole : push.threshold;
             uint bit = 1u << (4 * half_tile + p);
-            uint said = verdict(leaders[p], push.fewest[int(empty)], pairs[p], neighbours[p], squares[p], sum[p], closed, push.expected);
+            // The kernel is too small for openings between surfaces (visibility_levels.comp).
+            float expected = empty ? FARTHEST : push.expected;
+            uint said = verdict(leaders[p], push.fewest[int(empty)], pairs[p], neighbours[p], squares[p], sum[p], closed, expected);
             bool judged = inside && (!FINEST || (empty ? push.empties == 1u : (points & bit) != 0u));
             bool decides = judged && (said == OPEN || said == CLOSED);
             bits |= judged && (FINEST ? said == CLOSED : sum[p] < closed) ? bit : 0u;

@@ -7,9 +7,11 @@
 // nearest point is compared with the tile's farthest: at a distance d of d_min pixels or more from
 // a ray that leans by l, it is in front at most if   (z0 - z) f (1 + l l) > z d (own - l).
 //
-// Levels end where points a cell apart would be sparser than surfaces are; those are strays. That
-// follows from the spacing of the node of the tile's nearest point, else from the tiles around;
-// without any, each point that the level finds counts by its own.
+// A pixel without a point needs points on all sides, too: left and right, above and below.
+//
+// For points, levels end where points a cell apart would be sparser than surfaces are; those are
+// strays. That follows from the spacing of the node of the tile's nearest point, else from the
+// tiles around.
 //
 // A single level has no pyramid: its list holds tiles that are not continuous or have such a
 // neighbour.
@@ -115,9 +117,8 @@ bool may_judge(int level, float spacing) {
     return float(1 << level) <= push.sparsest * spacing;
 }
 
-// Returns the same for a level with cells as large as a tile or larger. A spacing of 0 leaves it to
-// each point's own.
-bool coarse(ivec2 own, int level, float z0, float spacing) {
+// Returns whether a level with cells as large as a tile or larger has something to judge.
+bool coarse(ivec2 own, int level, float z0) {
     ivec2 size = ivec2(push.size);
     ivec2 cells = level_size(size, level);
     ivec2 corner = level_corner(size, level);
@@ -130,6 +131,8 @@ bool coarse(ivec2 own, int level, float z0, float spacing) {
     float rise = push.px_per_unit * (1.0 + lean * lean) * SURELY;
     float slope = max(push.own - lean, 0.0);
     int found = 0;
+    bvec2 before = bvec2(!EMPTY);
+    bvec2 after = bvec2(!EMPTY);
     [[dont_unroll]] for (int dy = -R; dy <= R; ++dy) {
         [[dont_unroll]] for (int dx = -R; dx <= R; ++dx) {
             ivec2 to = cell + ivec2(dx, dy);
@@ -140,14 +143,12 @@ bool coarse(ivec2 own, int level, float z0, float spacing) {
             vec2 beside = max(max(first - at, at - last), 0.0);
             float run = (PERSPECTIVE ? z : 1.0) * sqrt(beside.x * beside.x + beside.y * beside.y) * slope;
             bool has = z <= FARTHEST;
-            if (has && spacing == 0.0) {
-                ivec2 found_in = ivec2(place_in(from, level, code)) / TILE_PX;
-                has = may_judge(level, tiles.tile[found_in.y * int(push.tiles.x) + found_in.x].spacing);
-            }
+            before = bvec2(before.x || (has && at.x <= last.x), before.y || (has && at.y <= last.y));
+            after = bvec2(after.x || (has && at.x >= first.x), after.y || (has && at.y >= first.y));
             found += int(has && (EMPTY || (z < z0 && (z0 - z) * rise >= run)));
         }
     }
-    return found >= push.fewest;
+    return found >= push.fewest && all(before) && all(after);
 }
 
 void main() {
@@ -171,9 +172,8 @@ void main() {
     uint asking = 0u;
     uint fine_levels = finest ? fine(own) : 0u;
     [[dont_unroll]] for (int level = EMPTY ? 1 : 0; level < (wanted ? push.levels : finest ? 1 : 0); ++level) {
-        bool may = level == 0 || may_judge(level, spacing) || (spacing == 0.0 && level >= TILE_LEVEL);
-        bool any = push.all == 1u && (level == 0 || spacing > 0.0);
-        bool looks = may && (any || (level < TILE_LEVEL ? (fine_levels >> level & 1u) == 1u : coarse(own, level, tile.farthest, spacing)));
+        bool may = EMPTY || level == 0 || may_judge(level, spacing);
+        bool looks = may && (push.all == 1u || (level < TILE_LEVEL ? (fine_levels >> level & 1u) == 1u : coarse(own, level, tile.farthest)));
         asking |= uint(looks) << level;
         if (looks) APPEND(lists, uint(level) * push.stride, number)
     }

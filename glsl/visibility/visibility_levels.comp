@@ -12,11 +12,17 @@
 //   else     this level is too fine for the surface in front: the next coarser one judges. With too
 //            few leading points for either, cones are not computed.
 //
-// lambda is the number of leading points per cell, from the share p of the neighbours of leading
-// cells that lead, too: -ln(1 - p), or nearly p / sqrt(1 - p). It is the density of the surface in
-// front alone, whatever shows behind it. A is made of eight sectors, each up to its nearest leading
-// point or to the rim of the kernel. So a dense surface is judged at a fine level, and its openings
-// stay open at any size; a sparse one at a coarser level, where its points are about a cell apart.
+// For a pixel with a point, lambda is the number of leading points per cell, from the share p of
+// the neighbours of leading cells that lead, too: -ln(1 - p), or nearly p / sqrt(1 - p). It is the
+// density of the surface in front alone, whatever shows behind it. A is made of eight sectors, each
+// up to its nearest leading point or to the rim of the kernel. So a dense surface is judged at a
+// fine level, and its openings stay open at any size; a sparse one at a coarser level, where its
+// points are about a cell apart.
+//
+// A pixel without a point lies between surfaces whose densities may differ. Every sector counts with
+// the density around its own nearest point, from the share of pixels with a point in 2 x 2 cells; a
+// sector without a point tells nothing. The pixel is open only where too few sectors are empty for background: a
+// finer level sees one side of a gap, and cannot tell it from the edge of a surface.
 //
 // Cones are those of visibility.comp, which has the geometry. Sectors follow from the places of
 // points in their cells, since a cell may lie in several.
@@ -112,6 +118,22 @@ bool may_lie(ivec2 cell, int sector) {
 const uint ALL_SIDES = 4u;
 const uint VERDICT = 3u;
 
+// Judges a pixel without a point by the nearest in each sector: squared distances [px], cells, and
+// the side of a cell.
+uint between(float nearest[8], uint nearest_in[8], float side) {
+    ivec2 corner = level_corner(ivec2(push.size), push.level + 1);
+    int found = 0;
+    float expected = 0.0;
+    [[unroll]] for (int s = 0; s < 8; ++s) {
+        if (nearest[s] == FARTHEST) continue;
+        ivec2 around = ivec2(nearest_in[s] & 0xFFFFu, nearest_in[s] >> 16) >> 1;
+        float share = min(points_in(imageLoad(places, corner + around).r) / (4.0 * side * side), MOST_SHARE);
+        expected += share * inversesqrt(1.0 - share) * nearest[s] * EIGHTH_OF_DISC;
+        ++found;
+    }
+    return found < push.fewest ? TOO_FEW : expected >= push.expected ? OPEN : CLOSED;
+}
+
 // Judges from the middle of a square of pixels, by its first pixel and its side.
 uint judge(ivec2 pixel, int across) {
     ivec2 size = ivec2(push.size);
@@ -128,9 +150,12 @@ uint judge(ivec2 pixel, int across) {
     float rim = (float(R) + 0.5) * side;
     float most[8];
     float nearest[8];
+    // Cells of the nearest points: column, and row in the upper 16 bits.
+    uint nearest_in[8];
     [[unroll]] for (int s = 0; s < 8; ++s) {
         most[s] = -1.0;
-        nearest[s] = rim * rim;
+        nearest[s] = EMPTY ? FARTHEST : rim * rim;
+        nearest_in[s] = 0u;
     }
     uint rows[MOST_WIDTH];
     int columns[MOST_WIDTH];
@@ -157,17 +182,19 @@ uint judge(ivec2 pixel, int across) {
             }
             row |= leads ? 1u << (dx + R) : 0u;
             ratio = leads ? ratio : -1.0;
-            square = leads ? square : rim * rim;
+            square = leads ? square : EMPTY ? FARTHEST : rim * rim;
             int sector = sector_of(offset);
             [[unroll]] for (int s = 0; s < 8; ++s) {
                 if (!may_lie(ivec2(dx, dy), s)) continue;
                 bool here = sector == s;
                 most[s] = here ? max(most[s], ratio) : most[s];
+                if (EMPTY) nearest_in[s] = here && square < nearest[s] ? uint(from.x) | uint(from.y) << 16 : nearest_in[s];
                 nearest[s] = here ? min(nearest[s], square) : nearest[s];
             }
         }
         rows[dy + R] = row;
     }
+    if (EMPTY) return between(nearest, nearest_in, side);
     // Neighbours of leading cells within the kernel, and those of them that lead.
     const uint EDGES = 1u | 1u << (WIDTH - 1);
     int leaders = 0;
@@ -186,7 +213,7 @@ uint judge(ivec2 pixel, int across) {
     [[unroll]] for (int s = 0; s < 8; ++s) {
         squares += min(nearest[s], rim * rim);
         float hypotenuse = 1.0 + max(most[s], 0.0);
-        float left = EMPTY ? 0.0 : 1.0 / (hypotenuse + sqrt(hypotenuse * max(most[s], 0.0)));
+        float left = 1.0 / (hypotenuse + sqrt(hypotenuse * max(most[s], 0.0)));
         cones += most[s] < 0.0 ? 1.0 : left;
         sides += int(most[s] >= 0.0);
     }

@@ -220,8 +220,6 @@ pub fn record(
 /// Spacing up to which points hide what is behind them, as a multiple of their node's; sparser ones
 /// are strays. With half as much, hidden points show between the vertices of flat parts of a mesh.
 pub const SPARSEST: f64 = 4.0;
-/// Spacing up to which points enclose holes, likewise. With twice as much, strays close the sky.
-pub const SPARSEST_AROUND: f64 = 2.0;
 /// The same for layers behind others: leftovers of the layers in front are strays, and no surface
 /// is sparser than its node.
 const SPARSEST_BEHIND: f64 = 1.0;
@@ -369,11 +367,7 @@ impl<'s> Judged<'s> {
             levels: self.settings.levels as i32,
             fewest: if is_single(self.settings) { 1 } else { fewest(self.settings, subject) },
             own: STEEPEST as f32,
-            sparsest: if subject == Subject::Points {
-                self.sparsest
-            } else {
-                self.sparsest.min(SPARSEST_AROUND)
-            } as f32,
+            sparsest: self.sparsest as f32,
             empties: (subject == Subject::Points && round == 0) as u32,
             all: (self.settings.tiles == Looked::All) as u32,
         };
@@ -625,11 +619,14 @@ fn closed(settings: &Settings, subject: Subject) -> f64 {
 }
 
 /// Returns the smallest number of points in front that decides anything: those that close a pixel,
-/// one in each sector that may not be empty; or those dense enough to call it open.
+/// one in each sector that may not be empty; or, around a point, those dense enough to call it open.
 fn fewest(settings: &Settings, subject: Subject) -> i32 {
     let closing =
         ((SECTORS - closed(settings, subject)).floor() as i32 + 1).clamp(1, SECTORS as i32);
-    closing.min(fewest_around_openings(settings))
+    match subject {
+        Subject::Points => closing.min(fewest_around_openings(settings)),
+        Subject::Empty => closing,
+    }
 }
 
 /// Returns the number of points in front without which no pixel is open. Few points cover the
@@ -679,7 +676,7 @@ impl Left {
     }
 }
 
-/// Nearest points of every level except the picture itself: depths and places
+/// Nearest points of every level except the picture itself: depths, places and numbers
 /// (glsl/lib/depth_pyramid.glsl).
 struct Pyramid {
     depth: Image,
@@ -691,14 +688,15 @@ impl Pyramid {
         let (size, levels) = (picture.desc.size, settings.levels as u32);
         let level_size = |level: u32| size.map(|side| side.div_ceil(1 << level));
         let [first, second] = [1, 2].map(level_size);
-        let below = (2..levels).map(|level| level_size(level)[1]).sum::<u32>();
+        // A level beyond the coarsest has the densities around its points.
+        let below = (2..=levels).map(|level| level_size(level)[1]).sum::<u32>();
         let room = if levels == 1 { [1, 1] } else { [first[0] + second[0], first[1].max(below)] };
         let [mut depth, mut places] =
             ["pyramid", "places"].map(|name| g.image(name, room, Kind::R32f));
         // A pass writes one level and reads the one before.
         g.clear(&mut depth);
         g.clear(&mut places);
-        for level in 1..levels {
+        for level in (1..=levels).filter(|_| levels > 1) {
             let [width, height] = level_size(level);
             let push = depth_pyramid::Push { size, level: level as i32 };
             let spec = depth_pyramid::Spec { first: level == 1 };

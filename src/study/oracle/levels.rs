@@ -6,9 +6,7 @@
 //! [`Verdict::InBand`].
 
 use super::visibility::{Verdict, sector};
-use crate::passes::visibility::{
-    SPARSEST, SPARSEST_AROUND, STEEPEST, Settings, fewest_around_openings,
-};
+use crate::passes::visibility::{SPARSEST, STEEPEST, Settings, fewest_around_openings};
 use crate::view::{Projection, View};
 use std::f64::consts::{PI, TAU};
 
@@ -22,9 +20,14 @@ const MOST_SHARE: f64 = 0.93;
 struct Cell {
     /// Depth and position `[px]`.
     point: Option<(f64, [f64; 2])>,
+    /// Pixels with a point, up to [`MOST_POINTS`].
+    points: u32,
     /// Whether the kernels certainly have the same.
     sure: bool,
 }
+
+/// Most pixels that a cell counts.
+const MOST_POINTS: u32 = 255;
 
 struct Level {
     size: [i64; 2],
@@ -46,7 +49,7 @@ impl Level {
                 .into_iter()
                 .filter(|&(x, y)| x < self.size[0] && y < self.size[1])
                 .map(|(x, y)| self.at(x, y));
-            let none = Cell { point: None, sure: true };
+            let none = Cell { point: None, points: 0, sure: true };
             inside.fold(none, |nearest, cell| {
                 let nearer = match (nearest.point, cell.point) {
                     (Some((a, _)), Some((b, _))) => b < a,
@@ -54,6 +57,7 @@ impl Level {
                 };
                 Cell {
                     point: if nearer { cell.point } else { nearest.point },
+                    points: (nearest.points + cell.points).min(MOST_POINTS),
                     sure: nearest.sure && cell.sure,
                 }
             })
@@ -85,6 +89,7 @@ pub fn verdicts(view: &View, settings: &Settings, spacing_m: f64, depth: &[f32])
     let place = |i: usize| [(i as i64 % size[0]) as f64 + 0.5, (i as i64 / size[0]) as f64 + 0.5];
     let cell = |(i, z): (usize, &f32)| Cell {
         point: z.is_finite().then(|| (*z as f64, place(i))),
+        points: z.is_finite() as u32,
         sure: true,
     };
     let mut picture: Vec<Cell> = depth.iter().enumerate().map(cell).collect();
@@ -104,10 +109,11 @@ pub fn verdicts(view: &View, settings: &Settings, spacing_m: f64, depth: &[f32])
             match said {
                 Said::Closed => {
                     (verdicts[i], picture[i]) =
-                        (Verdict::Invisible, Cell { point: None, sure: true })
+                        (Verdict::Invisible, Cell { point: None, points: 0, sure: true })
                 }
                 Said::Either => {
-                    (verdicts[i], picture[i]) = (Verdict::InBand, Cell { point: None, sure: false })
+                    let unsure = Cell { point: None, points: 0, sure: false };
+                    (verdicts[i], picture[i]) = (Verdict::InBand, unsure)
                 }
                 _ => {}
             }
@@ -130,7 +136,6 @@ const TILE: usize = 8;
 /// if all are empty.
 struct Spacings {
     across: [usize; 2],
-    own: Vec<f64>,
     around: Vec<f64>,
 }
 
@@ -168,49 +173,22 @@ impl Spacings {
             if own[i] > 0.0 { own[i] } else { around.fold(0.0, f64::max) }
         };
         let around = (0..own.len()).map(widest).collect();
-        Spacings { across, own, around }
+        Spacings { across, around }
     }
 
-    fn tile_of(&self, [x, y]: [i64; 2]) -> usize {
-        y as usize / TILE * self.across[0] + x as usize / TILE
-    }
-
-    /// Tests whether a level judges a pixel: if its points are as dense as a surface.
-    fn let_judge(
-        &self,
-        pixel: [i64; 2],
-        number: usize,
-        level: &Level,
-        subject: Subject,
-        settings: &Settings,
-    ) -> bool {
-        let sparsest = if subject == Subject::Points { SPARSEST } else { SPARSEST_AROUND };
-        let close = |apart: f64| (1u64 << number) as f64 <= sparsest * apart;
-        let apart = self.around[self.tile_of(pixel)];
-        if number == 0 || apart > 0.0 {
-            return number == 0 || close(apart);
-        }
-        // Without a point in the tiles around, each point found by the level counts with its own
-        // tile's spacing.
-        let (side, radius) = (1i64 << number, settings.kernel as i64 / 2);
-        let [x, y] = pixel.map(|at| at / side);
-        let cells =
-            (-radius..=radius).flat_map(|dy| (-radius..=radius).map(move |dx| (x + dx, y + dy)));
-        let points = cells.filter_map(|(x, y)| {
-            level.at(x.clamp(0, level.size[0] - 1), y.clamp(0, level.size[1] - 1)).point
-        });
-        let many =
-            points.filter(|(_, at)| close(self.own[self.tile_of(at.map(|at| at as i64))])).count();
-        side >= TILE as i64 && many >= fewest(settings, settings.holes * SECTORS as f64 / TAU)
+    /// Tests whether a level judges a point: if it is as dense as a surface.
+    fn let_judge(&self, [x, y]: [i64; 2], number: usize) -> bool {
+        let tile = y as usize / TILE * self.across[0] + x as usize / TILE;
+        number == 0 || (1u64 << number) as f64 <= SPARSEST * self.around[tile]
     }
 }
 
-/// Returns the number of leading points a level needs to decide: each closes at most one sector.
-fn fewest(settings: &Settings, closed: f64) -> usize {
-    let closing = ((SECTORS as f64 - closed).floor() + 1.0).clamp(1.0, SECTORS as f64) as usize;
-    closing.min(fewest_around_openings(settings) as usize)
+/// Returns the number of leading points that close a pixel: each closes at most one sector.
+fn fewest(closed: f64) -> usize {
+    ((SECTORS as f64 - closed).floor() + 1.0).clamp(1.0, SECTORS as f64) as usize
 }
 
+/// Levels, and one beyond the coarsest, which has densities.
 struct Pyramid {
     levels: Vec<Level>,
 }
@@ -218,7 +196,7 @@ struct Pyramid {
 impl Pyramid {
     fn of(size: [i64; 2], cells: Vec<Cell>, settings: &Settings) -> Pyramid {
         let mut levels = vec![Level { size, cells }];
-        while levels.len() < settings.levels as usize {
+        while levels.len() <= settings.levels as usize {
             levels.push(levels[levels.len() - 1].coarser());
         }
         Pyramid { levels }
@@ -237,10 +215,8 @@ impl Pyramid {
         let width = view.size[0] as i64;
         let pixel = [i as i64 % width, i as i64 / width];
         let mut led = false;
-        let may = |&number: &usize| {
-            spacings.let_judge(pixel, number, &self.levels[number], subject, settings)
-        };
-        for level in (0..self.levels.len()).filter(may) {
+        let may = |&number: &usize| subject == Subject::Empty || spacings.let_judge(pixel, number);
+        for level in (0..self.levels.len() - 1).filter(may) {
             let said = self.at_level(view, settings, pixel, level, subject);
             led |= said != Said::TooFew;
             if said != Said::TooFew && said != Said::Undecided {
@@ -271,6 +247,7 @@ impl Pyramid {
         let (side, radius) = (1i64 << number, settings.kernel as i64 / 2);
         let rim = (radius as f64 + 0.5) * side as f64;
         let (mut most, mut nearest) = ([None::<f64>; SECTORS], [rim; SECTORS]);
+        let mut around_empty: [Option<(f64, [i64; 2])>; SECTORS] = [None; SECTORS];
         let mut leads = std::collections::HashSet::new();
         for (dx, dy) in (-radius..=radius).flat_map(|dy| (-radius..=radius).map(move |dx| (dx, dy)))
         {
@@ -279,7 +256,7 @@ impl Pyramid {
             }
             let cell = [x / side + dx, y / side + dy];
             let inside = [0, 1].map(|axis| cell[axis].clamp(0, level.size[axis] - 1));
-            let Cell { point, sure } = level.at(inside[0], inside[1]);
+            let Cell { point, sure, .. } = level.at(inside[0], inside[1]);
             if !sure {
                 return Said::Either;
             }
@@ -314,11 +291,35 @@ impl Pyramid {
             let sector = sector(to_x, to_y, SECTORS);
             most[sector] = Some(most[sector].map_or(ratio, |most| most.max(ratio)));
             nearest[sector] = nearest[sector].min(distance);
+            let square = offset[0] * offset[0] + offset[1] * offset[1];
+            if around_empty[sector].is_none_or(|(before, _)| square < before) {
+                around_empty[sector] = Some((square, inside));
+            }
         }
         let closed =
             if own.is_some() { settings.threshold } else { settings.holes } * SECTORS as f64 / TAU;
-        if leads.len() < fewest(settings, closed) {
+        let around_point = fewest_around_openings(settings) as usize;
+        if own.is_some() && leads.len() < fewest(closed).min(around_point) {
             return Said::TooFew;
+        }
+        let near = |a: f64, b: f64| (a - b).abs() <= BAND * a.abs().max(b.abs());
+        if subject == Subject::Empty {
+            let coarser = &self.levels[number + 1];
+            let found: Vec<_> = around_empty.into_iter().flatten().collect();
+            let density = |[x, y]: [i64; 2]| {
+                let share = coarser.at(x / 2, y / 2).points as f64 / (2 * side * 2 * side) as f64;
+                share.min(MOST_SHARE) / (1.0 - share.min(MOST_SHARE)).sqrt()
+            };
+            let expected: f64 =
+                found.iter().map(|(square, cell)| density(*cell) * PI / 8.0 * square).sum();
+            return match expected >= settings.expected {
+                _ if found.len() < fewest(closed) => Said::Undecided,
+                // The kernel of the finest level is too small for openings.
+                _ if number == 0 => Said::Closed,
+                _ if near(expected, settings.expected) => Said::Either,
+                true => Said::Open,
+                false => Said::Closed,
+            };
         }
         let around =
             (-1..=1).flat_map(|dy| (-1..=1).map(move |dx| (dx, dy))).filter(|at| *at != (0, 0));
@@ -338,7 +339,6 @@ impl Pyramid {
             (Some(cotangent), _) => 1.0 - cotangent / (1.0 + cotangent * cotangent).sqrt(),
         };
         let cones: f64 = most.iter().map(cone).sum();
-        let near = |a: f64, b: f64| (a - b).abs() <= BAND * a.abs().max(b.abs());
         match (there >= needed, cones < closed) {
             _ if near(there, needed) => Said::Either,
             (true, _) => Said::Open,
