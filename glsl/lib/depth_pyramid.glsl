@@ -1,26 +1,14 @@
 // A pyramid of nearest points. Level 0 is the picture; a cell of level k covers 2^k x 2^k pixels
-// and holds its nearest point: the depth in one image; its place, and the number of pixels with a
-// point, in another. Declares no bindings.
+// and holds the depth of its nearest point, 0 or background without one; the point's place, pixels
+// from the cell's corner across and down; and the number of pixels with a point. Declares no
+// bindings.
 //
 // Levels from 1 on lie in one image: level 1 at its corner, the others to the right of it, one
 // below the other.
 
-// Code of a place in a cell, pixels from its corner across and down, and of the number of pixels
-// with a point, in one number. All bits of a float are used.
-const float ROW_OF_PLACES = 256.0;
-const float ONE_POINT = 65536.0;
-const float MOST_POINTS = 255.0;
-const float NO_PLACE = -1.0;
-
-float points_in(float code) {
-    return max(floor(code * (1.0 / ONE_POINT)), 0.0);
-}
-
-// Returns the centre of a pixel of a cell.
-vec2 place_in(ivec2 cell, int level, float code) {
-    float place = code - ONE_POINT * points_in(code);
-    float down = floor(place * (1.0 / ROW_OF_PLACES));
-    return vec2(cell << level) + vec2(place - ROW_OF_PLACES * down, down) + 0.5;
+// Returns the centre of the pixel of a cell's nearest point.
+vec2 place_in(ivec2 cell, int level, vec4 texel) {
+    return vec2(cell << level) + texel.yz + 0.5;
 }
 
 ivec2 level_size(ivec2 size, int level) {

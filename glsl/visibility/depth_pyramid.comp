@@ -14,8 +14,7 @@
 layout(local_size_x = 64) in;
 
 layout(r32f) readonly uniform image2D depth;
-layout(r32f) uniform image2D pyramid;
-layout(r32f) uniform image2D places;
+layout(rgba32f) uniform image2D pyramid;
 
 // Whether this is level 1, which is made from the picture.
 layout(constant_id = 0) const bool FIRST = true;
@@ -32,21 +31,16 @@ void main() {
     ivec2 last = level_size(size, push.level - 1) - 1;
     ivec2 from = level_corner(size, push.level - 1);
     float side = float(1 << (push.level - 1));
-    float nearest = uintBitsToFloat(BACKGROUND_BITS);
-    float place = NO_PLACE;
-    float points = 0.0;
+    const float NONE = uintBitsToFloat(BACKGROUND_BITS);
+    vec4 nearest = vec4(NONE, vec3(0.0));
     [[unroll]] for (int k = 0; k < 4; ++k) {
         ivec2 fine = 2 * cell + ivec2(k % 2, k / 2);
         ivec2 at = min(fine, last);
-        float z = FIRST ? imageLoad(depth, at).r : imageLoad(pyramid, from + at).r;
-        float own = FIRST ? ONE_POINT : imageLoad(places, from + at).r;
-        bool has = at == fine && z > 0.0 && z < uintBitsToFloat(BACKGROUND_BITS);
-        bool nearer = has && z < nearest;
-        points += has ? points_in(own) : 0.0;
-        own -= ONE_POINT * points_in(own);
-        nearest = nearer ? z : nearest;
-        place = nearer ? own + side * (float(k % 2) + ROW_OF_PLACES * float(k / 2)) : place;
+        vec4 own = FIRST ? vec4(imageLoad(depth, at).r, 0.0, 0.0, 1.0) : imageLoad(pyramid, from + at);
+        bool has = at == fine && own.r > 0.0 && own.r < NONE;
+        float points = nearest.a + (has ? own.a : 0.0);
+        vec2 place = own.yz + side * vec2(k % 2, k / 2);
+        nearest = vec4(has && own.r < nearest.r ? vec3(own.r, place) : nearest.rgb, points);
     }
-    imageStore(pyramid, level_corner(size, push.level) + cell, vec4(nearest));
-    imageStore(places, level_corner(size, push.level) + cell, vec4(place + ONE_POINT * min(points, MOST_POINTS)));
+    imageStore(pyramid, level_corner(size, push.level) + cell, nearest);
 }

@@ -26,8 +26,7 @@
 layout(local_size_x = 64) in;
 
 layout(scalar) readonly buffer Tiles { Tile tile[]; } tiles;
-layout(r32f) readonly uniform image2D pyramid;
-layout(r32f) readonly uniform image2D places;
+layout(rgba32f) readonly uniform image2D pyramid;
 // Points that may be hidden, or pixels without one that the finest level has decided, two words per
 // tile.
 layout(scalar) readonly buffer Candidates { uint word[]; } candidates;
@@ -137,12 +136,12 @@ bool coarse(ivec2 own, int level, float z0) {
         [[dont_unroll]] for (int dx = -R; dx <= R; ++dx) {
             ivec2 to = cell + ivec2(dx, dy);
             ivec2 from = ivec2(at_edge(to.x, cells.x), at_edge(to.y, cells.y));
-            float z = imageLoad(pyramid, corner + from).r;
-            float code = imageLoad(places, corner + from).r;
-            vec2 at = place_in(to, level, code);
+            vec4 texel = imageLoad(pyramid, corner + from);
+            float z = texel.r;
+            vec2 at = place_in(to, level, texel);
             vec2 beside = max(max(first - at, at - last), 0.0);
             float run = (PERSPECTIVE ? z : 1.0) * sqrt(beside.x * beside.x + beside.y * beside.y) * slope;
-            bool has = z <= FARTHEST;
+            bool has = texel.a > 0.0;
             before = bvec2(before.x || (has && at.x <= last.x), before.y || (has && at.y <= last.y));
             after = bvec2(after.x || (has && at.x >= first.x), after.y || (has && at.y >= first.y));
             found += int(has && (EMPTY || (z < z0 && (z0 - z) * rise >= run)));

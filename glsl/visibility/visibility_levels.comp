@@ -20,8 +20,9 @@
 // points are about a cell apart.
 //
 // A pixel without a point lies between surfaces whose densities may differ. Every sector counts with
-// the density around its own nearest point, from the share of pixels with a point in 2 x 2 cells; a
-// sector without a point tells nothing. The pixel is open only where too few sectors are empty for background: a
+// the density around its own nearest point, from the share of pixels with a point in 2 x 2 cells. A
+// sector without a point tells nothing, and the widest of all eight may be the edge of a denser part
+// and does not count. The pixel is open only where too few sectors are empty for background: a
 // finer level sees one side of a gap, and cannot tell it from the edge of a surface.
 //
 // Cones are those of visibility.comp, which has the geometry. Sectors follow from the places of
@@ -38,8 +39,7 @@
 layout(local_size_x = 64) in;
 
 layout(r32f) readonly uniform image2D depth;
-layout(r32f) readonly uniform image2D pyramid;
-layout(r32f) readonly uniform image2D places;
+layout(rgba32f) readonly uniform image2D pyramid;
 // Three words per tile: two of pixels to judge, and one with a bit for each level that must judge
 // them.
 layout(scalar) readonly buffer Asked { uint word[]; } asked;
@@ -118,19 +118,26 @@ bool may_lie(ivec2 cell, int sector) {
 const uint ALL_SIDES = 4u;
 const uint VERDICT = 3u;
 
-// Judges a pixel without a point by the nearest in each sector: squared distances [px], cells, and
-// the side of a cell.
-uint between(float nearest[8], uint nearest_in[8], float side) {
-    ivec2 corner = level_corner(ivec2(push.size), push.level + 1);
+// Judges a pixel without a point by the nearest in each sector: squared distances [px], and cells.
+uint between(float nearest[8], uint nearest_in[8]) {
+    ivec2 size = ivec2(push.size);
+    ivec2 corner = level_corner(size, push.level + 1);
+    int across = 2 << push.level;
     int found = 0;
-    float expected = 0.0;
+    // The points in the widest sector, and in all others.
+    float widest = 0.0;
+    float others = 0.0;
     [[unroll]] for (int s = 0; s < 8; ++s) {
         if (nearest[s] == FARTHEST) continue;
         ivec2 around = ivec2(nearest_in[s] & 0xFFFFu, nearest_in[s] >> 16) >> 1;
-        float share = min(points_in(imageLoad(places, corner + around).r) / (4.0 * side * side), MOST_SHARE);
-        expected += share * inversesqrt(1.0 - share) * nearest[s] * EIGHTH_OF_DISC;
+        vec2 inside = vec2(min(ivec2(across), size - across * around));
+        float share = min(imageLoad(pyramid, corner + around).a / (inside.x * inside.y), MOST_SHARE);
+        float expected = share * inversesqrt(1.0 - share) * nearest[s] * EIGHTH_OF_DISC;
+        others += min(expected, widest);
+        widest = max(expected, widest);
         ++found;
     }
+    float expected = found == 8 ? others : others + widest;
     return found < push.fewest ? TOO_FEW : expected >= push.expected ? OPEN : CLOSED;
 }
 
@@ -165,11 +172,10 @@ uint judge(ivec2 pixel, int across) {
         uint row = 0u;
         [[unroll]] for (int dx = -R; dx <= R; ++dx) {
             ivec2 from = ivec2(columns[dx + R], y);
-            float code = imageLoad(places, corner + from).r;
-            float found = EMPTY ? 0.0 : imageLoad(pyramid, corner + from).r;
-            vec2 offset = place_in(cell + ivec2(dx, dy), push.level, code) - at;
-            bool has = code > NO_PLACE;
-            float z = clamp(found, NEAREST_PLACE, farthest);
+            vec4 texel = imageLoad(pyramid, corner + from);
+            vec2 offset = place_in(cell + ivec2(dx, dy), push.level, texel) - at;
+            bool has = texel.a > 0.0;
+            float z = clamp(texel.r, NEAREST_PLACE, farthest);
             float square = offset.x * offset.x + offset.y * offset.y;
             float ratio = 0.0;
             bool leads = has;
@@ -194,7 +200,7 @@ uint judge(ivec2 pixel, int across) {
         }
         rows[dy + R] = row;
     }
-    if (EMPTY) return between(nearest, nearest_in, side);
+    if (EMPTY) return between(nearest, nearest_in);
     // Neighbours of leading cells within the kernel, and those of them that lead.
     const uint EDGES = 1u | 1u << (WIDTH - 1);
     int leaders = 0;

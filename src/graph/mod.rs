@@ -153,9 +153,8 @@ pub(crate) enum Work {
         buffer: ResourceId,
         word: u32,
     },
-    Clear {
-        image: ResourceId,
-    },
+    /// Nothing: the contents of an image are undefined from here on.
+    Discard,
     /// Source offset, destination offset and length of each part `[bytes]`.
     CopyParts {
         from: ResourceId,
@@ -639,10 +638,11 @@ impl<'g> Graph<'g> {
         self.push(&name, vec![(buffer.id, Access::Write)], Work::Fill { buffer: buffer.id, word });
     }
 
-    /// Records a pass that sets every texel of an image to 0.
-    pub fn clear(&mut self, image: &mut Image) {
-        let name = format!("clear {}", self.resources[image.id.0].name);
-        self.push(&name, vec![(image.id, Access::Write)], Work::Clear { image: image.id });
+    /// Declares that an image has no contents, for passes that write it part by part: each reads
+    /// only what others have written.
+    pub fn discard(&mut self, image: &mut Image) {
+        let name = format!("discard {}", self.resources[image.id.0].name);
+        self.push(&name, vec![(image.id, Access::Write)], Work::Discard);
     }
 
     /// Records a copy of an image, for a reader of contents that later passes change in place.

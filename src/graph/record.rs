@@ -627,25 +627,7 @@ impl Recorder {
                     )
                 };
             }
-            Work::Clear { image } => {
-                let range = vk::ImageSubresourceRange {
-                    aspect_mask: vk::ImageAspectFlags::COLOR,
-                    level_count: 1,
-                    layer_count: 1,
-                    ..Default::default()
-                };
-                // SAFETY: the image has TRANSFER_DST usage and is in the layout of all images of a
-                // frame.
-                unsafe {
-                    self.device.cmd_clear_color_image(
-                        self.commands,
-                        at(image).image().raw,
-                        LAYOUT,
-                        &vk::ClearColorValue { uint32: [0; 4] },
-                        &[range],
-                    )
-                };
-            }
+            Work::Discard => {}
             Work::CopyBuffer { from, to, bytes } => {
                 let region = vk::BufferCopy::default().size(*bytes);
                 // SAFETY: both buffers have at least this many bytes.

@@ -240,7 +240,12 @@ pub fn settled(asked: &Settings, widest_px: f64) -> Settings {
 /// Returns the settings for layers behind others.
 fn behind(asked: &Settings, spacing_px: f64) -> Settings {
     let widest = 2.0 * ((BEHIND_SPACINGS * spacing_px - 1.0) / 2.0).ceil() + 1.0;
-    Settings { kernel: asked.kernel.min(widest.max(3.0)), ..*asked }
+    let levels = (SPARSEST_BEHIND * spacing_px).max(2.0).log2().floor() + 1.0;
+    Settings {
+        kernel: asked.kernel.min(widest.max(3.0)),
+        levels: asked.levels.min(levels),
+        ..*asked
+    }
 }
 
 /// The pixels that are judged.
@@ -376,12 +381,11 @@ impl<'s> Judged<'s> {
             perspective: self.perspective,
             empty: subject == Subject::Empty,
         };
-        let (Judged { tiles, invisible, .. }, Pyramid { depth: pyramid, places }) = (self, pyramid);
+        let (Judged { tiles, invisible, .. }, Pyramid { image: pyramid }) = (self, pyramid);
         let candidates = if subject == Subject::Points { &self.candidates } else { &self.decided };
         let shader = shader::VisibilityAssign {
             tiles,
             pyramid,
-            places,
             candidates,
             invisible,
             asked: &mut asked,
@@ -526,7 +530,7 @@ impl<'s> Judged<'s> {
         &mut self,
         g: &mut Graph,
         depth: &Image,
-        Pyramid { depth: pyramid, places }: &Pyramid,
+        Pyramid { image: pyramid }: &Pyramid,
         [asked, lists]: [&Buffer; 2],
         left: &mut Left,
         subject: Subject,
@@ -560,7 +564,6 @@ impl<'s> Judged<'s> {
             scattered,
             depth,
             pyramid,
-            places,
             asked,
             asked_words: asked,
             lists,
@@ -679,8 +682,7 @@ impl Left {
 /// Nearest points of every level except the picture itself: depths, places and numbers
 /// (glsl/lib/depth_pyramid.glsl).
 struct Pyramid {
-    depth: Image,
-    places: Image,
+    image: Image,
 }
 
 impl Pyramid {
@@ -691,22 +693,19 @@ impl Pyramid {
         // A level beyond the coarsest has the densities around its points.
         let below = (2..=levels).map(|level| level_size(level)[1]).sum::<u32>();
         let room = if levels == 1 { [1, 1] } else { [first[0] + second[0], first[1].max(below)] };
-        let [mut depth, mut places] =
-            ["pyramid", "places"].map(|name| g.image(name, room, Kind::R32f));
+        let mut image = g.image("pyramid", room, Kind::Rgba32f);
         // A pass writes one level and reads the one before.
-        g.clear(&mut depth);
-        g.clear(&mut places);
+        g.discard(&mut image);
         for level in (1..=levels).filter(|_| levels > 1) {
             let [width, height] = level_size(level);
             let push = depth_pyramid::Push { size, level: level as i32 };
             let spec = depth_pyramid::Spec { first: level == 1 };
-            let (pyramid, places) = (&mut depth, &mut places);
             g.run(
-                shader::DepthPyramid { depth: picture, pyramid, places, push, spec },
+                shader::DepthPyramid { depth: picture, pyramid: &mut image, push, spec },
                 Dispatch::Groups([width.div_ceil(64), height, 1]),
             );
         }
-        Pyramid { depth, places }
+        Pyramid { image }
     }
 }
 

@@ -20,14 +20,11 @@ const MOST_SHARE: f64 = 0.93;
 struct Cell {
     /// Depth and position `[px]`.
     point: Option<(f64, [f64; 2])>,
-    /// Pixels with a point, up to [`MOST_POINTS`].
+    /// Number of pixels with a point.
     points: u32,
     /// Whether the kernels certainly have the same.
     sure: bool,
 }
-
-/// Most pixels that a cell counts.
-const MOST_POINTS: u32 = 255;
 
 struct Level {
     size: [i64; 2],
@@ -57,7 +54,7 @@ impl Level {
                 };
                 Cell {
                     point: if nearer { cell.point } else { nearest.point },
-                    points: (nearest.points + cell.points).min(MOST_POINTS),
+                    points: nearest.points + cell.points,
                     sure: nearest.sure && cell.sure,
                 }
             })
@@ -307,11 +304,17 @@ impl Pyramid {
             let coarser = &self.levels[number + 1];
             let found: Vec<_> = around_empty.into_iter().flatten().collect();
             let density = |[x, y]: [i64; 2]| {
-                let share = coarser.at(x / 2, y / 2).points as f64 / (2 * side * 2 * side) as f64;
+                let inside = [(x, 0), (y, 1)].map(|(cell, axis)| {
+                    (2 * side).min(view.size[axis] as i64 - cell / 2 * 2 * side)
+                });
+                let share = coarser.at(x / 2, y / 2).points as f64 / (inside[0] * inside[1]) as f64;
                 share.min(MOST_SHARE) / (1.0 - share.min(MOST_SHARE)).sqrt()
             };
-            let expected: f64 =
-                found.iter().map(|(square, cell)| density(*cell) * PI / 8.0 * square).sum();
+            let expected: Vec<f64> =
+                found.iter().map(|(square, cell)| density(*cell) * PI / 8.0 * square).collect();
+            let widest = expected.iter().copied().fold(0.0, f64::max);
+            let is_whole = found.len() == SECTORS;
+            let expected = expected.iter().sum::<f64>() - if is_whole { widest } else { 0.0 };
             return match expected >= settings.expected {
                 _ if found.len() < fewest(closed) => Said::Undecided,
                 // The kernel of the finest level is too small for openings.
