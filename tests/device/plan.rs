@@ -38,23 +38,34 @@ fn on_a_plane<T>(
     draw(&mut gpu, &view, &resident, &FrameConfig::new(&settings, &view, &resident))
 }
 
-fn plan_with(effects: &[&str]) -> String {
+/// Returns the plan, and whether the device is a software device.
+fn plan_with(effects: &[&str]) -> (String, bool) {
     on_a_plane(effects, |gpu, view, resident, config| {
+        let is_software = gpu.device.is_cpu;
         let mut g = Graph::new(gpu);
         let outcome = frame::record(&mut g, view, resident, config).unwrap();
-        g.plan(&[outcome.picture.resource()]).to_string()
+        (g.plan(&[outcome.picture.resource()]).to_string(), is_software)
     })
 }
 
-fn compare(name: &str, found: &str) {
+/// Compares a plan with the kept one. Sizes in memory are those of a software device; others align
+/// images in their own ways.
+fn compare(name: &str, (found, is_software): (String, bool)) {
+    let passes = |plan: &str| -> String {
+        let is_pass = |line: &&str| {
+            is_software || !["memory", "total"].iter().any(|word| line.trim().starts_with(word))
+        };
+        plan.lines().filter(is_pass).map(|line| format!("{line}\n")).collect()
+    };
     let path =
         Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/device/plan").join(format!("{name}.txt"));
     if std::env::var_os("POINTILLIST_UPDATE").is_some() {
-        std::fs::write(&path, found).unwrap();
+        std::fs::write(&path, &found).unwrap();
     }
     let expected = std::fs::read_to_string(&path).unwrap_or_default();
     assert_eq!(
-        found, expected,
+        passes(&found),
+        passes(&expected),
         "the plan `{name}` has changed; if on purpose, run with POINTILLIST_UPDATE=1"
     );
 }
@@ -63,7 +74,7 @@ fn compare(name: &str, found: &str) {
 /// lavapipe.
 #[test]
 fn the_default_frame() {
-    compare("default", &plan_with(&[]));
+    compare("default", plan_with(&[]));
 }
 
 #[test]
@@ -71,7 +82,7 @@ fn shadows_alone() {
     let off =
         EFFECTS.iter().filter(|effect| **effect != "shadows").map(|effect| format!("{effect}=off"));
     let effects: Vec<String> = off.chain(["shadows=on,samples=2,size=64".to_string()]).collect();
-    compare("shadows", &plan_with(&effects.iter().map(String::as_str).collect::<Vec<_>>()));
+    compare("shadows", plan_with(&effects.iter().map(String::as_str).collect::<Vec<_>>()));
 }
 
 #[test]
@@ -81,7 +92,7 @@ fn luminance_alone() {
         .filter(|effect| **effect != "luminance")
         .map(|effect| format!("{effect}=off"));
     let effects: Vec<String> = off.chain(["luminance=on".to_string()]).collect();
-    compare("luminance", &plan_with(&effects.iter().map(String::as_str).collect::<Vec<_>>()));
+    compare("luminance", plan_with(&effects.iter().map(String::as_str).collect::<Vec<_>>()));
 }
 
 #[test]
@@ -89,13 +100,13 @@ fn strokes_alone() {
     let off =
         EFFECTS.iter().filter(|effect| **effect != "strokes").map(|effect| format!("{effect}=off"));
     let effects: Vec<String> = off.chain(["strokes=on".to_string()]).collect();
-    compare("strokes", &plan_with(&effects.iter().map(String::as_str).collect::<Vec<_>>()));
+    compare("strokes", plan_with(&effects.iter().map(String::as_str).collect::<Vec<_>>()));
 }
 
 #[test]
 fn nothing_that_is_off_leaves_a_trace() {
     let off: Vec<String> = EFFECTS.iter().map(|effect| format!("{effect}=off")).collect();
-    compare("points", &plan_with(&off.iter().map(String::as_str).collect::<Vec<_>>()));
+    compare("points", plan_with(&off.iter().map(String::as_str).collect::<Vec<_>>()));
 }
 
 /// A progress that cancels after this many checks.
