@@ -14,6 +14,7 @@ use crate::cloud::Station;
 use crate::cloud::attribute::Attribute;
 use crate::cloud::crs::Unit;
 use crate::cloud::histograms::Histograms;
+use crate::cloud::scalar;
 use crate::cloud::spacing::{self, Around};
 use crate::cloud::strays::Strays;
 use crate::error::{Error, Result};
@@ -203,7 +204,7 @@ impl Report<'_> {
             .value
             .map_or("unknown, fewer than two places".into(), |value| self.unit.length(value, 6));
         line("spacing", format!("{value} ({})", self.spacing.how));
-        line("--color", self.colors.join(", "));
+        line("--color", scalar::listed(&self.colors));
         let tree = &self.index;
         line(
             "size",

@@ -33,6 +33,7 @@ use crate::cloud::digits::{self, Digits};
 use crate::cloud::filter::grouped;
 use crate::cloud::histograms::Histograms;
 use crate::cloud::rgb_range::Scale;
+use crate::cloud::scalar;
 use crate::cloud::strays::Strays;
 use crate::cloud::{self, Cloud, ColumnSet, Extra, Header, Part, ReadOptions, Station, spacing};
 use crate::error::{Error, Result};
@@ -438,7 +439,7 @@ impl<'a> PartReport<'a> {
             ),
         );
         self.attributes.write(&mut line);
-        line("--color", self.colors.join(", "));
+        line("--color", scalar::listed(&self.colors));
         if let Some(system) = &self.header.system {
             line("crs", system_words(system));
         }

@@ -65,3 +65,50 @@ impl FromStr for Scalar {
         named.or_else(|| extra().map(|name| Scalar::Extra(name.to_owned().leak()))).ok_or(())
     }
 }
+
+/// Lists names, and each family of three or more that are numbered in order as one:
+/// `extra:f_rest_0..44`.
+pub fn listed(names: &[String]) -> String {
+    let mut families: Vec<Vec<&str>> = Vec::new();
+    for name in names {
+        let follows = |before: &&str| match (numbered(before), numbered(name)) {
+            (Some((stem, number)), Some((own, next))) => stem == own && number + 1 == next,
+            _ => false,
+        };
+        match families.last_mut().filter(|family| family.last().is_some_and(follows)) {
+            Some(family) => family.push(name),
+            None => families.push(vec![name]),
+        }
+    }
+    let word = |family: Vec<&str>| match family[..] {
+        [first, _, .., last] if family.len() > 2 => {
+            format!("{first}..{}", numbered(last).map_or(0, |(_, number)| number))
+        }
+        _ => family.join(", "),
+    };
+    families.into_iter().map(word).collect::<Vec<_>>().join(", ")
+}
+
+/// Splits a name that ends in a number.
+fn numbered(name: &str) -> Option<(&str, u32)> {
+    let stem = name.trim_end_matches(|letter: char| letter.is_ascii_digit());
+    let number = &name[stem.len()..];
+    let number = number.parse().ok().filter(|value: &u32| value.to_string() == number)?;
+    Some((stem, number))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbered_names_are_listed_as_one() {
+        let of = |names: &[&str]| listed(&names.iter().map(|name| name.to_string()).collect::<Vec<_>>());
+        let rest: Vec<String> = (0..45).map(|k| format!("extra:f_rest_{k}")).collect();
+        assert_eq!(listed(&rest), "extra:f_rest_0..44");
+        assert_eq!(of(&["a1", "a2", "b1", "b2", "b3", "c"]), "a1, a2, b1..3, c");
+        assert_eq!(of(&["a0", "a2", "a3", "9", "10", "11"]), "a0, a2, a3, 9..11");
+        assert_eq!(of(&["a08", "a09", "a10", "time"]), "a08, a09, a10, time");
+        assert_eq!(of(&[]), "");
+    }
+}

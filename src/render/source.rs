@@ -8,7 +8,7 @@ use crate::cloud::filter::{Filter, grouped};
 use crate::cloud::histograms::Histograms;
 use crate::cloud::rgb_range::RgbRange;
 use crate::cloud::robust_bounds::without_strays;
-use crate::cloud::scalar::Scalar;
+use crate::cloud::scalar::{self, Scalar};
 use crate::cloud::strays::{RobustBounds, Strays, Treatment};
 use crate::cloud::stream::FileSummary;
 use crate::cloud::up::Up;
@@ -401,7 +401,7 @@ impl Source {
                 // Other columns were not read.
                 let own = cloud.parts[0].header.scalars.iter().cloned();
                 let names: Vec<_> = own.chain(["height-above-ground".into()]).collect();
-                return format!("they have {}; `pointillist info` lists all", names.join(", "));
+                return format!("they have {}; `pointillist info` lists all", scalar::listed(&names));
             }
             (Source::Index(_), Attribute::Scalar(Scalar::HeightAboveGround)) => {
                 return format!(
