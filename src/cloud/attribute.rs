@@ -2,7 +2,7 @@
 //! that effects need.
 
 use super::color_scale::{ColorScale, Ramp};
-use super::scalar::Scalar;
+use super::scalar::{Scalar, Scalars};
 use super::up::Up;
 use super::{Cloud, ColumnSet, Columns, Lattice, Part, Station, octahedral};
 use std::str::FromStr;
@@ -16,13 +16,13 @@ pub enum Attribute {
     Class,
     Source,
     Return,
-    /// GPS time of files; an index has none
+    /// GPS time of files, or of an index that keeps it
     Time,
     Normal,
     /// Colours whose luminance is averaged over neighbours
     Corrected,
     White,
-    /// A number of files; an index has none
+    /// A number of files, or of an index that keeps it
     Scalar(Scalar),
 }
 
@@ -96,7 +96,7 @@ impl Attribute {
             Attribute::Return => wanted.returns = true,
             Attribute::Normal => wanted.normal = true,
             Attribute::Scalar(scalar) => {
-                wanted.scalar = Some(scalar);
+                wanted.scalars = Scalars::from_iter([scalar]);
                 // Ground is a class.
                 wanted.class = scalar == Scalar::HeightAboveGround;
             }
@@ -125,7 +125,7 @@ impl Attribute {
             Attribute::Source => columns.source.is_some(),
             Attribute::Return => columns.returns.is_some(),
             Attribute::Normal => columns.normal.is_some(),
-            Attribute::Scalar(_) => columns.scalar.is_some(),
+            Attribute::Scalar(scalar) => columns.scalar(scalar).is_some(),
             Attribute::Elevation | Attribute::White => true,
         }
     }
@@ -253,7 +253,7 @@ impl DisplayAttribute {
         let ends = match attribute {
             Attribute::Elevation => cloud.heights(),
             Attribute::Time => extremes(columns().map(|columns| columns.gps_time.as_ref())),
-            Attribute::Scalar(_) => extremes(columns().map(|columns| columns.scalar.as_ref())),
+            Attribute::Scalar(scalar) => extremes(columns().map(|columns| columns.scalar(scalar))),
             _ => None,
         };
         let ends = ends.unwrap_or_default();
@@ -401,7 +401,7 @@ impl DisplayAttribute {
             }
             Attribute::Intensity => columns.intensity.as_ref().map_or(0, |v| v[i] as u32),
             Attribute::Time => columns.gps_time.as_ref().map_or(0, |v| self.place(v[i])),
-            Attribute::Scalar(_) => columns.scalar.as_ref().map_or(0, |v| self.place(v[i])),
+            Attribute::Scalar(scalar) => columns.scalar(scalar).map_or(0, |v| self.place(v[i])),
             Attribute::Class => columns.class.as_ref().map_or(0, |v| v[i] as u32),
             Attribute::Source => columns.source.as_ref().map_or(0, |v| v[i] as u32),
             Attribute::Return => columns.returns.as_ref().map_or(0, |v| (v[i] & 15) as u32),
