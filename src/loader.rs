@@ -362,7 +362,7 @@ impl<P: FnMut()> Thread<P> {
             }
             None if is_above => {
                 let columns = index.columns(node, above.wanted())?;
-                let numbers = columns.scalar(Scalar::HeightAboveGround).into_iter().flatten();
+                let numbers = above.numbers_of(&columns).into_iter().flatten();
                 words.iter_mut().zip(numbers).for_each(|(word, &v)| *word = self.shown.place(v));
             }
             None if elevation => {

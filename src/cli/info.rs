@@ -110,14 +110,15 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
 
 fn of_files(arguments: &Arguments, progress: &dyn Progress) -> Result<String> {
     let (text, rgb_range) = (arguments.text.options(), arguments.colors.rgb_range);
+    let filter = arguments.filters.filter();
     let options = ReadOptions {
         text,
         rgb_range,
         extras: true,
-        ..ReadOptions::new(ColumnSet::ALL, arguments.strict)
+        ..ReadOptions::new(ColumnSet::ALL.and(filter.wanted()), arguments.strict)
     };
     let mut cloud = cloud::read(&arguments.files, &options, progress)?;
-    cloud.filter(&arguments.filters.filter())?;
+    cloud.filter(&filter)?;
     let clips = arguments.clips.clips();
     if clips.active() > 0 {
         cloud.keep("--clip", &|place| clips.keep(place))?;
@@ -133,12 +134,12 @@ fn of_files(arguments: &Arguments, progress: &dyn Progress) -> Result<String> {
 
 /// Counts the points that are left, a batch at a time.
 fn counted(arguments: &Arguments, progress: &dyn Progress) -> Result<String> {
+    let (filter, clips) = (arguments.filters.filter(), arguments.clips.clips());
     let options = ReadOptions {
         records: false,
-        ..export::reading(&arguments.text, &arguments.colors, arguments.strict)
+        ..export::reading(&arguments.text, &arguments.colors, filter.wanted(), arguments.strict)
     };
     let input = export::open(&arguments.files, &options, progress)?;
-    let (filter, clips) = (arguments.filters.filter(), arguments.clips.clips());
     let selection = Selection { filter, clips, ..Selection::default() };
     let Count { points, of, bounds, histograms, notes } =
         count::count(&input, &selection, progress)?;

@@ -115,6 +115,15 @@ impl Attribute {
         cloud.parts.iter().any(|part| self.is_of(&part.columns))
     }
 
+    /// Returns the column of times or of a scalar.
+    pub fn numbers_of(self, columns: &Columns) -> Option<&Vec<f64>> {
+        match self {
+            Attribute::Time => columns.gps_time.as_ref(),
+            Attribute::Scalar(scalar) => columns.scalar(scalar),
+            _ => None,
+        }
+    }
+
     /// Tests whether points with these columns have it.
     pub fn is_of(self, columns: &Columns) -> bool {
         match self {
@@ -252,9 +261,7 @@ impl DisplayAttribute {
         let columns = || cloud.parts.iter().map(|part| &part.columns);
         let ends = match attribute {
             Attribute::Elevation => cloud.heights(),
-            Attribute::Time => extremes(columns().map(|columns| columns.gps_time.as_ref())),
-            Attribute::Scalar(scalar) => extremes(columns().map(|columns| columns.scalar(scalar))),
-            _ => None,
+            _ => extremes(columns().map(|columns| attribute.numbers_of(columns))),
         };
         let ends = ends.unwrap_or_default();
         let coded =
@@ -400,8 +407,9 @@ impl DisplayAttribute {
                 columns.rgb.as_ref().map_or(0xFFFFFF, |rgb| bytes(rgb[i]))
             }
             Attribute::Intensity => columns.intensity.as_ref().map_or(0, |v| v[i] as u32),
-            Attribute::Time => columns.gps_time.as_ref().map_or(0, |v| self.place(v[i])),
-            Attribute::Scalar(scalar) => columns.scalar(scalar).map_or(0, |v| self.place(v[i])),
+            Attribute::Time | Attribute::Scalar(_) => {
+                self.attribute.numbers_of(columns).map_or(0, |v| self.place(v[i]))
+            }
             Attribute::Class => columns.class.as_ref().map_or(0, |v| v[i] as u32),
             Attribute::Source => columns.source.as_ref().map_or(0, |v| v[i] as u32),
             Attribute::Return => columns.returns.as_ref().map_or(0, |v| (v[i] & 15) as u32),

@@ -9,7 +9,7 @@
 
 pub mod header;
 mod laz;
-mod number;
+pub mod number;
 pub mod raw;
 pub mod read_point;
 pub mod records;

@@ -188,7 +188,8 @@ mod tests {
 
     #[test]
     fn numbered_names_are_listed_as_one() {
-        let of = |names: &[&str]| listed(&names.iter().map(|name| name.to_string()).collect::<Vec<_>>());
+        let of =
+            |names: &[&str]| listed(&names.iter().map(|name| name.to_string()).collect::<Vec<_>>());
         let rest: Vec<String> = (0..45).map(|k| format!("extra:f_rest_{k}")).collect();
         assert_eq!(listed(&rest), "extra:f_rest_0..44");
         assert_eq!(of(&["a1", "a2", "b1", "b2", "b3", "c"]), "a1, a2, b1..3, c");

@@ -405,7 +405,10 @@ impl Source {
                 // Other columns were not read.
                 let own = cloud.parts[0].header.scalars.iter().cloned();
                 let names: Vec<_> = own.chain(["height-above-ground".into()]).collect();
-                return format!("they have {}; `pointillist info` lists all", scalar::listed(&names));
+                return format!(
+                    "they have {}; `pointillist info` lists all",
+                    scalar::listed(&names)
+                );
             }
             (Source::Index(index), Attribute::Time | Attribute::Scalar(_)) => {
                 let option = format!("--keep {}", attribute.name());
@@ -609,10 +612,7 @@ fn numbers(index: &Index, attribute: Attribute) -> Vec<(f64, u64)> {
         let root = &index.nodes()[node];
         let mut weights = vec![1u32; root.count as usize];
         let columns = index.columns(node, attribute.wanted()).ok()?;
-        let numbers = match attribute {
-            Attribute::Scalar(scalar) => columns.scalar(scalar).cloned(),
-            _ => columns.gps_time,
-        }?;
+        let numbers = attribute.numbers_of(&columns)?.clone();
         if root.has(Plane::Weight) {
             index.read(node, Plane::Weight, bytemuck::cast_slice_mut(&mut weights)).ok()?;
         }
