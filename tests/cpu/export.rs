@@ -8,6 +8,7 @@ use crate::made::Las;
 use crate::shared::shared;
 use glam::DVec3;
 use pointillist::cloud::filter::{Condition, Filter};
+use pointillist::cloud::scalar::Scalars;
 use pointillist::cloud::{self, Cloud, ColumnSet, Columns, ReadOptions};
 use pointillist::error::{Error, Result};
 use pointillist::extract::input::Input;
@@ -44,7 +45,7 @@ fn export(
     output: &Path,
 ) -> Result<Exported> {
     let input = Input::open(files, &options(), &Silent)?;
-    extract::export(&input, selection, thinning, output, &Silent)
+    extract::export(&input, selection, thinning, Scalars::NONE, output, &Silent)
 }
 
 /// Exports all points of one file, and returns the notes.
@@ -372,7 +373,7 @@ fn an_interrupted_export_leaves_nothing() {
         let output = folder.path().join(name);
         let progress = Impatient(0.into());
         let (all, thinning) = (Selection::default(), Thinning::default());
-        let interrupted = extract::export(&input, &all, &thinning, &output, &progress);
+        let interrupted = extract::export(&input, &all, &thinning, Scalars::NONE, &output, &progress);
         assert!(matches!(interrupted, Err(Error::Interrupted)), "{name}");
         assert_eq!(names(folder.path()), ["street.laz"], "{name}");
     }

@@ -12,7 +12,7 @@ use pointillist::synth::{Relief, SceneKind};
 /// magnitude, and that which 95 % stay below.
 fn errors(cloud: &Cloud) -> [f64; 2] {
     let part = &cloud.parts[0];
-    let (columns, heights) = (&part.columns, part.columns.scalar.as_ref().unwrap());
+    let (columns, heights) = (&part.columns, part.columns.scalar(Scalar::HeightAboveGround).unwrap());
     let mut errors = Vec::new();
     for (i, height) in heights.iter().enumerate() {
         let place = part.lattice.world([columns.x[i], columns.y[i], columns.z[i]].map(i64::from));
@@ -40,6 +40,7 @@ fn heights_of_trees_and_houses_are_those_above_the_land() {
     println!("by class: mean {mean:.3} m, 95 % below {most:.3} m");
     assert!(mean < 0.1 && most < 0.3, "{mean} {most}");
     cloud.parts[0].columns.class = None;
+    cloud.parts[0].columns.scalars.clear();
     let said = ground::heights(&mut cloud).unwrap();
     assert!(said.contains("no point is of class 2"), "{said}");
     let [mean, most] = errors(&cloud);

@@ -307,10 +307,11 @@ fn job_14_points_show_any_number_that_they_have() {
         let Some(desk) = Desk::with(scan) else { continue };
         let listed = desk.types("info SCAN");
         assert!(listed.contains(&format!(", {color}")), "{color}: {listed}");
-        let wanted = color.parse::<Attribute>().unwrap().wanted();
+        let attribute = color.parse::<Attribute>().unwrap();
+        let wanted = attribute.wanted();
         let read = ReadOptions::new(wanted, false);
         let read = cloud::read(std::slice::from_ref(&desk.scan), &read, &Silent).unwrap();
-        let numbers = read.parts[0].columns.scalar.as_ref().unwrap();
+        let numbers = attribute.numbers_of(&read.parts[0].columns).unwrap();
         let bytes: Vec<u8> = numbers.iter().flat_map(|number| number.to_le_bytes()).collect();
         fs::write(desk.at("numbers"), bytes).unwrap();
         let script = format!(
