@@ -42,8 +42,8 @@ pub fn read(
     let (mut scalars, mut read) = (Vec::new(), 0);
     for property in &mut layout.elements[index].properties {
         if property.role == Role::Other && property.length.is_none() {
-            scalars.push(scalar::Scalar::extra_name(&property.name));
-            if let Some(asked) = options.wanted.scalars.extra(&property.name) {
+            scalars.push(scalar::Scalar::named(&property.name).to_string());
+            if let Some(asked) = options.wanted.scalars.named(&property.name) {
                 property.role = Role::Scalar(asked, read);
                 read += 1;
             }

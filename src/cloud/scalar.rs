@@ -42,6 +42,15 @@ impl Scalar {
         }))
     }
 
+    /// Returns the scalar that a name means in PLY and text.
+    pub fn named(name: &str) -> Scalar {
+        match name.to_lowercase().replace(['-', ' '], "_").as_str() {
+            "near_infrared" | "nir" => Scalar::NearInfrared,
+            "scan_angle" => Scalar::ScanAngle,
+            _ => Scalar::extra(name),
+        }
+    }
+
     /// Tests whether it is the attribute of this name in a file.
     pub fn is_extra(self, name: &str) -> bool {
         matches!(self, Scalar::Extra(own) if own.eq_ignore_ascii_case(name))
@@ -108,7 +117,14 @@ impl Scalars {
         self.named.contains(&scalar) || self.all && scalar != Scalar::HeightAboveGround
     }
 
-    /// Returns the attribute of this name in a file, if it is in the set.
+    /// Returns the attribute of this name in PLY or text, if it is in the set.
+    pub fn named(self, name: &str) -> Option<Scalar> {
+        let own = Scalar::named(name);
+        let extra = self.named.iter().copied().find(|scalar| scalar.is_extra(name));
+        extra.or_else(|| self.has(own).then_some(own))
+    }
+
+    /// Returns extra bytes of this name, if they are in the set.
     pub fn extra(self, name: &str) -> Option<Scalar> {
         let named = self.named.iter().copied().find(|scalar| scalar.is_extra(name));
         named.or_else(|| self.all.then(|| Scalar::extra(name)))

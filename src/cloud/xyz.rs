@@ -35,8 +35,8 @@ pub fn read(
         .collect::<Vec<_>>()
     {
         let name = table.extra(place).name;
-        scalars.push(Scalar::extra_name(&name));
-        if let Some(asked) = options.wanted.scalars.extra(&name) {
+        scalars.push(Scalar::named(&name).to_string());
+        if let Some(asked) = options.wanted.scalars.named(&name) {
             table.columns[place].role = Role::Scalar(asked, read);
             read += 1;
         }

@@ -131,7 +131,8 @@ impl Fields {
             known.map(|(field, name)| (field, name.into())).collect();
         for &scalar in scalars {
             if FIELDS.iter().all(|(field, _)| *field != Field::Scalar(scalar)) {
-                fields.push((Field::Scalar(scalar), own_name(scalar)));
+                let name = own_name(scalar, &fields);
+                fields.push((Field::Scalar(scalar), name));
             }
         }
         Fields { fields, colors }
@@ -170,8 +171,8 @@ impl Fields {
     }
 }
 
-/// Returns the name of a scalar among those of fields, in one word.
-fn own_name(scalar: Scalar) -> String {
+/// Returns the name of a scalar among those of fields, in one word that means nothing else.
+fn own_name(scalar: Scalar, fields: &[(Field, String)]) -> String {
     let name = match scalar {
         Scalar::Extra(name) => {
             name.replace(|c: char| c.is_whitespace() || c == ',' || c == '"', "_")
@@ -179,7 +180,9 @@ fn own_name(scalar: Scalar) -> String {
         named => named.to_string().replace('-', "_"),
     };
     let is_taken = |taken: &str| taken.eq_ignore_ascii_case(&name);
-    match FIELDS.iter().map(|(_, taken)| *taken).chain(["x", "y", "z"]).any(is_taken) {
+    let read = FIELDS.iter().filter(|(field, _)| *field != Field::UserData).map(|(_, name)| *name);
+    let own = fields.iter().map(|(_, name)| name.as_str());
+    match read.chain(own).chain(["x", "y", "z"]).any(is_taken) {
         true => format!("extra_{name}"),
         false => name,
     }

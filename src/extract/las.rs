@@ -148,6 +148,7 @@ impl<'p> Plan<'p> {
             }
             self.added.iter().for_each(|scalar| {
                 let name = match scalar {
+                    Scalar::Extra(name) if LAS_NAMES.contains(name) => format!("extra_{name}"),
                     Scalar::Extra(name) => name.to_string(),
                     named => named.to_string().replace('-', "_"),
                 };
@@ -246,6 +247,18 @@ const PROJECTION: &str = "LASF_Projection";
 
 /// User and number of the record that declares extra bytes.
 const EXTRA_BYTES: (&str, u16) = ("LASF_Spec", 4);
+
+/// Names that other programs have for fields of records.
+const LAS_NAMES: [&str; 8] = [
+    "classification",
+    "gps_time",
+    "intensity",
+    "nir",
+    "point_source_id",
+    "return_number",
+    "scan_angle",
+    "user_data",
+];
 
 /// Bytes of a declaration of extra bytes.
 const DECLARATION: usize = 192;

@@ -6,8 +6,8 @@
 use super::plan::{Memory, Plan, Shape, Step};
 use super::submission::Submission;
 use super::{
-    Access, Pause, BufferDesc, Code, CompletedSubmission, Gpu, Graph, Groups, Import, Kind, LAYOUT, Place,
-    ResourceId, Work, too_large,
+    Access, BufferDesc, Code, CompletedSubmission, Gpu, Graph, Groups, Import, Kind, LAYOUT, Pause,
+    Place, ResourceId, Work, too_large,
 };
 use crate::error::{Error, Result};
 use crate::gpu::breadcrumbs::Breadcrumbs;
@@ -106,9 +106,8 @@ pub(super) fn into_host<'g>(
     plan: Plan,
     commands: vk::CommandBuffer,
 ) -> Result<(Recorded, &'g mut Gpu)> {
-    let (recorded, (), gpu) = record(graph, plan, |gpu, recording| {
-        Ok((recording.steps(gpu, commands, None)?, ()))
-    })?;
+    let (recorded, (), gpu) =
+        record(graph, plan, |gpu, recording| Ok((recording.steps(gpu, commands, None)?, ())))?;
     Ok((recorded, gpu))
 }
 
@@ -347,9 +346,9 @@ impl Recording<'_> {
                 // A pass without workgroups is recorded, too.
                 while first < rows.max(1) {
                     let left = rows - first;
-                    let some = parts
-                        .as_ref()
-                        .map_or(left, |parts| parts.rows(gpu, kernel, order, left.max(1)).min(left));
+                    let some = parts.as_ref().map_or(left, |parts| {
+                        parts.rows(gpu, kernel, order, left.max(1)).min(left)
+                    });
                     if let Some(labels) = &gpu.device.labels {
                         // SAFETY: the command buffer is being recorded; the label outlives the call.
                         unsafe {

@@ -142,6 +142,10 @@ impl Index {
                 "`pointillist index FILES -o {} --gps-time` keeps it",
                 self.path().display()
             ),
+            scalar if scalar.parse::<Scalar>().is_ok() => format!(
+                "`pointillist index FILES -o {} --keep {scalar}` keeps it",
+                self.path().display()
+            ),
             _ => "`pointillist info` lists its planes".into(),
         })?;
         let origin = |station: usize| {
