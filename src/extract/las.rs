@@ -292,7 +292,7 @@ fn modern(input: &Input, scalars: &[Scalar], notes: &mut Vec<String>) -> u8 {
     let parts = input.parts();
     let las: Vec<&Las> = (0..parts.len()).filter_map(|part| input.las(part)).collect();
     if input.is_index() {
-        notes.push("an index has no user data, flags and 16-bit colours, and only the one scalar that it was told to keep; exporting its files keeps them".into());
+        notes.push("an index has no scan angles, near infrared and extra bytes beside the one that it keeps, and no user data, flags and 16-bit colours; exporting its files keeps them".into());
     } else if las.len() > 1 {
         notes.push("the files have different point formats; LAS 1.4 records hold them all".into());
     }

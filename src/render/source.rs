@@ -302,6 +302,23 @@ impl Source {
         }
     }
 
+    /// Returns the numbers of its points that only its files have names for.
+    pub fn own_scalars(&self) -> Vec<Attribute> {
+        let names: Vec<String> = match self {
+            Source::Files(cloud) => {
+                cloud.parts.iter().flat_map(|part| part.header.scalars.iter().cloned()).collect()
+            }
+            Source::Index(index) => index.directory.contents.scalar.iter().cloned().collect(),
+        };
+        let mut own = Vec::new();
+        for attribute in names.iter().filter_map(|name| name.parse::<Attribute>().ok()) {
+            if !Attribute::NAMED.contains(&attribute) && !own.contains(&attribute) {
+                own.push(attribute);
+            }
+        }
+        own
+    }
+
     /// Returns the number of nodes of an index.
     pub fn nodes(&self) -> Option<usize> {
         match self {
