@@ -346,7 +346,7 @@ impl Camera {
             }
         };
         // Points are drawn as wide as they lie apart, and few ones lie far apart.
-        let margin = 1.06 + 1.0 / (points.len().max(4) as f64).sqrt();
+        let margin = (1.0 + 2.4 / (points.len().max(16) as f64).sqrt()).max(1.06);
         let mut camera = Camera {
             eye: centre - forward,
             target: centre,
