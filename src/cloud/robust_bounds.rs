@@ -15,7 +15,7 @@ const SAMPLES: u64 = 100_000;
 const BEYOND: f64 = 0.002;
 /// Connectivity of points beyond the box, relative to its longest side: the size of adjacent
 /// occupied cells, and the distance they may lead.
-const STEP: f64 = 1.0 / 20.0;
+const STEP: f64 = 1.0 / 50.0;
 const WAY: f64 = 0.25;
 
 impl Cloud {

@@ -262,7 +262,8 @@ impl Parts<'_, '_> {
         order: usize,
         steps: usize,
     ) -> Result<()> {
-        let Some(progress) = self.progress.filter(|_| order > 0 && order % STEPS_PER_FLUSH == 0)
+        let Some(progress) =
+            self.progress.filter(|_| order > 0 && order.is_multiple_of(STEPS_PER_FLUSH))
         else {
             return Ok(());
         };
