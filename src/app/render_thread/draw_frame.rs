@@ -35,6 +35,9 @@ impl Progress for Superseded<'_> {
     }
 }
 
+/// Time between two panels while a frame is drawn, so that panels do not take all of it.
+const PANEL_EVERY: Duration = Duration::from_millis(25);
+
 /// Longest time of casting samples of the light between two frames.
 const REFINE_BUDGET: Duration = Duration::from_millis(100);
 
@@ -218,8 +221,12 @@ impl RenderLoop {
         times.recording = recording.elapsed();
         let (began, handled) = (Instant::now(), self.inbox.handled);
         let (inbox, schedule) = (&mut self.inbox, &mut self.schedule);
+        let mut shown = Instant::now();
         let mut pause = |gpu: &mut Gpu| {
-            inbox.show_panel(gpu, present, &mut schedule.show_due)?;
+            if shown.elapsed() >= PANEL_EVERY {
+                inbox.show_panel(gpu, present, &mut schedule.show_due)?;
+                shown = Instant::now();
+            }
             if interruptible { inbox.picture_superseded().tick("", 0, 0) } else { Ok(()) }
         };
         let outputs = [screen.words.resource()];
