@@ -18,6 +18,7 @@ use crate::cloud::attribute::{
     Attribute, CODE_SHIFT, DisplayAttribute, STATION_SHIFT, station_code, station_left_out,
 };
 use crate::cloud::octahedral;
+use crate::cloud::scalar::Scalar;
 use crate::config::{BITS_PER_PLANE, PATIENCE, POINTS_PER_PAGE};
 use crate::error::{Error, Result};
 use crate::index::attributes::strokes;
@@ -313,7 +314,9 @@ impl<P: FnMut()> Thread<P> {
                 *height = *height << BITS_PER_PLANE | (word >> along) & ((1 << BITS_PER_PLANE) - 1)
             });
         }
-        let planes_of = Plane::of(self.shown.attribute);
+        let above = Attribute::Scalar(Scalar::HeightAboveGround);
+        let is_above = self.shown.attribute == above && index.ground.is_some();
+        let planes_of = if is_above { &[][..] } else { Plane::of(self.shown.attribute) };
         match planes_of.iter().copied().find(|&plane| record.has(plane)) {
             Some(plane) => {
                 self.bytes.resize(record.unpacked_bytes(plane) as usize, 0);
@@ -356,6 +359,11 @@ impl<P: FnMut()> Thread<P> {
                         .zip(codes)
                         .for_each(|(word, code)| *word |= code << CODE_SHIFT);
                 }
+            }
+            None if is_above => {
+                let columns = index.columns(node, above.wanted())?;
+                let numbers = above.numbers_of(&columns).into_iter().flatten();
+                words.iter_mut().zip(numbers).for_each(|(word, &v)| *word = self.shown.place(v));
             }
             None if elevation => {
                 let height = world_height(&index, record, self.shown.up.index());

@@ -345,7 +345,8 @@ impl Camera {
                 ((along.normalize() - DVec3::Z * down).normalize(), DVec3::Z)
             }
         };
-        const MARGIN: f64 = 1.06;
+        // Points are drawn as wide as they lie apart, and few ones lie far apart.
+        let margin = (1.0 + 2.4 / (points.len().max(16) as f64).sqrt()).max(1.06);
         let mut camera = Camera {
             eye: centre - forward,
             target: centre,
@@ -366,7 +367,7 @@ impl Camera {
         if preset == Preset::Fit {
             let diagonal = half.length();
             let tangent = (camera.fov_y.to_radians() / 2.0).tan();
-            let slope = tangent / MARGIN;
+            let slope = tangent / margin;
             let side = |axis: DVec3, before: f64, after: f64| {
                 let (a, b) = (most(axis - forward * after), most(-axis - forward * before));
                 ((a, b), -(a + b) / (before + after))
@@ -383,7 +384,7 @@ impl Camera {
         } else {
             let (left, width) = ((most(right) - most(-right)) / 2.0, most(right) + most(-right));
             let (low, height) = ((most(up) - most(-up)) / 2.0, most(up) + most(-up));
-            let fitting = height.max(width / (aspect * (1.0 - covered))) * MARGIN;
+            let fitting = height.max(width / (aspect * (1.0 - covered))) * margin;
             let fitting = if fitting > 0.0 { fitting } else { half.length() };
             camera.target = centre + right * (left - covered / 2.0 * aspect * fitting) + up * low;
             camera.eye = camera.target - forward * (2.0 * half.length());

@@ -60,6 +60,8 @@ pub struct Categories {
     pub reference: Reference,
     /// The axis that points up.
     pub up: Up,
+    /// Numbers that only the files have names for.
+    pub scalars: Vec<Attribute>,
 }
 
 impl Categories {
@@ -71,6 +73,7 @@ impl Categories {
             stations: source.stations().to_vec(),
             reference: source.reference(),
             up: source.up(),
+            scalars: source.own_scalars(),
         }
     }
 }

@@ -11,6 +11,9 @@
 //!
 //! Otherwise it sleeps until a message comes. A frame that is superseded is not finished.
 //!
+//! On a software device a frame that takes long is submitted in parts. Between them a panel that has
+//! come is drawn over the last frame, so that buttons answer while a picture is in progress.
+//!
 //! One frame at a time is on the device. As soon as it starts, the window's thread is told and
 //! moves the camera on; where the camera is when the frame is done is drawn next. So input is on
 //! the screen after the rest of one frame and one more. A second frame queued on the device would
@@ -38,6 +41,7 @@ use crate::view::View;
 use draw_frame::Superseded;
 pub use messages::{FrameReport, FrameTimes, Loading, Message, RenderEvent, Upload};
 use saving::SaveQueue;
+use std::collections::VecDeque;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
@@ -70,6 +74,7 @@ impl RenderThread {
             window: [0, 0],
             inbox: Inbox {
                 messages,
+                waiting: VecDeque::new(),
                 posted: posted.clone(),
                 handled: 0,
                 urgent: urgent.clone(),
@@ -137,6 +142,8 @@ const LOAD_POLL: Duration = Duration::from_millis(10);
 /// Messages from the window.
 struct Inbox {
     messages: Receiver<Message>,
+    /// Messages that have come while a frame was drawn.
+    waiting: VecDeque<Message>,
     /// Number of messages sent that change the picture.
     posted: Arc<AtomicU64>,
     /// Number of these that have been handled.
@@ -148,6 +155,11 @@ struct Inbox {
 }
 
 impl Inbox {
+    /// Returns the next message that has come.
+    fn next(&mut self) -> Option<Message> {
+        self.waiting.pop_front().or_else(|| self.messages.try_recv().ok())
+    }
+
     fn superseded(&self) -> Superseded<'_> {
         Superseded { posted: &self.urgent, handled: self.urgent_handled }
     }
@@ -243,7 +255,9 @@ impl RenderLoop {
     /// Handles messages and takes steps, until the window closes.
     fn serve(&mut self) -> Result<()> {
         loop {
+            let waiting = self.inbox.waiting.pop_front();
             let first = match self.idle_timeout() {
+                _ if waiting.is_some() => waiting,
                 Some(wait) => match self.inbox.messages.recv_timeout(wait) {
                     Ok(message) => Some(message),
                     Err(RecvTimeoutError::Timeout) => None,
@@ -262,7 +276,7 @@ impl RenderLoop {
                     return Ok(());
                 }
                 self.handle(message)?;
-                next = self.inbox.messages.try_recv().ok();
+                next = self.inbox.next();
             }
             self.step()?;
             self.upload_step()?;

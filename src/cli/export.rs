@@ -5,6 +5,7 @@ use super::files::{check_extension, refuse_to_overwrite};
 use super::filters::{ClipOptions, FilterOptions};
 use super::options::{ColorOptions, TextArguments};
 use super::streams;
+use crate::cloud::scalar::{Scalar, Scalars};
 use crate::cloud::{ColumnSet, ReadOptions};
 use crate::error::{Error, Result};
 use crate::extract::input::Input;
@@ -25,6 +26,7 @@ Examples:
   pointillist export scan.e57 -o room.csv --clip box:10,-5,0,14,5,3         a table with a line of names
   pointillist export scan.laz -o thin.laz --thin 0.05                       one point a cell of 5 cm
   pointillist export site.pnti -o part.ply --every 10                       an index, every tenth point
+  pointillist export scan.laz -o low.laz --where height-above-ground=0.2..2 --add height-above-ground
   pointillist export scan.laz -o shown.laz --scene scene.json               what a scene of the window shows
 
 Points of LAS files keep their records bit for bit in .las and .laz: positions, all attributes, extra
@@ -60,6 +62,10 @@ pub struct Arguments {
     /// Keep every N-th of the points that are left, from the first on
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u64).range(1..), hide_default_value = true)]
     pub every: u64,
+    /// Add heights above a coarse surface of the ground to each point. Scalars of the files are kept
+    /// without being asked for
+    #[arg(long, value_name = "height-above-ground", value_parser = added)]
+    pub add: Option<Scalar>,
     /// Refuse a truncated or inconsistent file instead of keeping what is readable
     #[arg(long)]
     pub strict: bool,
@@ -69,13 +75,26 @@ pub struct Arguments {
     pub text: TextArguments,
 }
 
-/// Returns how inputs are read: all attributes, and LAS records as they are.
-pub fn reading(text: &TextArguments, colors: &ColorOptions, strict: bool) -> ReadOptions {
+/// Parses `--add`.
+fn added(text: &str) -> std::result::Result<Scalar, String> {
+    let height = Scalar::HeightAboveGround;
+    let is_it = text == height.to_string();
+    is_it.then_some(height).ok_or(format!("only {height} can be added"))
+}
+
+/// Returns how inputs are read: all attributes, those that are `wanted`, and LAS records as they are.
+pub fn reading(
+    text: &TextArguments,
+    colors: &ColorOptions,
+    wanted: ColumnSet,
+    strict: bool,
+) -> ReadOptions {
+    let all = ColumnSet { scalars: Scalars::ALL, ..ColumnSet::ALL };
     ReadOptions {
         text: text.options(),
         rgb_range: colors.rgb_range,
         records: true,
-        ..ReadOptions::new(ColumnSet::ALL, strict)
+        ..ReadOptions::new(all.and(wanted), strict)
     }
 }
 
@@ -110,10 +129,14 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
     let output: &Path = &arguments.output;
     refuse_to_overwrite(output, &arguments.files)?;
     check_extension(output, &ENDINGS)?;
-    let options = reading(&arguments.text, &arguments.colors, arguments.strict);
+    let selection = arguments.selection()?;
+    let added: Scalars = arguments.add.into_iter().collect();
+    let wanted = selection.filter.wanted();
+    let wanted = ColumnSet { scalars: wanted.scalars.and(added), ..wanted };
+    let options = reading(&arguments.text, &arguments.colors, wanted, arguments.strict);
     let input = open(&arguments.files, &options, progress)?;
     let thinning = Thinning { cell: arguments.thin, every: arguments.every, ..Thinning::default() };
-    let exported = extract::export(&input, &arguments.selection()?, &thinning, output, progress)?;
+    let exported = extract::export(&input, &selection, &thinning, added, output, progress)?;
     exported.notes.iter().for_each(streams::note);
     streams::say(exported.line(output));
     Ok(())

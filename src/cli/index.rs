@@ -90,7 +90,7 @@ impl Arguments {
         };
         let kept = self.keep.map(Attribute::wanted).unwrap_or_default();
         let gps_time = self.gps_time || kept.gps_time;
-        let wanted = ColumnSet { gps_time, scalar: kept.scalar, ..usual.wanted };
+        let wanted = ColumnSet { gps_time, scalars: kept.scalars, ..usual.wanted };
         let (text, rgb_range) = (self.text.options(), self.colors.rgb_range);
         Ok(Options { memory: self.memory.0, threads, wanted, text, rgb_range, derive, ..usual })
     }
@@ -100,7 +100,7 @@ impl Arguments {
 fn kept(text: &str) -> std::result::Result<Attribute, String> {
     match text.parse()? {
         Attribute::Scalar(Scalar::HeightAboveGround) => {
-            Err("heights above ground are found for files that are drawn without an index".into())
+            Err("heights above ground are not kept: they are found of any index".into())
         }
         kept @ (Attribute::Time | Attribute::Scalar(_)) => Ok(kept),
         other => Err(format!("{} is kept without being asked for", other.name())),

@@ -14,6 +14,7 @@ use crate::cloud::Station;
 use crate::cloud::attribute::Attribute;
 use crate::cloud::crs::Unit;
 use crate::cloud::histograms::Histograms;
+use crate::cloud::scalar::{self, Scalar};
 use crate::cloud::spacing::{self, Around};
 use crate::cloud::strays::Strays;
 use crate::error::{Error, Result};
@@ -137,7 +138,9 @@ fn colors(index: &Index) -> Vec<String> {
     let named = Attribute::NAMED.into_iter().filter(|&attribute| index.shows(attribute));
     let names: Vec<String> = named.map(Attribute::name).collect();
     let kept = index.directory.contents.scalar.clone().filter(|kept| !names.contains(kept));
-    names.into_iter().chain(kept).collect()
+    // Found when it is asked for.
+    let height = Scalar::HeightAboveGround.to_string();
+    names.into_iter().chain(kept).chain([height]).collect()
 }
 
 impl Tree {
@@ -203,7 +206,7 @@ impl Report<'_> {
             .value
             .map_or("unknown, fewer than two places".into(), |value| self.unit.length(value, 6));
         line("spacing", format!("{value} ({})", self.spacing.how));
-        line("--color", self.colors.join(", "));
+        line("--color", scalar::listed(&self.colors));
         let tree = &self.index;
         line(
             "size",

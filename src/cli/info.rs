@@ -33,6 +33,7 @@ use crate::cloud::digits::{self, Digits};
 use crate::cloud::filter::grouped;
 use crate::cloud::histograms::Histograms;
 use crate::cloud::rgb_range::Scale;
+use crate::cloud::scalar;
 use crate::cloud::strays::Strays;
 use crate::cloud::{self, Cloud, ColumnSet, Extra, Header, Part, ReadOptions, Station, spacing};
 use crate::error::{Error, Result};
@@ -109,14 +110,15 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
 
 fn of_files(arguments: &Arguments, progress: &dyn Progress) -> Result<String> {
     let (text, rgb_range) = (arguments.text.options(), arguments.colors.rgb_range);
+    let filter = arguments.filters.filter();
     let options = ReadOptions {
         text,
         rgb_range,
         extras: true,
-        ..ReadOptions::new(ColumnSet::ALL, arguments.strict)
+        ..ReadOptions::new(ColumnSet::ALL.and(filter.wanted()), arguments.strict)
     };
     let mut cloud = cloud::read(&arguments.files, &options, progress)?;
-    cloud.filter(&arguments.filters.filter())?;
+    cloud.filter(&filter)?;
     let clips = arguments.clips.clips();
     if clips.active() > 0 {
         cloud.keep("--clip", &|place| clips.keep(place))?;
@@ -132,12 +134,12 @@ fn of_files(arguments: &Arguments, progress: &dyn Progress) -> Result<String> {
 
 /// Counts the points that are left, a batch at a time.
 fn counted(arguments: &Arguments, progress: &dyn Progress) -> Result<String> {
+    let (filter, clips) = (arguments.filters.filter(), arguments.clips.clips());
     let options = ReadOptions {
         records: false,
-        ..export::reading(&arguments.text, &arguments.colors, arguments.strict)
+        ..export::reading(&arguments.text, &arguments.colors, filter.wanted(), arguments.strict)
     };
     let input = export::open(&arguments.files, &options, progress)?;
-    let (filter, clips) = (arguments.filters.filter(), arguments.clips.clips());
     let selection = Selection { filter, clips, ..Selection::default() };
     let Count { points, of, bounds, histograms, notes } =
         count::count(&input, &selection, progress)?;
@@ -438,7 +440,7 @@ impl<'a> PartReport<'a> {
             ),
         );
         self.attributes.write(&mut line);
-        line("--color", self.colors.join(", "));
+        line("--color", scalar::listed(&self.colors));
         if let Some(system) = &self.header.system {
             line("crs", system_words(system));
         }

@@ -84,8 +84,11 @@ pub struct Arguments {
     #[arg(long, value_name = "WxH", default_value_t = Size([1600, 800]))]
     pub size: Size,
     /// What the points show [default: rgb if the files have it, else intensity, else elevation];
-    /// ramps are those of the profile's points
-    #[arg(long, value_name = "rgb|intensity|elevation|class|...")]
+    /// ramps are those of the profile's points. Times and scalars are in the table, too
+    #[arg(
+        long,
+        value_name = "rgb|intensity|elevation|class|time|nir|height-above-ground|extra:NAME|..."
+    )]
     pub color: Option<Attribute>,
     #[command(flatten)]
     pub filters: FilterOptions,
@@ -107,6 +110,8 @@ const PIXELS: f64 = 64e6;
 struct Ranges {
     points: u64,
     heights: [f64; 2],
+    /// Times or scalars, if the points show these.
+    numbers: [f64; 2],
     /// Points of each intensity.
     intensities: Vec<u64>,
     /// Whether a point has a colour other than black; a file of black points has none.
@@ -139,12 +144,16 @@ impl Arguments {
         };
         let attribute = self.color.unwrap_or(usual);
         let name = attribute.name();
-        if matches!(attribute, Attribute::Corrected | Attribute::Time | Attribute::Scalar(_)) {
+        if attribute == Attribute::Corrected {
             return Err(Error::Request(format!(
                 "--color {name} is not drawn in profiles; use another, such as rgb"
             )));
         }
-        if has.and(attribute.wanted()) != has {
+        let is_there = match attribute {
+            Attribute::Scalar(scalar) => has.scalars.has(scalar),
+            _ => has.and(attribute.wanted()) == has,
+        };
+        if !is_there {
             return Err(Error::Request(format!(
                 "--color {name}: the points do not have it; `pointillist info` lists their attributes"
             )));
@@ -154,6 +163,9 @@ impl Arguments {
                 DisplayAttribute::indexed(attribute, ranges.heights, [0, u16::MAX.into()])
             }
             Attribute::Intensity => DisplayAttribute::indexed(attribute, [0.0; 2], stretch),
+            _ if attribute.is_spread() => {
+                DisplayAttribute::indexed(attribute, ranges.numbers, [0, u16::MAX.into()])
+            }
             _ => DisplayAttribute::indexed(attribute, [0.0; 2], [0, 255]),
         })
     }
@@ -184,16 +196,18 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
         )));
     }
     let (pictures, tables) = (arguments.outputs("svg")?, arguments.outputs("csv")?);
-    let options = export::reading(&arguments.text, &arguments.colors, arguments.strict);
+    let filter = arguments.filters.filter();
+    let wanted = arguments.color.map(Attribute::wanted).unwrap_or_default().and(filter.wanted());
+    let options = export::reading(&arguments.text, &arguments.colors, wanted, arguments.strict);
     let input = export::open(&arguments.files, &options, progress)?;
     let selection = Selection {
-        filter: arguments.filters.filter(),
+        filter,
         clips: arguments.clips.clips(),
         opacities: Opacities::default(),
         slab: Some(slab),
     };
     input.check(&selection.filter)?;
-    let (ranges, notes) = ranges(&input, &selection, progress)?;
+    let (ranges, notes) = ranges(&input, &selection, arguments.color, progress)?;
     notes.iter().for_each(streams::note);
     if ranges.points == 0 {
         return Err(Error::Request(nothing(&input, arguments)));
@@ -208,11 +222,13 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
         let path = path.to_owned();
         move |error| Error::io("write", &path, error)
     };
+    let named = is_column(shown.attribute).then(|| shown.attribute.name());
     let mut files = Vec::new();
     for table in &tables {
         let file = File::create(table.whole.partial()).map_err(wrote(&table.path))?;
         let mut file = BufWriter::new(file);
-        file.write_all(section::head("source").as_bytes()).map_err(wrote(&table.path))?;
+        file.write_all(section::head("source", named.as_deref()).as_bytes())
+            .map_err(wrote(&table.path))?;
         files.push(file);
     }
     let side = side(&axes, ranges.points);
@@ -252,6 +268,11 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
     Ok(())
 }
 
+/// Tests whether what the points show is a column of tables.
+fn is_column(shown: Attribute) -> bool {
+    matches!(shown, Attribute::Time | Attribute::Scalar(_))
+}
+
 /// Returns the sides of points on a canvas: larger where there are few `[px]`.
 fn side(axes: &Axes, points: u64) -> usize {
     let apart = (axes.size.x * axes.size.y / points as f64).sqrt();
@@ -266,6 +287,7 @@ fn points(
     shown: &DisplayAttribute,
 ) -> Vec<SectionPoint> {
     let (lattice, columns) = (&input.parts()[batch.part].lattice, batch.columns);
+    let (is_column, numbers) = (is_column(shown.attribute), shown.attribute.numbers_of(columns));
     let point = |&i: &u32| {
         let i = i as usize;
         let position = lattice.world(batch.steps(i));
@@ -279,6 +301,7 @@ fn points(
             place: slab.place(position)?,
             position,
             labels: Some([class.into(), returned.into(), batch.source(i).into()]),
+            number: is_column.then(|| numbers.map_or(f64::NAN, |numbers| numbers[i])),
             color: colormap::color_of(shown, word),
         })
     };
@@ -288,30 +311,37 @@ fn points(
 fn ranges(
     input: &Input,
     selection: &Selection,
+    color: Option<Attribute>,
     progress: &dyn Progress,
 ) -> Result<(Ranges, Vec<String>)> {
     let mut ranges = Ranges {
         points: 0,
         heights: [f64::INFINITY, f64::NEG_INFINITY],
+        numbers: [f64::INFINITY, f64::NEG_INFINITY],
         intensities: vec![0; 1 << 16],
         has_colors: false,
     };
     let map = |batch: &Batch| {
         let lattice = &input.parts()[batch.part].lattice;
+        let numbers = color.and_then(|color| color.numbers_of(batch.columns));
         let of = |&i: &u32| {
             let i = i as usize;
+            let number = numbers.map_or(f64::NAN, |numbers| numbers[i]);
             let intensity = batch.columns.intensity.as_ref().map_or(0, |column| column[i]);
-            (lattice.world(batch.steps(i)).z, intensity)
+            (lattice.world(batch.steps(i)).z, intensity, number)
         };
         let colors = batch.columns.rgb.as_ref();
         let has_color = |&i: &u32| colors.is_some_and(|colors| colors[i as usize] != [0; 3]);
         let points = batch.left.iter().map(of).collect::<Vec<_>>();
         Ok((points, batch.left.iter().any(has_color)))
     };
-    let mut take = |(points, has_colors): (Vec<(f64, u16)>, bool)| {
+    let mut take = |(points, has_colors): (Vec<(f64, u16, f64)>, bool)| {
         ranges.has_colors |= has_colors;
         ranges.points += points.len() as u64;
-        for (height, intensity) in points {
+        for (height, intensity, number) in points {
+            // Neither end becomes NaN.
+            let [least, most] = ranges.numbers;
+            ranges.numbers = [least.min(number), most.max(number)];
             let [lo, hi] = ranges.heights;
             ranges.heights = [lo.min(height), hi.max(height)];
             ranges.intensities[intensity as usize] += 1;

@@ -10,6 +10,7 @@ use super::units::Bytes;
 use crate::cloud::ReadOptions;
 use crate::cloud::crs::{Crs, Reference};
 use crate::cloud::filter::grouped;
+use crate::cloud::scalar::Scalar;
 use crate::error::Result;
 use crate::extract::Selection;
 use crate::extract::count::count;
@@ -28,6 +29,7 @@ Examples:
   pointillist raster scan.laz -o density.tif --resolution 1 --value count
   pointillist raster scan.laz -o colors.tif --resolution 0.1 --value rgb
   pointillist raster scan.laz -o strips.tif --resolution 0.5 --value intensity --only source=706
+  pointillist raster scan.laz -o canopy.tif --resolution 1 --value height-above-ground
   pointillist raster site.pnti -o part.tif --resolution 0.25 --extent 645000,5100000,645500,5100500
 
 Cells are the points' own: nothing is filled between them. Pictures of filled, shaded surfaces as maps:
@@ -47,8 +49,9 @@ pub struct Arguments {
     /// multiples of it
     #[arg(long, value_name = "METRES", value_parser = map::resolution, allow_hyphen_values = true)]
     pub resolution: f64,
-    /// What cells hold
-    #[arg(long, value_enum, default_value_t = Value::Height)]
+    /// What cells hold: heights, intensities or scalars as 32-bit floating point, numbers of points as
+    /// 32-bit unsigned, colours as 8 bits a channel with an alpha of 0 where there are no points
+    #[arg(long, value_name = "height|intensity|count|rgb|nir|scan-angle|height-above-ground|extra:NAME", default_value_t = Value::Height)]
     pub value: Value,
     /// Which of a cell's points gives the value
     #[arg(long, value_enum, default_value_t = Pick::Highest)]
@@ -113,13 +116,13 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
     }
     let parts = input.parts();
     let reference = Reference::of(parts.iter().map(|part: &Part| (&part.header, part.lattice)));
-    let unit = reference.height_unit();
+    let (unit, name) = (reference.height_unit(), value.to_string());
     let map = Map {
         grid,
         system: reference.system.as_ref(),
         text: parts.first().and_then(|part| Crs::text_of(&part.header)),
         sample: match value {
-            Value::Height | Value::Intensity => Sample::Float,
+            Value::Height | Value::Intensity | Value::Scalar(_) => Sample::Float,
             Value::Count => Sample::Count,
             Value::Rgb => Sample::Byte,
         },
@@ -128,9 +131,12 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
             Value::Height => Some(("height", unit.symbol())),
             Value::Intensity => Some(("intensity", "")),
             Value::Count => Some(("points", "")),
+            Value::Scalar(Scalar::HeightAboveGround) => Some((name.as_str(), unit.symbol())),
+            Value::Scalar(_) => Some((name.as_str(), "")),
             Value::Rgb => None,
         },
-        no_data: matches!(value, Value::Height | Value::Intensity).then_some(NO_DATA_TEXT),
+        no_data: matches!(value, Value::Height | Value::Intensity | Value::Scalar(_))
+            .then_some(NO_DATA_TEXT),
         has_heights: *value == Value::Height,
     };
     note_system(map.system);

@@ -2,7 +2,7 @@
 //! that effects need.
 
 use super::color_scale::{ColorScale, Ramp};
-use super::scalar::Scalar;
+use super::scalar::{Scalar, Scalars};
 use super::up::Up;
 use super::{Cloud, ColumnSet, Columns, Lattice, Part, Station, octahedral};
 use std::str::FromStr;
@@ -16,13 +16,13 @@ pub enum Attribute {
     Class,
     Source,
     Return,
-    /// GPS time of files; an index has none
+    /// GPS time of files, or of an index that keeps it
     Time,
     Normal,
     /// Colours whose luminance is averaged over neighbours
     Corrected,
     White,
-    /// A number of files; an index has none
+    /// A number of files, or of an index that keeps it
     Scalar(Scalar),
 }
 
@@ -96,7 +96,7 @@ impl Attribute {
             Attribute::Return => wanted.returns = true,
             Attribute::Normal => wanted.normal = true,
             Attribute::Scalar(scalar) => {
-                wanted.scalar = Some(scalar);
+                wanted.scalars = Scalars::from_iter([scalar]);
                 // Ground is a class.
                 wanted.class = scalar == Scalar::HeightAboveGround;
             }
@@ -115,6 +115,15 @@ impl Attribute {
         cloud.parts.iter().any(|part| self.is_of(&part.columns))
     }
 
+    /// Returns the column of times or of a scalar.
+    pub fn numbers_of(self, columns: &Columns) -> Option<&Vec<f64>> {
+        match self {
+            Attribute::Time => columns.gps_time.as_ref(),
+            Attribute::Scalar(scalar) => columns.scalar(scalar),
+            _ => None,
+        }
+    }
+
     /// Tests whether points with these columns have it.
     pub fn is_of(self, columns: &Columns) -> bool {
         match self {
@@ -125,7 +134,7 @@ impl Attribute {
             Attribute::Source => columns.source.is_some(),
             Attribute::Return => columns.returns.is_some(),
             Attribute::Normal => columns.normal.is_some(),
-            Attribute::Scalar(_) => columns.scalar.is_some(),
+            Attribute::Scalar(scalar) => columns.scalar(scalar).is_some(),
             Attribute::Elevation | Attribute::White => true,
         }
     }
@@ -252,9 +261,7 @@ impl DisplayAttribute {
         let columns = || cloud.parts.iter().map(|part| &part.columns);
         let ends = match attribute {
             Attribute::Elevation => cloud.heights(),
-            Attribute::Time => extremes(columns().map(|columns| columns.gps_time.as_ref())),
-            Attribute::Scalar(_) => extremes(columns().map(|columns| columns.scalar.as_ref())),
-            _ => None,
+            _ => extremes(columns().map(|columns| attribute.numbers_of(columns))),
         };
         let ends = ends.unwrap_or_default();
         let coded =
@@ -400,8 +407,9 @@ impl DisplayAttribute {
                 columns.rgb.as_ref().map_or(0xFFFFFF, |rgb| bytes(rgb[i]))
             }
             Attribute::Intensity => columns.intensity.as_ref().map_or(0, |v| v[i] as u32),
-            Attribute::Time => columns.gps_time.as_ref().map_or(0, |v| self.place(v[i])),
-            Attribute::Scalar(_) => columns.scalar.as_ref().map_or(0, |v| self.place(v[i])),
+            Attribute::Time | Attribute::Scalar(_) => {
+                self.attribute.numbers_of(columns).map_or(0, |v| self.place(v[i]))
+            }
             Attribute::Class => columns.class.as_ref().map_or(0, |v| v[i] as u32),
             Attribute::Source => columns.source.as_ref().map_or(0, |v| v[i] as u32),
             Attribute::Return => columns.returns.as_ref().map_or(0, |v| (v[i] & 15) as u32),

@@ -13,9 +13,10 @@
 //! A filter is compiled for one part ([`Compiled`]): attributes of few values become tables by the
 //! stored value, so that a point costs one look-up a condition.
 
-use super::attribute::class_name;
+use super::attribute::{Attribute, class_name};
 use super::digits::{number, round};
 use super::histograms::CLASSES;
+use super::scalar::{Scalar, ScalarColumn};
 use super::{Cloud, ColumnSet, Columns, Lattice, Part, input, intensity_of, stations};
 use crate::error::{Error, Result};
 use glam::DVec3;
@@ -39,6 +40,7 @@ enum Quantity {
     /// World coordinate along an axis.
     Coordinate(usize),
     GpsTime,
+    Scalar(Scalar),
 }
 
 const QUANTITIES: &[(&str, Quantity)] = &[
@@ -54,7 +56,24 @@ const QUANTITIES: &[(&str, Quantity)] = &[
     ("z", Quantity::Coordinate(2)),
     ("elevation", Quantity::Coordinate(2)),
     ("gps-time", Quantity::GpsTime),
+    ("nir", Quantity::Scalar(Scalar::NearInfrared)),
+    ("scan-angle", Quantity::Scalar(Scalar::ScanAngle)),
+    ("height-above-ground", Quantity::Scalar(Scalar::HeightAboveGround)),
 ];
+
+/// Returns what a name before `=` stands for. Names of extra attributes are the files' own.
+fn quantity(name: &str) -> std::result::Result<Quantity, String> {
+    let own = name.to_lowercase().replace('_', "-");
+    let known = QUANTITIES.iter().find(|(known, _)| *known == own).map(|(_, quantity)| *quantity);
+    let extra = || name.parse().ok().map(Quantity::Scalar);
+    known.or_else(extra).ok_or_else(|| {
+        let names: Vec<&str> = QUANTITIES.iter().map(|(name, _)| *name).collect();
+        format!(
+            "there is no attribute {own:?}; there are {}, and extra:NAME, which `pointillist info` lists",
+            names.join(", ")
+        )
+    })
+}
 
 /// Names of classes beside those of ASPRS, and of groups of them.
 const CLASS_NAMES: &[(&str, &[u8])] = &[
@@ -94,15 +113,8 @@ impl std::str::FromStr for Condition {
     type Err = String;
 
     fn from_str(text: &str) -> std::result::Result<Condition, String> {
-        let (name, values) = match text.split_once('=') {
-            Some((name, values)) => (name.trim().to_lowercase().replace('_', "-"), values),
-            None => ("class".into(), text),
-        };
-        let quantity = QUANTITIES.iter().find(|(own, _)| *own == name).ok_or_else(|| {
-            let names: Vec<&str> = QUANTITIES.iter().map(|(name, _)| *name).collect();
-            format!("there is no attribute {name:?}; there are {}", names.join(", "))
-        })?;
-        let quantity = quantity.1;
+        let (name, values) = text.split_once('=').unwrap_or(("class", text));
+        let quantity = quantity(name.trim())?;
         let values = match quantity {
             // Names may contain commas.
             Quantity::File | Quantity::Scan => vec![Value::Name(values.into())],
@@ -181,13 +193,20 @@ impl Condition {
             Quantity::Source | Quantity::File | Quantity::Scan => wanted.source = true,
             Quantity::Intensity => wanted.intensity = true,
             Quantity::GpsTime => wanted.gps_time = true,
+            Quantity::Scalar(scalar) => wanted = Attribute::Scalar(scalar).wanted(),
             Quantity::Coordinate(_) => {}
         }
         wanted
     }
 
-    fn attribute(&self) -> &'static str {
-        QUANTITIES.iter().find(|(_, quantity)| *quantity == self.quantity).map_or("", |own| own.0)
+    fn attribute(&self) -> String {
+        match self.quantity {
+            Quantity::Scalar(scalar) => scalar.to_string(),
+            named => {
+                let known = QUANTITIES.iter().find(|(_, quantity)| *quantity == named);
+                known.map_or("", |own| own.0).into()
+            }
+        }
     }
 
     fn has(&self, number: f64) -> bool {
@@ -304,6 +323,7 @@ enum By {
     Intensity(Vec<bool>),
     Coordinate(usize, Condition),
     GpsTime(Condition),
+    Scalar(Scalar, Condition),
 }
 
 impl Compiled {
@@ -337,6 +357,10 @@ impl Compiled {
                 By::GpsTime(condition) => {
                     let times = columns.gps_time.as_ref();
                     join(&|i| times.is_some_and(|times| condition.has(times[i])));
+                }
+                By::Scalar(scalar, condition) => {
+                    let numbers = columns.scalar(*scalar);
+                    join(&|i| numbers.is_some_and(|numbers| condition.has(numbers[i])));
                 }
             }
         }
@@ -379,6 +403,7 @@ impl Filter {
                 }
                 Quantity::Coordinate(axis) => By::Coordinate(axis, condition.clone()),
                 Quantity::GpsTime => By::GpsTime(condition.clone()),
+                Quantity::Scalar(scalar) => By::Scalar(scalar, condition.clone()),
             };
             Test { keeps, by }
         };
@@ -424,6 +449,7 @@ impl Filter {
             Quantity::Source => !available.source,
             Quantity::Intensity => !available.intensity,
             Quantity::GpsTime => !available.gps_time,
+            Quantity::Scalar(scalar) => !available.scalars.has(scalar),
             Quantity::File | Quantity::Scan | Quantity::Coordinate(_) => false,
         };
         match self.conditions().find(|(_, condition)| lacks(condition)) {
@@ -432,7 +458,7 @@ impl Filter {
                 Err(Error::Request(format!(
                     "{}: no point has {name}; {}",
                     self.word(condition),
-                    how(name)
+                    how(&name)
                 )))
             }
             None => Ok(()),
@@ -463,11 +489,19 @@ pub struct Present {
     sources: BTreeSet<u16>,
     intensity: Option<[f64; 2]>,
     gps_time: Option<[f64; 2]>,
+    scalars: Vec<(Scalar, [f64; 2])>,
     coordinates: [Option<[f64; 2]>; 3],
 }
 
 fn widen(ends: Option<[f64; 2]>, other: Option<[f64; 2]>) -> Option<[f64; 2]> {
     ends.into_iter().chain(other).reduce(|a, b| [a[0].min(b[0]), a[1].max(b[1])])
+}
+
+/// Returns the least and the greatest number of a column.
+fn ends_of(own: &ScalarColumn) -> Option<(Scalar, [f64; 2])> {
+    let numbers = own.numbers.iter().filter(|number| !number.is_nan());
+    let ends = numbers.fold(None, |ends, &number| widen(ends, Some([number; 2])));
+    ends.map(|ends| (own.scalar, ends))
 }
 
 impl Present {
@@ -497,6 +531,7 @@ impl Present {
                 .and_then(|column| super::range(column))
                 .map(|(low, high)| [low, high].map(|v| intensity_of(v, intensity_range))),
             gps_time: times.fold(None, |ends, &time| widen(ends, Some([time; 2]))),
+            scalars: columns.scalars.iter().filter_map(ends_of).collect(),
             coordinates: [0, 1, 2].map(coordinate),
         }
     }
@@ -508,6 +543,12 @@ impl Present {
         self.sources.extend(other.sources);
         self.intensity = widen(self.intensity, other.intensity);
         self.gps_time = widen(self.gps_time, other.gps_time);
+        for (scalar, ends) in other.scalars {
+            match self.scalars.iter_mut().find(|(own, _)| *own == scalar) {
+                Some((_, own)) => *own = [own[0].min(ends[0]), own[1].max(ends[1])],
+                None => self.scalars.push((scalar, ends)),
+            }
+        }
         for axis in 0..3 {
             self.coordinates[axis] = widen(self.coordinates[axis], other.coordinates[axis]);
         }
@@ -561,6 +602,10 @@ impl Present {
             Quantity::Source => listed("sources", self.sources.iter()),
             Quantity::Intensity => ends("intensities", self.intensity),
             Quantity::GpsTime => ends("gps times", self.gps_time),
+            Quantity::Scalar(scalar) => {
+                let own = self.scalars.iter().find(|(own, _)| *own == scalar);
+                ends(&scalar.to_string(), own.map(|(_, ends)| *ends))
+            }
             Quantity::Coordinate(axis) => ends(["x", "y", "z"][axis], self.coordinates[axis]),
             Quantity::File | Quantity::Scan => "`info` lists files and scans".into(),
         }

@@ -13,7 +13,7 @@ use super::digits::number;
 use super::input::Input;
 use super::rgb_conversion;
 use super::rgb_range::{By, Scale};
-use super::scalar::Scalar;
+use super::scalar::{Scalar, ScalarColumn};
 use super::strays::RobustBounds;
 use super::{ColumnSet, Columns, Header, Lattice, Part};
 use glam::DVec3;
@@ -34,7 +34,7 @@ pub struct Floats {
     pub returns: Option<Vec<u8>>,
     pub source: Option<Vec<u16>>,
     pub gps_time: Option<Vec<f64>>,
-    pub scalar: Option<Vec<f64>>,
+    pub scalars: Vec<ScalarColumn>,
     /// Points skipped because a coordinate is NaN or infinite.
     pub not_finite: u64,
     /// Points with byte colours out of range.
@@ -68,7 +68,7 @@ impl ColorUnit {
 }
 
 /// One point to be added to [`Floats`]; fields without a column keep their defaults.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Debug, Default)]
 pub struct Point {
     pub position: [f64; 3],
     pub rgb: [u8; 3],
@@ -82,7 +82,8 @@ pub struct Point {
     pub returns: u8,
     pub source: u16,
     pub gps_time: f64,
-    pub scalar: f64,
+    /// As many as there are columns of them.
+    pub scalars: Vec<f64>,
 }
 
 /// The role of a file's column or property.
@@ -101,8 +102,8 @@ pub enum Role {
     Source,
     /// GPS time.
     Time,
-    /// The requested scalar.
-    Scalar(Scalar),
+    /// A requested scalar, and which of these it is.
+    Scalar(Scalar, usize),
     Other,
 }
 
@@ -130,11 +131,16 @@ pub fn there(roles: &[Role]) -> ColumnSet {
         returns: roles.contains(&Role::Return),
         source: roles.contains(&Role::Source),
         gps_time: roles.contains(&Role::Time),
-        scalar: roles.iter().find_map(|role| match role {
-            Role::Scalar(scalar) => Some(*scalar),
-            _ => None,
-        }),
+        scalars: scalars(roles).collect(),
     }
+}
+
+/// Returns the scalars among roles, in their order.
+pub fn scalars(roles: &[Role]) -> impl Iterator<Item = Scalar> {
+    roles.iter().filter_map(|role| match role {
+        Role::Scalar(scalar, _) => Some(*scalar),
+        _ => None,
+    })
 }
 
 impl Point {
@@ -153,15 +159,22 @@ impl Point {
             Role::Returns => self.returns = self.returns & 15 | (value as u8 & 15) << 4,
             Role::Source => self.source = value as u16,
             Role::Time => self.gps_time = value,
-            Role::Scalar(_) => self.scalar = value,
+            Role::Scalar(_, which) => self.scalars[which] = value,
             Role::Other => {}
         }
     }
 }
 
 impl Floats {
-    /// Returns empty points with columns that are both in `wanted` and `there`. `narrow`: positions
+    /// Returns empty points with the columns of these roles that are in `wanted`. `narrow`: positions
     /// are `f32`; `bytes`: colours are bytes.
+    pub fn with_roles(roles: &[Role], wanted: ColumnSet, narrow: bool, bytes: bool) -> Self {
+        let column = |scalar| ScalarColumn { scalar, numbers: Vec::new() };
+        let scalars = scalars(roles).map(column).collect();
+        Self { scalars, ..Self::new(there(roles), wanted, narrow, bytes) }
+    }
+
+    /// Returns empty points with columns that are both in `wanted` and `there`, without scalars.
     pub fn new(there: ColumnSet, wanted: ColumnSet, narrow: bool, bytes: bool) -> Self {
         let rgb = there.rgb && wanted.rgb;
         Self {
@@ -174,10 +187,15 @@ impl Floats {
             returns: (there.returns && wanted.returns).then(Vec::new),
             source: (there.source && wanted.source).then(Vec::new),
             gps_time: (there.gps_time && wanted.gps_time).then(Vec::new),
-            scalar: there.scalar.is_some().then(Vec::new),
+            scalars: Vec::new(),
             not_finite: 0,
             clamped: 0,
         }
+    }
+
+    /// Returns a point whose scalars are missing.
+    pub fn point(&self) -> Point {
+        Point { scalars: vec![f64::NAN; self.scalars.len()], ..Point::default() }
     }
 
     pub fn len(&self) -> usize {
@@ -200,7 +218,9 @@ impl Floats {
         hint(&mut self.returns, count);
         hint(&mut self.source, count);
         hint(&mut self.gps_time, count);
-        hint(&mut self.scalar, count);
+        for own in &mut self.scalars {
+            let _ = own.numbers.try_reserve_exact(count);
+        }
     }
 
     pub fn push(&mut self, point: &Point) {
@@ -220,7 +240,8 @@ impl Floats {
         self.returns.iter_mut().for_each(|column| column.push(point.returns));
         self.source.iter_mut().for_each(|column| column.push(point.source));
         self.gps_time.iter_mut().for_each(|column| column.push(point.gps_time));
-        self.scalar.iter_mut().for_each(|column| column.push(point.scalar));
+        let scalars = self.scalars.iter_mut().zip(&point.scalars);
+        scalars.for_each(|(own, number)| own.numbers.push(*number));
     }
 
     /// Appends a block with the same columns.
@@ -239,7 +260,8 @@ impl Floats {
         join(&mut self.returns, block.returns);
         join(&mut self.source, block.source);
         join(&mut self.gps_time, block.gps_time);
-        join(&mut self.scalar, block.scalar);
+        let scalars = self.scalars.iter_mut().zip(block.scalars);
+        scalars.for_each(|(own, mut block)| own.numbers.append(&mut block.numbers));
         self.not_finite += block.not_finite;
         self.clamped += block.clamped;
     }
@@ -267,7 +289,7 @@ impl Floats {
             returns: self.returns,
             source: self.source,
             gps_time: self.gps_time,
-            scalar: self.scalar,
+            scalars: self.scalars,
             // Zeros and NaN alone are not normals.
             normal: self.normal.filter(|normal| normal.iter().any(|normal| *normal != [0; 3])),
             ..Columns::default()

@@ -5,19 +5,31 @@
 //! lowest of the cells around, then the highest of these. At the edges of a cloud that takes away
 //! the upper ends of slopes, too. Empty cells have the mean of ever larger cells, interpolated.
 //! Between the centres of cells heights are interpolated bilinearly.
+//!
+//! Points of any source are read twice, batch by batch: for the box around most of them, and for
+//! the cells, which are at most 2048 along a side.
 
 use super::crs::Reference;
-use super::scalar::Scalar;
-use super::{Cloud, Part};
+use super::robust_bounds::scatter;
+use super::scalar::{Scalar, ScalarColumn};
+use super::strays::RobustBounds;
+use super::up::Up;
+use super::{Cloud, Columns, Lattice};
+use crate::error::Result;
 use glam::{DVec2, DVec3};
 use rayon::prelude::*;
+use std::sync::{Mutex, MutexGuard};
 
 /// Side of a cell, unless that makes too many `[m]`.
-const CELL: f64 = 2.0;
+pub const CELL: f64 = 2.0;
 /// Most cells along a side.
 const MOST_CELLS: f64 = 2048.0;
 /// Width of buildings that are not taken for ground, without classes `[m]`.
 const WIDEST: f64 = 30.0;
+/// Approximate number of samples that say where most points are.
+const SAMPLES: u64 = 1 << 14;
+/// Heights are added up as whole numbers of this many to a unit, so that their order does not matter.
+const PARTS: f64 = 1024.0;
 
 const GROUND: u8 = 2;
 /// Classes of noise.
@@ -25,6 +37,9 @@ const NOISE: [u8; 2] = [7, 18];
 
 /// Heights over a grid of square cells.
 pub struct Surface {
+    up: Up,
+    /// Whether it is through points of class 2.
+    by_class: bool,
     /// Corner of the first cell.
     low: DVec2,
     side: f64,
@@ -33,98 +48,211 @@ pub struct Surface {
     heights: Vec<f64>,
 }
 
-/// Fills [`super::Columns::scalar`] with the heights of all points. Returns a note on how the ground
-/// was found; `None` without points.
-pub fn heights(cloud: &mut Cloud) -> Option<String> {
-    let surface = Surface::of(cloud)?;
-    let (axes, up) = (across(cloud), cloud.up.index());
-    for part in &mut cloud.parts {
-        let height = |i| {
-            let p = place(part, i);
-            p[up] - surface.at(DVec2::new(p[axes[0]], p[axes[1]]))
-        };
-        let column = (0..part.columns.len()).into_par_iter().map(height).collect();
-        part.columns.scalar = Some(column);
+/// Points of one lattice; their coordinates count from `shift` `[lattice steps]`.
+#[derive(Clone, Copy)]
+pub struct Batch<'b> {
+    pub columns: &'b Columns,
+    pub lattice: &'b Lattice,
+    pub shift: [i64; 3],
+}
+
+impl Batch<'_> {
+    fn steps(&self, i: usize) -> [i32; 3] {
+        [self.columns.x[i], self.columns.y[i], self.columns.z[i]]
     }
-    let how = if has_ground(cloud) {
-        "a surface through points of class 2"
-    } else {
-        "the lowest points around, since no point is of class 2 (ground)"
-    };
-    Some(format!("{} is measured from {how}", Scalar::HeightAboveGround))
+
+    fn place(&self, i: usize) -> DVec3 {
+        let own = self.steps(i);
+        self.lattice.world([0, 1, 2].map(|axis| own[axis] as i64 + self.shift[axis]))
+    }
+
+    fn class(&self, i: usize) -> u8 {
+        self.columns.class.as_ref().map_or(0, |classes| classes[i])
+    }
 }
 
-fn place(part: &Part, i: usize) -> DVec3 {
-    let columns = &part.columns;
-    part.lattice.world([columns.x[i], columns.y[i], columns.z[i]].map(i64::from))
+/// Points in batches, the same at each call, on any thread and in any order.
+pub trait Points {
+    /// Returns about how many there are.
+    fn count(&self) -> u64;
+
+    fn each(&self, sink: &(dyn Fn(Batch) + Sync)) -> Result<()>;
+
+    fn up(&self) -> Up;
+
+    fn reference(&self) -> Reference;
 }
 
-/// Returns the two horizontal axes.
-fn across(cloud: &Cloud) -> [usize; 2] {
-    [0, 3 - cloud.up.index()]
+impl Points for Cloud {
+    fn count(&self) -> u64 {
+        self.len()
+    }
+
+    fn each(&self, sink: &(dyn Fn(Batch) + Sync)) -> Result<()> {
+        for part in self.parts.iter().filter(|part| !part.header.strays) {
+            sink(Batch { columns: &part.columns, lattice: &part.lattice, shift: [0; 3] });
+        }
+        Ok(())
+    }
+
+    fn up(&self) -> Up {
+        self.up
+    }
+
+    fn reference(&self) -> Reference {
+        Reference::of(self.parts.iter().map(|part| (&part.header, part.lattice)))
+    }
 }
 
-fn has_ground(cloud: &Cloud) -> bool {
-    let classes = cloud.parts.iter().filter_map(|part| part.columns.class.as_ref());
-    classes.flatten().any(|&class| class == GROUND)
+/// Adds the heights of all points to the columns. Returns a note on how the ground was found; `None`
+/// without points.
+pub fn heights(cloud: &mut Cloud) -> Option<String> {
+    // Points in memory cannot fail to be read.
+    let surface = Surface::of(cloud).ok().flatten()?;
+    for part in &mut cloud.parts {
+        let batch = Batch { columns: &part.columns, lattice: &part.lattice, shift: [0; 3] };
+        let column = surface.column(batch);
+        part.columns.scalars.push(column);
+    }
+    Some(surface.note())
+}
+
+/// Where the points are that may be of the ground.
+#[derive(Clone)]
+struct Extent {
+    low: DVec3,
+    high: DVec3,
+    samples: Vec<DVec3>,
+}
+
+impl Extent {
+    const NONE: Extent =
+        Extent { low: DVec3::INFINITY, high: DVec3::NEG_INFINITY, samples: Vec::new() };
+
+    fn add(&mut self, p: DVec3, is_sample: bool) {
+        (self.low, self.high) = (self.low.min(p), self.high.max(p));
+        if is_sample {
+            self.samples.push(p);
+        }
+    }
+
+    fn join(&mut self, other: Extent) {
+        (self.low, self.high) = (self.low.min(other.low), self.high.max(other.high));
+        self.samples.extend(other.samples);
+    }
+
+    /// Returns the box without points that lie farther from most than these lie apart.
+    fn robust(self) -> [DVec3; 2] {
+        let core = RobustBounds::of(self.samples.len(), |i| self.samples[i]);
+        let near = self.samples.iter().filter(|p| core.is_none_or(|core| core.has(**p)));
+        let ends = near.fold(None, |ends: Option<[DVec3; 2]>, &p| {
+            let [low, high] = ends.unwrap_or([p; 2]);
+            Some([low.min(p), high.max(p)])
+        });
+        let Some([low, high]) = ends else { return [self.low, self.high] };
+        let size = (high - low).max_element();
+        [self.low.max(low - size), self.high.min(high + size)]
+    }
+}
+
+fn lock<T>(shared: &Mutex<T>) -> MutexGuard<'_, T> {
+    shared.lock().unwrap_or_else(|poisoned| poisoned.into_inner())
 }
 
 impl Surface {
-    /// Finds the ground of a cloud; `None` without points.
-    pub fn of(cloud: &Cloud) -> Option<Surface> {
-        let (axes, up, by_class) = (across(cloud), cloud.up.index(), has_ground(cloud));
-        let each = |sink: &mut dyn FnMut(DVec2, f64)| {
-            for part in cloud.parts.iter().filter(|part| !part.header.strays) {
-                let (core, classes) = (part.columns.core(), part.columns.class.as_ref());
-                for i in 0..part.columns.len() {
-                    let class = classes.map_or(0, |classes| classes[i]);
-                    let is_ground =
-                        if by_class { class == GROUND } else { !NOISE.contains(&class) };
-                    if is_ground && core.is_none_or(|core| core.has(part.columns.place(i))) {
-                        let p = place(part, i);
-                        sink(DVec2::new(p[axes[0]], p[axes[1]]), p[up]);
-                    }
+    /// Finds the ground; `None` without points. Reads them twice.
+    pub fn of(points: &dyn Points) -> Result<Option<Surface>> {
+        let up = points.up();
+        let axes = [0, 3 - up.index()];
+        let every = points.count() / SAMPLES + 1;
+        // Of points of class 2, and of others.
+        let extents = Mutex::new([Extent::NONE, Extent::NONE]);
+        points.each(&|batch| {
+            let mut own = [Extent::NONE, Extent::NONE];
+            for i in 0..batch.columns.len() {
+                let class = batch.class(i);
+                if !NOISE.contains(&class) {
+                    let is_sample = scatter(batch.steps(i)).is_multiple_of(every);
+                    own[(class != GROUND) as usize].add(batch.place(i), is_sample);
                 }
             }
-        };
-        let (mut low, mut high) = (DVec2::INFINITY, DVec2::NEG_INFINITY);
-        each(&mut |p, _| (low, high) = (low.min(p), high.max(p)));
+            let mut extents = lock(&extents);
+            extents.iter_mut().zip(own).for_each(|(extent, own)| extent.join(own));
+        })?;
+        let [ground, other] = extents.into_inner().unwrap_or_else(|poisoned| poisoned.into_inner());
+        let by_class = ground.low.is_finite();
+        let [low, high] = if by_class { ground } else { other }.robust();
         if !low.is_finite() {
-            return None;
+            return Ok(None);
         }
-        let metres = Reference::of(cloud.parts.iter().map(|part| (&part.header, part.lattice)))
-            .unit()
-            .metres;
-        let longest = (high - low).max_element();
+        let metres = points.reference().unit().metres;
+        let flat = |p: DVec3| DVec2::new(p[axes[0]], p[axes[1]]);
+        let longest = flat(high - low).max_element();
         let side = (CELL / metres).max(longest / MOST_CELLS);
-        let size = [0, 1].map(|axis| ((high[axis] - low[axis]) / side) as usize + 1);
+        let size = flat(high - low).to_array().map(|extent| (extent / side) as usize + 1);
         let count = size[0] * size[1];
-        let (mut heights, mut points) = (vec![f64::INFINITY; count], vec![0u32; count]);
-        if by_class {
-            heights.fill(0.0);
-        }
-        each(&mut |p, height| {
-            let [column, row] = [0, 1].map(|axis| ((p[axis] - low[axis]) / side) as usize);
-            let cell = row * size[0] + column;
-            heights[cell] =
-                if by_class { heights[cell] + height } else { heights[cell].min(height) };
-            points[cell] += 1;
-        });
+        let lowest = if by_class { 0.0 } else { f64::INFINITY };
+        let cells = Mutex::new((vec![lowest; count], vec![0u32; count]));
+        points.each(&|batch| {
+            let mut own = Vec::new();
+            for i in 0..batch.columns.len() {
+                let class = batch.class(i);
+                let p = batch.place(i);
+                let is_ground = if by_class { class == GROUND } else { !NOISE.contains(&class) };
+                if is_ground && p.cmpge(low).all() && p.cmple(high).all() {
+                    let [column, row] =
+                        (flat(p - low) / side).to_array().map(|place| place as usize);
+                    own.push((row * size[0] + column, p[up.index()]));
+                }
+            }
+            let mut cells = lock(&cells);
+            let (heights, points) = &mut *cells;
+            for (cell, height) in own {
+                heights[cell] = match by_class {
+                    true => heights[cell] + (height * PARTS).round(),
+                    false => heights[cell].min(height),
+                };
+                points[cell] += 1;
+            }
+        })?;
+        let (mut heights, points) =
+            cells.into_inner().unwrap_or_else(|poisoned| poisoned.into_inner());
         for (height, points) in heights.iter_mut().zip(points) {
             *height = match points {
                 0 => f64::NAN,
-                points if by_class => *height / points as f64,
+                points if by_class => *height / PARTS / points as f64,
                 _ => *height,
             };
         }
-        let mut surface = Surface { low, side, size, heights };
+        let mut surface = Surface { up, by_class, low: flat(low), side, size, heights };
         surface.fill();
         if !by_class {
             let around = (WIDEST / metres / 2.0 / side).round() as usize;
             surface.spread(around, f64::min);
             surface.spread(around, f64::max);
         }
-        Some(surface)
+        Ok(Some(surface))
+    }
+
+    /// Says how the ground was found.
+    pub fn note(&self) -> String {
+        let how = match self.by_class {
+            true => "a surface through points of class 2",
+            false => "the lowest points around, since no point is of class 2 (ground)",
+        };
+        format!("{} is measured from {how}", Scalar::HeightAboveGround)
+    }
+
+    /// Returns the heights of points above it.
+    pub fn column(&self, batch: Batch) -> ScalarColumn {
+        let [a, b, up] = [0, 3 - self.up.index(), self.up.index()];
+        let height = |i| {
+            let p = batch.place(i);
+            p[up] - self.at(DVec2::new(p[a], p[b]))
+        };
+        let count = batch.columns.len();
+        let numbers = (0..count).into_par_iter().with_min_len(1 << 12).map(height).collect();
+        ScalarColumn { scalar: Scalar::HeightAboveGround, numbers }
     }
 
     /// Returns the height of a place, or of the nearest place of the grid.
@@ -163,7 +291,7 @@ impl Surface {
             sum / count
         };
         let heights = (0..size[0] * size[1]).map(mean).collect();
-        let mut coarse = Surface { low: self.low, side: 2.0 * self.side, size, heights };
+        let mut coarse = Surface { side: 2.0 * self.side, size, heights, ..*self };
         coarse.fill();
         for (cell, height) in self.heights.iter_mut().enumerate().filter(|(_, h)| h.is_nan()) {
             let centre = DVec2::new((cell % width) as f64 + 0.5, (cell / width) as f64 + 0.5);
@@ -203,7 +331,8 @@ mod tests {
             if hole { f64::NAN } else { slope(x as f64 + 0.5, y as f64 + 0.5) + house }
         };
         let heights = (0..size[0] * size[1]).map(cell).collect();
-        let mut surface = Surface { low: DVec2::ZERO, side: 1.0, size, heights };
+        let (up, low) = (Up::Z, DVec2::ZERO);
+        let mut surface = Surface { up, by_class: false, low, side: 1.0, size, heights };
         surface.fill();
         assert!(surface.heights.iter().all(|height| height.is_finite()));
         surface.spread(6, f64::min);

@@ -9,7 +9,7 @@
 
 pub mod header;
 mod laz;
-mod number;
+pub mod number;
 pub mod raw;
 pub mod read_point;
 pub mod records;
@@ -156,7 +156,7 @@ impl Las {
         let mut layout = header::read(input, notes)?;
         layout.header.scalars = number::names(&layout);
         notes.extend(layout.lies.iter().map(|what| format!("{}: {what}", input.name())));
-        let fields = Fields::new(&layout, wanted.scalar);
+        let fields = Fields::new(&layout, wanted.scalars);
         let available = fields.available(wanted);
         let (coding, places, odd) = if layout.compressed {
             let (coding, places, odd) = laz::open(input, &layout, available, keeps_records)?;
@@ -298,7 +298,7 @@ impl Las {
     }
 
     fn fields(&self) -> Fields {
-        let mut fields = self.fields;
+        let mut fields = self.fields.clone();
         fields.range = self.range();
         fields
     }

@@ -47,7 +47,7 @@ use glam::DVec3;
 use input::Input;
 use rayon::prelude::*;
 use rgb_range::{RgbRange, Scale};
-use scalar::Scalar;
+use scalar::{Scalar, ScalarColumn, Scalars};
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 use strays::Treatment;
@@ -113,8 +113,8 @@ pub struct Columns {
     pub normal: Option<Vec<[i8; 3]>>,
     /// GPS time as in the file; may be NaN.
     pub gps_time: Option<Vec<f64>>,
-    /// The requested [`Scalar`]; NaN where missing.
-    pub scalar: Option<Vec<f64>>,
+    /// The requested [`Scalar`]s that the file has, in its order.
+    pub scalars: Vec<ScalarColumn>,
     /// Extent and strays, computed on first use.
     pub extent: strays::Kept,
 }
@@ -139,7 +139,12 @@ impl Columns {
         Some([[x.0, y.0, z.0], [x.1, y.1, z.1]])
     }
 
-    /// Returns the set of present columns, without the scalar, whose name they do not have.
+    /// Returns the numbers of a scalar.
+    pub fn scalar(&self, scalar: Scalar) -> Option<&Vec<f64>> {
+        self.scalars.iter().find(|own| own.scalar == scalar).map(|own| &own.numbers)
+    }
+
+    /// Returns the set of present columns.
     pub fn available(&self) -> ColumnSet {
         ColumnSet {
             rgb: self.rgb.is_some(),
@@ -149,7 +154,7 @@ impl Columns {
             source: self.source.is_some(),
             normal: self.normal.is_some(),
             gps_time: self.gps_time.is_some(),
-            scalar: None,
+            scalars: self.scalars.iter().map(|own| own.scalar).collect(),
         }
     }
 
@@ -169,7 +174,7 @@ impl Columns {
             source: cut(&self.source, &points),
             normal: cut(&self.normal, &points),
             gps_time: cut(&self.gps_time, &points),
-            scalar: cut(&self.scalar, &points),
+            scalars: self.each_scalar(|numbers| numbers[points.clone()].to_vec()),
             ..Columns::default()
         }
     }
@@ -197,9 +202,14 @@ impl Columns {
             source: pick(&self.source, points),
             normal: pick(&self.normal, points),
             gps_time: pick(&self.gps_time, points),
-            scalar: pick(&self.scalar, points),
+            scalars: self.each_scalar(|numbers| some(numbers, points)),
             ..Columns::default()
         }
+    }
+
+    fn each_scalar(&self, of: impl Fn(&[f64]) -> Vec<f64>) -> Vec<ScalarColumn> {
+        let each = |own: &ScalarColumn| ScalarColumn { numbers: of(&own.numbers), ..*own };
+        self.scalars.iter().map(each).collect()
     }
 
     /// Drops the columns that are not in `wanted`.
@@ -211,7 +221,7 @@ impl Columns {
         self.source.take_if(|_| !wanted.source);
         self.normal.take_if(|_| !wanted.normal);
         self.gps_time.take_if(|_| !wanted.gps_time);
-        self.scalar.take_if(|_| wanted.scalar.is_none());
+        self.scalars.retain(|own| wanted.scalars.has(own.scalar));
     }
 }
 
@@ -225,7 +235,7 @@ pub struct ColumnSet {
     pub source: bool,
     pub normal: bool,
     pub gps_time: bool,
-    pub scalar: Option<Scalar>,
+    pub scalars: Scalars,
 }
 
 impl ColumnSet {
@@ -238,7 +248,7 @@ impl ColumnSet {
         source: true,
         normal: true,
         gps_time: true,
-        scalar: None,
+        scalars: Scalars::NONE,
     };
 
     /// Returns the union of both sets.
@@ -251,7 +261,7 @@ impl ColumnSet {
             source: self.source || other.source,
             normal: self.normal || other.normal,
             gps_time: self.gps_time || other.gps_time,
-            scalar: self.scalar.or(other.scalar),
+            scalars: self.scalars.and(other.scalars),
         }
     }
 }
@@ -503,7 +513,7 @@ pub fn read(paths: &[PathBuf], options: &ReadOptions, progress: &dyn Progress) -
     let (up, note) = options.up.of(headers, || cloud.core_points());
     cloud.up = up;
     cloud.notes.extend(note);
-    if options.wanted.scalar == Some(Scalar::HeightAboveGround) {
+    if options.wanted.scalars.has(Scalar::HeightAboveGround) {
         let note = ground::heights(&mut cloud);
         cloud.notes.extend(note);
     }

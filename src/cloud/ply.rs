@@ -8,7 +8,7 @@
 
 mod header;
 
-use super::from_floats::{ColorUnit, Floats, Point, Role, there};
+use super::from_floats::{ColorUnit, Floats, Point, Role};
 use super::input::{Input, Meter};
 use super::{Header, Part, ReadOptions, scalar, text};
 use crate::error::Result;
@@ -39,12 +39,14 @@ pub fn read(
             input.wrong(format!("has no vertex element, only {} others", layout.elements.len()))
         );
     };
-    let mut scalars = Vec::new();
+    let (mut scalars, mut read) = (Vec::new(), 0);
     for property in &mut layout.elements[index].properties {
         if property.role == Role::Other && property.length.is_none() {
-            scalars.push(scalar::Scalar::extra_name(&property.name));
-            let asked = options.wanted.scalar.filter(|scalar| scalar.is_extra(&property.name));
-            property.role = asked.map_or(Role::Other, Role::Scalar);
+            scalars.push(scalar::Scalar::named(&property.name).to_string());
+            if let Some(asked) = options.wanted.scalars.named(&property.name) {
+                property.role = Role::Scalar(asked, read);
+                read += 1;
+            }
         }
     }
     let vertex = &layout.elements[index];
@@ -70,7 +72,7 @@ pub fn read(
     // ASCII decimals are not `f32`, whatever the header declares; they are kept as written.
     let narrow = layout.coding != Coding::Ascii
         && positions.map(|property| property.scalar).all(Scalar::fits_f32);
-    let empty = Floats::new(there(&roles), options.wanted, narrow, bytes);
+    let empty = Floats::with_roles(&roles, options.wanted, narrow, bytes);
 
     let found = match (skip(input, &layout, &layout.elements[..index])?, vertex.record_bytes()) {
         _ if vertex.count == 0 => Found { floats: empty, records: 0 },
@@ -206,7 +208,7 @@ fn ascii(
         let mut floats = empty.clone();
         let mut records = 0u64;
         for line in text::lines(block) {
-            let mut point = Point::default();
+            let mut point = floats.point();
             if header::parse_line(line, &vertex.properties, decimal_comma, |role, value| {
                 set(&mut point, role, value, splats)
             })
@@ -256,7 +258,7 @@ fn returned(
         .split(|byte| matches!(byte, b'\r' | b'\n'))
         .filter(|line| !line.trim_ascii().is_empty());
     for line in lines.take(vertex.count.try_into().unwrap_or(usize::MAX)) {
-        let mut point = Point::default();
+        let mut point = found.floats.point();
         if header::parse_line(line, &vertex.properties, false, |role, value| {
             set(&mut point, role, value, splats)
         })
@@ -305,7 +307,7 @@ fn fixed(
                 let mut floats = empty.clone();
                 floats.reserve(count as usize);
                 for record in bytes.chunks_exact(stride as usize) {
-                    let mut point = Point::default();
+                    let mut point = floats.point();
                     for &(offset, scalar, role) in &fields {
                         set(&mut point, role, scalar.value(&record[offset..], big), splats);
                     }
@@ -334,7 +336,7 @@ fn listed(
     let mut floats = empty;
     let mut records = 0;
     while records < vertex.count {
-        let mut point = Point::default();
+        let mut point = floats.point();
         if source.record(vertex, |role, value| set(&mut point, role, value, splats)).is_none() {
             break;
         }

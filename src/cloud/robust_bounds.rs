@@ -171,7 +171,7 @@ fn within<'s>(
 }
 
 /// Hashes a point's lattice coordinates.
-fn scatter(q: [i32; 3]) -> u64 {
+pub fn scatter(q: [i32; 3]) -> u64 {
     mix((q[0] as u32 as u64)
         ^ (q[1] as u32 as u64).rotate_left(21)
         ^ (q[2] as u32 as u64).rotate_left(42))

@@ -12,7 +12,6 @@ use super::input::{Input, Meter};
 use super::las::records::{self, Fields, Lane, Pile};
 use super::las::{self, Las, Places};
 use super::rgb_range::{Occurred, Scale};
-use super::scalar::Scalar;
 use super::{ColumnSet, Columns, Header, Lattice, Part, ReadOptions};
 use crate::error::{Error, Result};
 use crate::progress::Progress;
@@ -28,8 +27,6 @@ pub const BATCH: usize = 65_536;
 pub struct Source {
     path: PathBuf,
     strict: bool,
-    /// The scalar to read.
-    scalar: Option<Scalar>,
     /// Lattice that points are drawn on: the file's own, or that on a local plane for angles.
     lattice: Lattice,
     /// Notes on the coordinate system.
@@ -144,8 +141,7 @@ impl Source {
         };
         let mut notes = Vec::new();
         let lattice = crs::settle(header, lattice, plane, &title, &mut notes);
-        let (strict, scalar) = (options.strict, options.wanted.scalar);
-        Source { path: path.to_owned(), strict, scalar, lattice, notes, contents }
+        Source { path: path.to_owned(), strict: options.strict, lattice, notes, contents }
     }
 
     pub fn path(&self) -> &Path {
@@ -244,10 +240,7 @@ impl Source {
     pub fn available(&self) -> ColumnSet {
         match &self.contents {
             Contents::Las { las, .. } => las.available,
-            Contents::Part(part) => ColumnSet {
-                scalar: self.scalar.filter(|_| part.columns.scalar.is_some()),
-                ..part.columns.available()
-            },
+            Contents::Part(part) => part.columns.available(),
         }
     }
 

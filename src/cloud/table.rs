@@ -343,7 +343,7 @@ pub fn word(role: Role) -> &'static str {
         Role::Returns => "returns",
         Role::Source => "source",
         Role::Time => "time",
-        Role::Scalar(_) => "scalar",
+        Role::Scalar(..) => "scalar",
         Role::Other => "-",
     }
 }

@@ -4,7 +4,7 @@
 //! which lines are not rows, and which columns lack values. PTX, which is not a table, is detected
 //! by content.
 
-use super::from_floats::{Floats, Point, Role, there};
+use super::from_floats::{Floats, Role};
 use super::input::{Input, Meter};
 use super::scalar::Scalar;
 use super::table::line::{Line, Missing, Splitter};
@@ -29,15 +29,17 @@ pub fn read(
     let is_whole = begin + start.len() as u64 >= input.length;
     let mut table =
         sniff::sniff(&start, is_whole, &options.text).map_err(|what| input.wrong(what))?;
-    let mut scalars = Vec::new();
+    let (mut scalars, mut read) = (Vec::new(), 0);
     for place in (0..table.columns.len())
         .filter(|&place| table.columns[place].is_extra())
         .collect::<Vec<_>>()
     {
         let name = table.extra(place).name;
-        scalars.push(Scalar::extra_name(&name));
-        let asked = options.wanted.scalar.filter(|scalar| scalar.is_extra(&name));
-        table.columns[place].role = asked.map_or(Role::Other, Role::Scalar);
+        scalars.push(Scalar::named(&name).to_string());
+        if let Some(asked) = options.wanted.scalars.named(&name) {
+            table.columns[place].role = Role::Scalar(asked, read);
+            read += 1;
+        }
     }
     notes.push(format!("{}: {table}", input.name()));
     if let Some(what) = table.guess_or_loss().filter(|_| options.strict) {
@@ -122,9 +124,9 @@ fn rows(
     options: &ReadOptions,
     progress: &dyn Progress,
 ) -> Result<Rows> {
-    let there = there(&table.roles());
+    let roles = table.roles();
     let empty = || Rows {
-        floats: Floats::new(there, options.wanted, false, false),
+        floats: Floats::with_roles(&roles, options.wanted, false, false),
         lines: 0,
         counted: 0,
         bad: Bad::default(),
@@ -167,7 +169,7 @@ impl Rows {
         if line.trim_ascii().is_empty() {
             return;
         }
-        let mut point = Point { scalar: f64::NAN, ..Point::default() };
+        let mut point = self.floats.point();
         self.gaps.clear();
         match table.line(line, splitter, &mut point, &mut self.gaps, &mut self.extras) {
             Line::Point => {

@@ -3,6 +3,7 @@
 use super::input::{Batch, Input};
 use crate::cloud::intensity_of;
 use crate::cloud::las::raw::Record;
+use crate::cloud::scalar::Scalar;
 
 /// An attribute that a point may have.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -15,13 +16,12 @@ pub enum Field {
     Source,
     GpsTime,
     Normal(usize),
-    ScanAngle,
     UserData,
-    NearInfrared,
+    Scalar(Scalar),
 }
 
 /// Names that our own readers and common programs know.
-pub const FIELDS: [(Field, &str); 15] = [
+const FIELDS: [(Field, &str); 15] = [
     (Field::Color(0), "red"),
     (Field::Color(1), "green"),
     (Field::Color(2), "blue"),
@@ -34,14 +34,14 @@ pub const FIELDS: [(Field, &str); 15] = [
     (Field::Normal(0), "nx"),
     (Field::Normal(1), "ny"),
     (Field::Normal(2), "nz"),
-    (Field::ScanAngle, "scan_angle"),
+    (Field::Scalar(Scalar::ScanAngle), "scan_angle"),
     (Field::UserData, "user_data"),
-    (Field::NearInfrared, "near_infrared"),
+    (Field::Scalar(Scalar::NearInfrared), "near_infrared"),
 ];
 
 /// The fields of an input, and how its colours are counted.
 pub struct Fields {
-    pub fields: Vec<(Field, &'static str)>,
+    pub fields: Vec<(Field, String)>,
     pub colors: Colors,
 }
 
@@ -92,8 +92,14 @@ pub fn has_words(input: &Input, part: usize) -> bool {
 }
 
 impl Fields {
-    /// Returns the fields that some part has. Notes what LAS records have besides.
-    pub fn new(input: &Input, colors: Colors, notes: &mut Vec<String>) -> Fields {
+    /// Returns the fields that some part has, with these scalars. Notes what LAS records have
+    /// besides.
+    pub fn new(
+        input: &Input,
+        colors: Colors,
+        scalars: &[Scalar],
+        notes: &mut Vec<String>,
+    ) -> Fields {
         let parts = input.parts();
         let has = |field: Field| {
             let own = |part: usize| {
@@ -107,24 +113,33 @@ impl Fields {
                     Field::Source => available.source,
                     Field::GpsTime => available.gps_time,
                     Field::Normal(_) => available.normal,
-                    Field::ScanAngle | Field::UserData => las.is_some(),
-                    Field::NearInfrared => las.is_some_and(|las| matches!(las.format, 8 | 10)),
+                    Field::UserData => las.is_some(),
+                    Field::Scalar(scalar) => scalars.contains(&scalar),
                 }
             };
             (0..parts.len()).any(own)
         };
         let las: Vec<_> = (0..parts.len()).filter_map(|part| input.las(part)).collect();
-        if las.iter().any(|las| las.layout.has_extra_bytes()) {
-            notes.push("extra bytes of LAS points are left out; .las and .laz keep them".into());
+        if las.iter().any(|las| las.layout.has_unnamed_bytes()) {
+            notes.push("extra bytes of LAS points that are no named numbers are left out; .las and .laz keep them".into());
         }
         if !las.is_empty() {
             notes.push("flags of LAS points are left out; .las and .laz keep them".into());
         }
-        let fields = FIELDS.into_iter().filter(|(field, _)| has(*field)).collect();
+        let known = FIELDS.into_iter().filter(|(field, _)| has(*field));
+        let mut fields: Vec<(Field, String)> =
+            known.map(|(field, name)| (field, name.into())).collect();
+        for &scalar in scalars {
+            if FIELDS.iter().all(|(field, _)| *field != Field::Scalar(scalar)) {
+                let name = own_name(scalar, &fields);
+                fields.push((Field::Scalar(scalar), name));
+            }
+        }
         Fields { fields, colors }
     }
 
-    /// Returns the values of a point, in the order of the fields; 0 where its part lacks one.
+    /// Returns the values of a point, in the order of the fields; where its part lacks one, NaN
+    /// of a scalar, and 0 of others.
     pub fn values<'f>(
         &'f self,
         input: &'f Input,
@@ -149,13 +164,27 @@ impl Fields {
             Field::Normal(axis) => {
                 columns.normal.as_ref().map_or(0.0, |column| column[i][axis] as f64 / 127.0)
             }
-            Field::ScanAngle => record.map_or(0.0, |record| record.scan_angle()),
             Field::UserData => record.map_or(0.0, |record| record.user_data().into()),
-            Field::NearInfrared => {
-                record.and_then(|record| record.near_infrared()).unwrap_or(0).into()
-            }
+            Field::Scalar(scalar) => columns.scalar(scalar).map_or(f64::NAN, |own| own[i]),
         };
         self.fields.iter().map(move |(field, _)| (*field, value(*field)))
+    }
+}
+
+/// Returns the name of a scalar among those of fields, in one word that means nothing else.
+fn own_name(scalar: Scalar, fields: &[(Field, String)]) -> String {
+    let name = match scalar {
+        Scalar::Extra(name) => {
+            name.replace(|c: char| c.is_whitespace() || c == ',' || c == '"', "_")
+        }
+        named => named.to_string().replace('-', "_"),
+    };
+    let is_taken = |taken: &str| taken.eq_ignore_ascii_case(&name);
+    let read = FIELDS.iter().filter(|(field, _)| *field != Field::UserData).map(|(_, name)| *name);
+    let own = fields.iter().map(|(_, name)| name.as_str());
+    match read.chain(own).chain(["x", "y", "z"]).any(is_taken) {
+        true => format!("extra_{name}"),
+        false => name,
     }
 }
 

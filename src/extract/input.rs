@@ -1,12 +1,15 @@
 //! Files or an index as batches of points, with those that are left.
 
 use super::Selection;
-use crate::cloud::attribute::Attribute;
+use crate::cloud::crs::Reference;
 use crate::cloud::filter::{Compiled, Filter};
+use crate::cloud::ground::{self, Surface};
 use crate::cloud::histograms::{CLASSES, RETURNS};
 use crate::cloud::las::Las;
 use crate::cloud::rgb_range::Scale;
+use crate::cloud::scalar::{Scalar, Scalars};
 use crate::cloud::stream::{self, Source};
+use crate::cloud::up::Up;
 use crate::cloud::{ColumnSet, Columns, Header, Lattice, ReadOptions, Station};
 use crate::error::{Error, Result};
 use crate::index::format::Index;
@@ -25,8 +28,18 @@ const LEAVES: usize = 4;
 
 /// Files, or an index.
 pub enum Input {
-    Files { sources: Vec<Source>, parts: Vec<Part>, notes: Vec<String> },
-    Index { index: Box<Index>, parts: Vec<Part> },
+    Files {
+        sources: Vec<Source>,
+        parts: Vec<Part>,
+        notes: Vec<String>,
+        /// Ground from which heights count, if these are wanted.
+        ground: Option<Surface>,
+    },
+    Index {
+        index: Box<Index>,
+        parts: Vec<Part>,
+        notes: Vec<String>,
+    },
 }
 
 /// Points on one lattice.
@@ -81,17 +94,27 @@ impl Input {
         options: &ReadOptions,
         progress: &dyn Progress,
     ) -> Result<Input> {
+        let above = options.wanted.scalars.has(Scalar::HeightAboveGround);
         if let [path] = paths
             && Index::is_one(path)
         {
-            let index = Box::new(Index::open(path)?);
+            let mut index = Box::new(Index::open(path)?);
+            let note = if above { index.find_ground(progress)? } else { None };
             let parts = parts_of(&index);
-            return Ok(Input::Index { index, parts });
+            return Ok(Input::Index { index, parts, notes: note.into_iter().collect() });
         }
         let mut notes = Vec::new();
         let sources = stream::open(paths, options, progress, &mut notes)?;
-        let parts = sources.iter().map(Part::of).collect();
-        Ok(Input::Files { sources, parts, notes })
+        let mut parts: Vec<Part> = sources.iter().map(Part::of).collect();
+        let ground =
+            if above { Surface::of(&Streams { sources: &sources, progress })? } else { None };
+        if let Some(ground) = &ground {
+            notes.push(ground.note());
+            let above = Scalars::from_iter([Scalar::HeightAboveGround]);
+            let own = parts.iter_mut().map(|part| &mut part.available.scalars);
+            own.for_each(|scalars| *scalars = scalars.and(above));
+        }
+        Ok(Input::Files { sources, parts, notes, ground })
     }
 
     pub fn parts(&self) -> &[Part] {
@@ -143,7 +166,7 @@ impl Input {
     ) -> Result<Vec<String>> {
         let (clips, slab, parts) = (&selection.clips, selection.slab, self.parts());
         match self {
-            Input::Files { sources, notes, .. } => {
+            Input::Files { sources, notes, ground, .. } => {
                 let opaque = Opaque::of_files(&selection.opacities, sources, progress)?;
                 let mut notes = notes.clone();
                 for (part, source) in sources.iter().enumerate() {
@@ -154,25 +177,33 @@ impl Input {
                         source.available().source,
                     );
                     let chosen = Chosen { filter, clips, slab, opaque: &opaque };
+                    let lattice = &parts[part].lattice;
                     let each = |&stream::Batch { columns, records, .. }: &stream::Batch| {
                         let shift = [0; 3];
-                        let left = chosen.left(Some(part), columns, &parts[part].lattice, shift);
+                        let above = ground.as_ref().map(|ground| {
+                            let above = ground.column(ground::Batch { columns, lattice, shift });
+                            let scalars = columns.scalars.iter().cloned().chain([above]).collect();
+                            Columns { scalars, ..columns.clone() }
+                        });
+                        let columns = above.as_ref().unwrap_or(columns);
+                        let left = chosen.left(Some(part), columns, lattice, shift);
                         map(&Batch { part, columns, shift, records, ids: None, left })
                     };
                     notes.extend(source.stream_in_order(progress, &each, take)?.notes);
                 }
                 Ok(notes)
             }
-            Input::Index { index, .. } => {
+            Input::Index { index, notes, .. } => {
                 let contents = &index.directory.contents;
                 let opaque = Opaque::of(&selection.opacities, &contents.stations, Vec::new())?;
                 let filter = &index.compile(&selection.filter)?;
                 let chosen = Chosen { filter, clips, slab, opaque: &opaque };
                 let id = |station: &Station| station.source.unwrap_or(0);
                 let ids: Vec<u16> = contents.stations.iter().map(id).collect();
+                let wanted = index.available();
                 let of_leaf = |&leaf: &usize| {
                     let record = &index.nodes()[leaf];
-                    let columns = &index.columns(leaf, ColumnSet::ALL)?;
+                    let columns = &index.columns(leaf, wanted)?;
                     let (part, shift) = (record.lattice as usize / 2, record.origin);
                     let left = chosen.left(None, columns, &parts[part].lattice, shift);
                     map(&Batch { part, columns, shift, records: &[], ids: Some(&ids), left })
@@ -195,7 +226,7 @@ impl Input {
                     done += points(leaves);
                     progress.tick(&doing, done, total)?;
                 }
-                Ok(Vec::new())
+                Ok(notes.clone())
             }
         }
     }
@@ -220,7 +251,7 @@ impl Part {
 fn parts_of(index: &Index) -> Vec<Part> {
     let contents = &index.directory.contents;
     let first = contents.parts.first();
-    let has_times = contents.keeps(Attribute::Time);
+    let ColumnSet { gps_time: has_times, scalars, .. } = index.available();
     let of_tree = |(tree, lattices): (usize, &[[DVec3; 2]])| {
         let [step, offset] = lattices[0];
         let own = Lattice { step, offset };
@@ -230,7 +261,11 @@ fn parts_of(index: &Index) -> Vec<Part> {
             title: index.path().file_name().unwrap_or_default().to_string_lossy().into_owned(),
             lattice: own,
             own,
-            available: ColumnSet { gps_time: available.gps_time && has_times, ..available },
+            available: ColumnSet {
+                gps_time: available.gps_time && has_times,
+                scalars,
+                ..available
+            },
             intensity_range: first.map_or([0.0, 65535.0], |part| part.intensity_range),
             rgb_scale: Scale::default(),
             header: Header {
@@ -242,6 +277,38 @@ fn parts_of(index: &Index) -> Vec<Part> {
         }
     };
     contents.lattices.chunks(2).enumerate().map(of_tree).collect()
+}
+
+/// Files as points among which the ground is found.
+struct Streams<'s> {
+    sources: &'s [Source],
+    progress: &'s dyn Progress,
+}
+
+impl ground::Points for Streams<'_> {
+    fn count(&self) -> u64 {
+        self.sources.iter().map(Source::points).sum()
+    }
+
+    fn each(&self, sink: &(dyn Fn(ground::Batch) + Sync)) -> Result<()> {
+        for source in self.sources.iter().filter(|source| !source.header().strays) {
+            let lattice = &source.lattice();
+            source.stream(self.progress, &|batch| {
+                sink(ground::Batch { columns: batch.columns, lattice, shift: [0; 3] });
+                Ok(())
+            })?;
+        }
+        Ok(())
+    }
+
+    fn up(&self) -> Up {
+        Up::Z
+    }
+
+    fn reference(&self) -> Reference {
+        let headers = self.sources.iter().map(|source| (source.header(), source.lattice()));
+        Reference::of(headers)
+    }
 }
 
 /// A selection for the points of a part.

@@ -1,15 +1,17 @@
 //! LAS and LAZ. Points of LAS files of one kind keep their records, bit for bit; others become
-//! records of LAS 1.4, which hold the attributes of all formats but extra bytes.
+//! records of LAS 1.4, which hold the attributes of all formats, and scalars as extra bytes.
 
 use super::fields::{Colors, has_words, intensity, record};
 use super::input::{Batch, Input, Part};
 use super::{Packed, Sink, Taker};
 use crate::cloud::crs::Kind;
 use crate::cloud::digits::number;
-use crate::cloud::las::header::{Layout, Vlr, record_bytes};
+use crate::cloud::las::header::{Layout, Vlr};
+use crate::cloud::las::number::ANGLE_STEP;
 use crate::cloud::las::raw::{has_waveform, without_waveform};
 use crate::cloud::las::write::{Head, LasWriter};
 use crate::cloud::las::{INTENSITY_RANGE, Las};
+use crate::cloud::scalar::Scalar;
 use crate::cloud::{Header, Lattice};
 use crate::error::{Error, Result};
 use glam::DVec3;
@@ -29,7 +31,10 @@ pub struct Plan<'p> {
     /// Whether points keep their records.
     raw: bool,
     format: u8,
+    /// Extra bytes of the files' own records.
     extra_bytes: u16,
+    /// Scalars that become extra bytes.
+    added: Vec<Scalar>,
     /// Whether intensities are rounded or stretched, by part.
     intensities: Vec<Intensity>,
 }
@@ -43,7 +48,12 @@ enum Intensity {
 }
 
 impl<'p> Plan<'p> {
-    pub fn new(input: &'p Input, compressed: bool, notes: &mut Vec<String>) -> Result<Plan<'p>> {
+    pub fn new(
+        input: &'p Input,
+        compressed: bool,
+        scalars: &[Scalar],
+        notes: &mut Vec<String>,
+    ) -> Result<Plan<'p>> {
         let parts = input.parts();
         let las: Option<Vec<&Las>> = (0..parts.len()).map(|part| input.las(part)).collect();
         let alike = las.as_ref().and_then(|las| alike(las));
@@ -55,12 +65,29 @@ impl<'p> Plan<'p> {
                 if has_waveform(first.format) || first.kept.has_more {
                     notes.push("waveforms and records behind the points are left out".into());
                 }
-                let extra = first.record_bytes as u16 - record_bytes(first.format);
-                (without_waveform(first.format), extra)
+                (without_waveform(first.format), first.extra_width() as u16)
             }
-            None => (modern(input, notes), 0),
+            None => (modern(input, scalars, notes), 0),
         };
-        Ok(Plan { input, compressed, lattice, shifts, raw, format, extra_bytes, intensities })
+        // Records have these already.
+        let has = |scalar: &Scalar| match scalar {
+            Scalar::HeightAboveGround => false,
+            Scalar::NearInfrared => raw || format == 8,
+            Scalar::ScanAngle => true,
+            Scalar::Extra(_) => raw,
+        };
+        let added = scalars.iter().copied().filter(|scalar| !has(scalar)).collect();
+        Ok(Plan {
+            input,
+            compressed,
+            lattice,
+            shifts,
+            raw,
+            format,
+            extra_bytes,
+            added,
+            intensities,
+        })
     }
 
     pub fn create(&self, path: &Path) -> Result<LasFile> {
@@ -78,7 +105,7 @@ impl<'p> Plan<'p> {
         let head = Head {
             minor: if many { 4 } else { minor },
             format: self.format,
-            extra_bytes: self.extra_bytes,
+            extra_bytes: self.extra_bytes + 8 * self.added.len() as u16,
             compressed: self.compressed,
             lattice: self.lattice,
             file_source: one.map_or(0, |layout| layout.kept.file_source),
@@ -99,7 +126,36 @@ impl<'p> Plan<'p> {
         let all = layout.map_or(&[][..], |layout| &layout.kept.records);
         let own = all.iter().filter(|vlr| self.raw || vlr.user == PROJECTION).cloned();
         let part = self.input.parts().first().filter(|_| layout.is_none());
-        own.chain(part.and_then(|part| system(&part.header))).collect()
+        let mut records: Vec<Vlr> = own.chain(part.and_then(|part| system(&part.header))).collect();
+        if !self.added.is_empty() {
+            let (user, record) = EXTRA_BYTES;
+            let is_it = |vlr: &Vlr| (vlr.user.as_str(), vlr.record) == EXTRA_BYTES;
+            let at = records.iter().position(is_it).unwrap_or_else(|| {
+                let description = "extra bytes".into();
+                records.push(Vlr { user: user.into(), record, description, data: Vec::new() });
+                records.len() - 1
+            });
+            let own = layout.filter(|_| self.raw).map_or(&[][..], |layout| &layout.extra_bytes);
+            let declared: usize = own.iter().map(|extra| extra.bytes).sum();
+            let data = &mut records[at].data;
+            data.truncate(DECLARATION * own.len());
+            // Bytes of another meaning, so that ours are declared where they are.
+            let mut spare = self.extra_bytes as usize - declared;
+            while spare > 0 {
+                let bytes = spare.min(255);
+                data.extend(declaration(0, bytes as u8, "undocumented"));
+                spare -= bytes;
+            }
+            self.added.iter().for_each(|scalar| {
+                let name = match scalar {
+                    Scalar::Extra(name) if LAS_NAMES.contains(name) => format!("extra_{name}"),
+                    Scalar::Extra(name) => name.to_string(),
+                    named => named.to_string().replace('-', "_"),
+                };
+                data.extend(declaration(10, 0, &name));
+            });
+        }
+        records
     }
 
     fn steps(&self, batch: &Batch, i: usize) -> Result<[i32; 3]> {
@@ -122,7 +178,10 @@ impl<'p> Plan<'p> {
     /// Packs a point of any format as one of format 6, 7 or 8.
     fn modern(&self, batch: &Batch, i: usize, steps: [i32; 3], out: &mut Vec<u8>) {
         let (columns, record) = (batch.columns, record(self.input, batch, i));
-        let (angle, user_data, flags) = record.map_or((0, 0, 0), |record| record.others());
+        let (user_data, flags) =
+            record.map_or((0, 0), |record| (record.user_data(), record.flags()));
+        let number = |scalar| columns.scalar(scalar).map_or(0.0, |own| own[i]);
+        let angle = (number(Scalar::ScanAngle) / ANGLE_STEP).round() as i16;
         let range = self.input.parts()[batch.part].intensity_range;
         let stored = columns.intensity.as_ref().map_or(0, |column| column[i]);
         let intensity = match self.intensities[batch.part] {
@@ -145,7 +204,7 @@ impl<'p> Plan<'p> {
             color.iter().for_each(|v| out.extend(v.to_le_bytes()));
         }
         if self.format == 8 {
-            let infrared = record.and_then(|record| record.near_infrared()).unwrap_or(0);
+            let infrared = number(Scalar::NearInfrared) as u16;
             out.extend(infrared.to_le_bytes());
         }
     }
@@ -159,6 +218,11 @@ impl Sink for Plan<'_> {
             match record(self.input, batch, i as usize).filter(|_| self.raw) {
                 Some(record) => record.write(steps, &mut packed.bytes),
                 None => self.modern(batch, i as usize, steps, &mut packed.bytes),
+            }
+            for &scalar in &self.added {
+                let own = batch.columns.scalar(scalar);
+                let number = own.map_or(f64::NAN, |own| own[i as usize]);
+                packed.bytes.extend(number.to_le_bytes());
             }
             packed.ends.push(packed.bytes.len());
         }
@@ -184,6 +248,30 @@ const PROJECTION: &str = "LASF_Projection";
 /// User and number of the record that declares extra bytes.
 const EXTRA_BYTES: (&str, u16) = ("LASF_Spec", 4);
 
+/// Names that other programs have for fields of records.
+const LAS_NAMES: [&str; 8] = [
+    "classification",
+    "gps_time",
+    "intensity",
+    "nir",
+    "point_source_id",
+    "return_number",
+    "scan_angle",
+    "user_data",
+];
+
+/// Bytes of a declaration of extra bytes.
+const DECLARATION: usize = 192;
+
+/// Declares extra bytes of a type (10 is f64, 0 is so many bytes as the options say).
+fn declaration(kind: u8, options: u8, name: &str) -> Vec<u8> {
+    let mut declared = vec![0; DECLARATION];
+    (declared[2], declared[3]) = (kind, options);
+    let end = (0..=32.min(name.len())).rev().find(|&end| name.is_char_boundary(end)).unwrap_or(0);
+    declared[4..4 + end].copy_from_slice(&name.as_bytes()[..end]);
+    declared
+}
+
 /// Returns the first of files whose records have the same fields and meaning.
 fn alike<'l>(las: &[&'l Las]) -> Option<&'l Layout> {
     let extra = |layout: &'l Layout| {
@@ -200,22 +288,22 @@ fn alike<'l>(las: &[&'l Las]) -> Option<&'l Layout> {
 }
 
 /// Returns the point format of LAS 1.4 that holds all attributes. Notes what it does not.
-fn modern(input: &Input, notes: &mut Vec<String>) -> u8 {
+fn modern(input: &Input, scalars: &[Scalar], notes: &mut Vec<String>) -> u8 {
     let parts = input.parts();
     let las: Vec<&Las> = (0..parts.len()).filter_map(|part| input.las(part)).collect();
     if input.is_index() {
-        notes.push("an index has no scan angles, user data, flags, extra bytes and 16-bit colours; exporting its files keeps them".into());
+        notes.push("an index has no scan angles, near infrared and extra bytes beside the one that it keeps, and no user data, flags and 16-bit colours; exporting its files keeps them".into());
     } else if las.len() > 1 {
         notes.push("the files have different point formats; LAS 1.4 records hold them all".into());
     }
-    if las.iter().any(|las| las.layout.has_extra_bytes()) {
-        notes.push("extra bytes are left out, since the files declare different ones".into());
+    if las.iter().any(|las| las.layout.has_unnamed_bytes()) {
+        notes.push("extra bytes that are no named numbers are left out, since the files declare different ones".into());
     }
     if parts.iter().any(|part| part.available.normal) {
         notes.push("normals are left out; .ply and .csv keep them".into());
     }
     match () {
-        () if las.iter().any(|las| matches!(las.layout.format, 8 | 10)) => 8,
+        () if scalars.contains(&Scalar::NearInfrared) => 8,
         () if parts.iter().any(|part| part.available.rgb) => 7,
         () => 6,
     }

@@ -19,6 +19,7 @@ mod table;
 mod thin;
 
 use crate::cloud::filter::{Filter, Present, grouped};
+use crate::cloud::scalar::{Scalar, Scalars};
 use crate::error::{Error, Result};
 use crate::progress::Progress;
 use crate::select::clip::Clips;
@@ -142,30 +143,37 @@ pub struct Exported {
     pub notes: Vec<String>,
 }
 
-/// Writes the points that are left to a file, complete or absent. Errors if there are none.
+/// Writes the points that are left to a file, complete or absent, with all scalars of the files, and
+/// heights above ground if these were `added`. Errors if there are none.
 pub fn export(
     input: &Input,
     selection: &Selection,
     thinning: &Thinning,
+    added: Scalars,
     output: &Path,
     progress: &dyn Progress,
 ) -> Result<Exported> {
     let format = Format::of(output)?;
     input.check(&selection.filter)?;
     let mut notes = Vec::new();
+    let has = input.parts().iter().fold(Scalars::NONE, |has, part| has.and(part.available.scalars));
+    let height = Scalar::HeightAboveGround;
+    let scalars: Vec<Scalar> =
+        has.iter().filter(|own| *own != height || added.has(height)).collect();
+    let scalars = scalars.as_slice();
     let (sink, mut taker): (Box<dyn Sink + '_>, Box<dyn Taker>) = match format {
         Format::Las | Format::Laz => {
-            let plan = las::Plan::new(input, format == Format::Laz, &mut notes)?;
+            let plan = las::Plan::new(input, format == Format::Laz, scalars, &mut notes)?;
             let file = plan.create(output)?;
             (Box::new(plan), Box::new(file))
         }
         Format::Ply => {
-            let plan = ply::Plan::new(input, &mut notes);
+            let plan = ply::Plan::new(input, scalars, &mut notes);
             let file = plan.create(output)?;
             (Box::new(plan), Box::new(file))
         }
         Format::Csv => {
-            let plan = table::Plan::new(input, &mut notes);
+            let plan = table::Plan::new(input, scalars, &mut notes);
             let file = plan.create(output)?;
             (Box::new(plan), Box::new(file))
         }

@@ -4,7 +4,7 @@ use super::fields::{Colors, Field, Fields, has_words};
 use super::input::{Batch, Input};
 use super::table::ByteFile;
 use super::{Packed, Sink, Taker};
-use crate::cloud::las;
+use crate::cloud::{las, scalar};
 use crate::error::Result;
 use std::io::{Seek, SeekFrom, Write};
 use std::path::Path;
@@ -21,13 +21,13 @@ const DIGITS: usize = 20;
 const BEFORE_COUNT: &str = "ply\nformat binary_little_endian 1.0\nelement vertex ";
 
 impl<'p> Plan<'p> {
-    pub fn new(input: &'p Input, notes: &mut Vec<String>) -> Plan<'p> {
+    pub fn new(input: &'p Input, scalars: &[scalar::Scalar], notes: &mut Vec<String>) -> Plan<'p> {
         if (0..input.parts().len())
             .any(|part| has_words(input, part) && input.parts()[part].available.rgb)
         {
             notes.push("colours are rounded to 8 bits a channel, as PLY has them; .las, .laz and .csv keep 16".into());
         }
-        let fields = Fields::new(input, Colors::Bytes, notes);
+        let fields = Fields::new(input, Colors::Bytes, scalars, notes);
         let whole = input.parts().iter().all(|part| part.intensity_range == las::INTENSITY_RANGE);
         Plan { input, fields, whole }
     }
@@ -35,9 +35,9 @@ impl<'p> Plan<'p> {
     fn kind(&self, field: Field) -> Scalar {
         match field {
             Field::Intensity if !self.whole => Scalar::Float,
-            Field::Intensity | Field::Source | Field::NearInfrared => Scalar::Ushort,
-            Field::GpsTime => Scalar::Double,
-            Field::Normal(_) | Field::ScanAngle => Scalar::Float,
+            Field::Intensity | Field::Source => Scalar::Ushort,
+            Field::Scalar(scalar::Scalar::Extra(_)) | Field::GpsTime => Scalar::Double,
+            Field::Normal(_) | Field::Scalar(_) => Scalar::Float,
             _ => Scalar::Uchar,
         }
     }

@@ -9,22 +9,48 @@ use super::Selection;
 use super::fields::intensity;
 use super::input::{Batch, Input};
 use crate::cloud::ColumnSet;
+use crate::cloud::attribute::Attribute;
+use crate::cloud::scalar::{self, Scalar};
 use crate::error::{Error, Result};
 use crate::progress::Progress;
 use crate::view::map::MapGrid;
 use std::ops::Range;
 
 /// What cells hold.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Value {
-    /// Height above the zero of the files, 32-bit floating point
+    /// Height above the zero of the files, 32-bit floating point.
     Height,
-    /// Intensity as in the files, 32-bit floating point
+    /// Intensity as in the files, 32-bit floating point.
     Intensity,
-    /// Number of points, 32-bit unsigned
+    /// Number of points, 32-bit unsigned.
     Count,
-    /// Red, green, blue, and alpha of 0 where there are no points, 8-bit
+    /// Red, green, blue, and alpha of 0 where there are no points, 8-bit.
     Rgb,
+    /// A scalar, 32-bit floating point.
+    Scalar(Scalar),
+}
+
+impl std::fmt::Display for Value {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Value::Scalar(scalar) => scalar.fmt(f),
+            named => f.write_str(&format!("{named:?}").to_lowercase()),
+        }
+    }
+}
+
+impl std::str::FromStr for Value {
+    type Err = String;
+
+    fn from_str(text: &str) -> std::result::Result<Value, String> {
+        let mut named = [Value::Height, Value::Intensity, Value::Count, Value::Rgb].into_iter();
+        let scalar = || text.parse().ok().map(Value::Scalar);
+        named.find(|own| own.to_string() == text).or_else(scalar).ok_or_else(|| {
+            let scalars = scalar::NAMED.map(|own| own.to_string()).join(", ");
+            format!("{text:?} is none of height, intensity, count, rgb, {scalars} and extra:NAME, which `pointillist info` lists")
+        })
+    }
 }
 
 /// Which of a cell's points counts.
@@ -44,6 +70,9 @@ pub const NO_DATA: f32 = -9999.0;
 impl Value {
     /// Returns the attribute to read.
     pub fn wanted(self) -> ColumnSet {
+        if let Value::Scalar(scalar) = self {
+            return Attribute::Scalar(scalar).wanted();
+        }
         ColumnSet {
             intensity: self == Value::Intensity,
             rgb: self == Value::Rgb,
@@ -53,7 +82,7 @@ impl Value {
 
     fn numbers(self) -> usize {
         match self {
-            Value::Height | Value::Intensity => 1,
+            Value::Height | Value::Intensity | Value::Scalar(_) => 1,
             Value::Count => 0,
             Value::Rgb => 3,
         }
@@ -125,6 +154,10 @@ impl Request {
                     [intensity(stored, part.intensity_range), 0.0, 0.0]
                 }
                 Value::Count => [0.0; 3],
+                Value::Scalar(scalar) => {
+                    let number = columns.scalar(scalar)?[i];
+                    [Some(number).filter(|number| !number.is_nan())?, 0.0, 0.0]
+                }
                 Value::Rgb => columns.rgb.as_ref()?[i].map(f64::from),
             };
             let cell = (row - rows.start) as usize * self.grid.size[0] as usize + column as usize;
@@ -182,7 +215,7 @@ impl Request {
                     }
                 })
                 .collect(),
-            Value::Height | Value::Intensity => {
+            Value::Height | Value::Intensity | Value::Scalar(_) => {
                 let value = |cell| if is_empty(cell) { NO_DATA } else { number(cell, 0) as f32 };
                 bytemuck::cast_slice(&all.map(value).collect::<Vec<f32>>()).to_vec()
             }
@@ -219,9 +252,12 @@ pub fn raster(
         }
     }
     match request.value {
-        Value::Intensity | Value::Rgb if !filled.has_value => Err(Error::Request(
-            "no point in the map has the attribute; `pointillist info` lists those of files".into(),
-        )),
+        Value::Intensity | Value::Rgb | Value::Scalar(_) if !filled.has_value => {
+            Err(Error::Request(
+                "no point in the map has the attribute; `pointillist info` lists those of files"
+                    .into(),
+            ))
+        }
         _ if filled.points == 0 => {
             Err(Error::Request("no point that is left is within --extent".into()))
         }

@@ -5,6 +5,7 @@ use super::input::{Batch, Input};
 use super::{Packed, Sink, Taker};
 use crate::atomic_file::AtomicFile;
 use crate::cloud::digits::Digits;
+use crate::cloud::scalar::Scalar;
 use crate::error::{Error, Result};
 use std::fs::File;
 use std::io::{BufWriter, Write};
@@ -18,8 +19,8 @@ pub struct Plan<'p> {
 }
 
 impl<'p> Plan<'p> {
-    pub fn new(input: &'p Input, notes: &mut Vec<String>) -> Plan<'p> {
-        let fields = Fields::new(input, Colors::of(input), notes);
+    pub fn new(input: &'p Input, scalars: &[Scalar], notes: &mut Vec<String>) -> Plan<'p> {
+        let fields = Fields::new(input, Colors::of(input), scalars, notes);
         let decimals = |part: &super::input::Part| Digits::of([part.own]).decimals();
         Plan { input, fields, decimals: input.parts().iter().map(decimals).collect() }
     }
@@ -42,7 +43,11 @@ impl Sink for Plan<'_> {
             // Never fails, since it writes to memory.
             let _ = write!(out, "{x:.dx$},{y:.dy$},{z:.dz$}");
             for (_, value) in self.fields.values(self.input, batch, i as usize) {
-                let _ = write!(out, ",{value}");
+                // Empty where there is none, as tables are read.
+                let _ = match value.is_nan() {
+                    true => write!(out, ","),
+                    false => write!(out, ",{value}"),
+                };
             }
             out.push(b'\n');
             packed.ends.push(out.len());

@@ -175,7 +175,13 @@ fn make(device: &Device, code: &Code, constants: &[(u32, u32)]) -> Result<Kernel
             .module(module)
             .name(c"main")
             .specialization_info(&specialization);
-        let info = vk::ComputePipelineCreateInfo::default().stage(stage).layout(layout);
+        // A software device may run a pass in several dispatches.
+        let flags = match device.is_cpu {
+            true => vk::PipelineCreateFlags::DISPATCH_BASE,
+            false => vk::PipelineCreateFlags::empty(),
+        };
+        let info =
+            vk::ComputePipelineCreateInfo::default().flags(flags).stage(stage).layout(layout);
         let pipeline =
             raw.create_compute_pipelines(vk::PipelineCache::null(), &[info], raw.callbacks());
         raw.destroy_shader_module(module, raw.callbacks());

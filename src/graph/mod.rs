@@ -23,6 +23,7 @@ use crate::progress::Progress;
 use ash::vk;
 use host::{Answers, HostQueue};
 use plan::{Pass, Plan, Resource, Shape};
+use std::collections::HashMap;
 use tiles::TileMask;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
@@ -187,6 +188,9 @@ pub(crate) struct Import {
     texels: Texels,
 }
 
+/// What is called between parts of a submission.
+pub type Pause<'p> = dyn FnMut(&mut Gpu) -> Result<()> + 'p;
+
 /// The device with everything that outlives a frame: memory, kernels, pipelines.
 pub struct Gpu {
     // Fields are dropped in this order, all before the device.
@@ -198,6 +202,8 @@ pub struct Gpu {
     pub overrides: TestOverrides,
     /// Number of clouds made resident so far.
     pub residents: u64,
+    /// Time of a row of workgroups of each kernel on a software device, as measured last `[s]`.
+    paces: HashMap<&'static str, f64>,
     /// Submissions that run detached.
     detached: Vec<PendingSubmission>,
     /// The host that submits, if the device is not ours.
@@ -224,6 +230,7 @@ impl Gpu {
             submitted: 0,
             overrides: TestOverrides::default(),
             residents: 0,
+            paces: HashMap::new(),
             detached: Vec::new(),
             host: None,
             memory,
@@ -752,7 +759,18 @@ impl<'g> Graph<'g> {
     /// Plans, records and submits. Outputs are download buffers and `wanted`; passes that
     /// contribute to neither are dropped.
     pub fn submit_async(self, wanted: &[ResourceId]) -> Result<PendingSubmission> {
-        Ok(self.begin(wanted)?.0)
+        Ok(self.begin(wanted, None)?.0)
+    }
+
+    /// Submits as [`Graph::submit_async`], in parts that take a software device a few milliseconds
+    /// each, and calls `pause` between them, until a pass writes what is `wanted`. Meanwhile nothing
+    /// is in flight; an error ends the submission.
+    pub fn submit_pausing(
+        self,
+        wanted: &[ResourceId],
+        pause: &mut Pause,
+    ) -> Result<PendingSubmission> {
+        Ok(self.begin(wanted, Some(pause))?.0)
     }
 
     /// Submits without a handle to wait for; later submissions start when it is done. Returns its
@@ -761,7 +779,7 @@ impl<'g> Graph<'g> {
         if self.gpu.host.is_some() {
             return host::record_detached(self, wanted);
         }
-        let (pending, gpu) = self.begin(wanted)?;
+        let (pending, gpu) = self.begin(wanted, None)?;
         gpu.detached.push(pending);
         let (done, left) =
             std::mem::take(&mut gpu.detached).into_iter().partition(PendingSubmission::is_done);
@@ -773,16 +791,20 @@ impl<'g> Graph<'g> {
 
     /// Submits and waits.
     pub fn submit_and_wait(self, wanted: &[ResourceId]) -> Result<CompletedSubmission> {
-        let (pending, gpu) = self.begin(wanted)?;
+        let (pending, gpu) = self.begin(wanted, None)?;
         pending.finish(gpu)
     }
 
-    fn begin(mut self, wanted: &[ResourceId]) -> Result<(PendingSubmission, &'g mut Gpu)> {
+    fn begin(
+        mut self,
+        wanted: &[ResourceId],
+        pause: Option<&mut Pause>,
+    ) -> Result<(PendingSubmission, &'g mut Gpu)> {
         if self.gpu.host.is_some() {
             return Err(host::refused());
         }
         let plan = self.complete(wanted)?;
-        record::launch(self, plan)
+        record::launch(self, plan, wanted, pause)
     }
 
     /// Uploads what is known when recording is complete, and plans.

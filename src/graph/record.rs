@@ -3,11 +3,11 @@
 //!
 //! Every pass has a debug label, a timestamp pair and a breadcrumb.
 
-use super::plan::{Memory, Plan, Shape};
+use super::plan::{Memory, Plan, Shape, Step};
 use super::submission::Submission;
 use super::{
-    BufferDesc, Code, CompletedSubmission, Gpu, Graph, Groups, Import, Kind, LAYOUT, Place,
-    ResourceId, Work, too_large,
+    Access, BufferDesc, Code, CompletedSubmission, Gpu, Graph, Groups, Import, Kind, LAYOUT, Pause,
+    Place, ResourceId, Work, too_large,
 };
 use crate::error::{Error, Result};
 use crate::gpu::breadcrumbs::Breadcrumbs;
@@ -15,8 +15,10 @@ use crate::gpu::kernel::descriptor_type;
 use crate::gpu::memory::{Block, RawBuffer, RawImage, Texels};
 use crate::gpu::timing::Timing;
 use crate::gpu::{LogicalDevice, failed, raster};
+use crate::progress::Progress;
 use ash::vk;
 use std::collections::HashMap;
+use std::time::{Duration, Instant};
 
 enum PhysicalResource {
     Image(RawImage),
@@ -73,19 +75,25 @@ pub struct Recorded {
 }
 
 /// Plans are submitted by us.
-pub(super) fn launch<'g>(graph: Graph<'g>, plan: Plan) -> Result<(PendingSubmission, &'g mut Gpu)> {
+pub(super) fn launch<'g>(
+    graph: Graph<'g>,
+    plan: Plan,
+    wanted: &[ResourceId],
+    pause: Option<&mut Pause>,
+) -> Result<(PendingSubmission, &'g mut Gpu)> {
     let progress = graph.progress;
+    let is_output = |step: &Step| {
+        let mut uses = graph.passes[step.pass].uses.iter();
+        uses.any(|(id, access)| *access != Access::Read && wanted.contains(id))
+    };
+    let until = plan.steps.iter().position(is_output).unwrap_or(plan.steps.len());
     let (recorded, submission, gpu) = record(graph, plan, |gpu, recording| {
         let submission = Submission::new(gpu)?;
-        let commands = submission.commands;
         submission.begin()?;
-        let steps = recording.plan.steps.len();
-        let recorded = recording.steps(gpu, commands, |gpu, breadcrumbs, order| {
-            let pause = gpu.device.is_cpu && order > 0 && order % STEPS_PER_FLUSH == 0;
-            let Some(progress) = progress.filter(|_| pause) else { return Ok(()) };
-            submission.flush(gpu, breadcrumbs)?;
-            progress.tick("drawing", order as u64, steps as u64)
-        })?;
+        let parts = Parts { submission: &submission, progress, pause, until };
+        // Others are done before one could pause, and cannot be interrupted.
+        let parts = Some(parts).filter(|_| gpu.device.is_cpu);
+        let recorded = recording.steps(gpu, submission.commands, parts)?;
         submission.submit_rest(gpu, &recorded.1)?;
         Ok((recorded, submission))
     })?;
@@ -98,9 +106,8 @@ pub(super) fn into_host<'g>(
     plan: Plan,
     commands: vk::CommandBuffer,
 ) -> Result<(Recorded, &'g mut Gpu)> {
-    let (recorded, (), gpu) = record(graph, plan, |gpu, recording| {
-        Ok((recording.steps(gpu, commands, |_, _, _| Ok(()))?, ()))
-    })?;
+    let (recorded, (), gpu) =
+        record(graph, plan, |gpu, recording| Ok((recording.steps(gpu, commands, None)?, ())))?;
     Ok((recorded, gpu))
 }
 
@@ -233,14 +240,86 @@ fn downloads(plan: &Plan, held: Resources) -> Vec<(ResourceId, RawBuffer)> {
 /// submission costs a tenth of a millisecond.
 const STEPS_PER_FLUSH: usize = 4;
 
+/// Time of a part of a submission between two pauses: short beside the tenth of a second in which a
+/// panel answers.
+const PART: Duration = Duration::from_millis(10);
+
+/// How a submission to a software device is cut into parts.
+struct Parts<'p, 'q> {
+    submission: &'p Submission,
+    progress: Option<&'p dyn Progress>,
+    pause: Option<&'p mut Pause<'q>>,
+    /// The step that first writes an output: all from there on is one part.
+    until: usize,
+}
+
+impl Parts<'_, '_> {
+    /// Checks for cancellation.
+    fn before(
+        &self,
+        gpu: &Gpu,
+        breadcrumbs: &Breadcrumbs,
+        order: usize,
+        steps: usize,
+    ) -> Result<()> {
+        let Some(progress) =
+            self.progress.filter(|_| order > 0 && order.is_multiple_of(STEPS_PER_FLUSH))
+        else {
+            return Ok(());
+        };
+        self.submission.flush(gpu, breadcrumbs)?;
+        progress.tick("drawing", order as u64, steps as u64)
+    }
+
+    /// Returns how many rows of a kernel's workgroups are a part, by its pace of the last time.
+    fn rows(&self, gpu: &Gpu, kernel: &str, order: usize, all: u32) -> u32 {
+        if self.pause.is_none() || order >= self.until {
+            return all;
+        }
+        const AT_FIRST: u32 = 16;
+        let fitting = |pace: &f64| (PART.as_secs_f64() / pace.max(1e-9)) as u32;
+        gpu.paces.get(kernel).map_or(all / AT_FIRST, fitting).clamp(1, all)
+    }
+
+    /// Ends a part of so many rows, and pauses.
+    fn after(
+        &mut self,
+        gpu: &mut Gpu,
+        breadcrumbs: &Breadcrumbs,
+        kernel: &'static str,
+        order: usize,
+        rows: u32,
+    ) -> Result<()> {
+        let Some(pause) = self.pause.as_mut().filter(|_| order < self.until) else {
+            return Ok(());
+        };
+        let began = Instant::now();
+        self.submission.flush(gpu, breadcrumbs)?;
+        gpu.paces.insert(kernel, began.elapsed().as_secs_f64() / rows as f64);
+        pause(gpu)
+    }
+}
+
+impl Work {
+    /// Returns the kernel of a pass, and the rows of workgroups that may be dispatched one by one;
+    /// shaders step by the length of a row.
+    fn rows(&self) -> (&'static str, u32) {
+        match self {
+            Work::Run { code, groups: Groups::Fixed([_, rows, _]), .. } => (code.name, *rows),
+            Work::Run { code, .. } => (code.name, 1),
+            _ => ("", 1),
+        }
+    }
+}
+
 impl Recording<'_> {
-    /// Records the steps, after `before` each. Every submission shares persistent buffers and
-    /// recycled memory with others, so the first step waits for all earlier work of the queue.
+    /// Records the steps. Every submission shares persistent buffers and recycled memory with others,
+    /// so the first step waits for all earlier work of the queue.
     fn steps(
         self,
         gpu: &mut Gpu,
         commands: vk::CommandBuffer,
-        mut before: impl FnMut(&mut Gpu, &Breadcrumbs, usize) -> Result<()>,
+        mut parts: Option<Parts>,
     ) -> Result<Steps> {
         let Recording { plan, names, work, physical, barriers } = self;
         let timing = Timing::new(&gpu.device, names.len() as u32)?;
@@ -249,17 +328,10 @@ impl Recording<'_> {
         let recorded = (|| {
             timing.reset(commands);
             for (order, step) in plan.steps.iter().enumerate() {
-                before(gpu, &breadcrumbs, order)?;
-                let label = std::ffi::CString::new(names[order].as_str()).unwrap_or_default();
-                if let Some(labels) = &gpu.device.labels {
-                    // SAFETY: the command buffer is being recorded; the label outlives the call.
-                    unsafe {
-                        labels.cmd_begin_debug_utils_label(
-                            commands,
-                            &vk::DebugUtilsLabelEXT::default().label_name(&label),
-                        )
-                    };
+                if let Some(parts) = &parts {
+                    parts.before(gpu, &breadcrumbs, order, plan.steps.len())?;
                 }
+                let label = std::ffi::CString::new(names[order].as_str()).unwrap_or_default();
                 breadcrumbs.mark(&gpu.device, commands, order);
                 if order == 0 || (step.barrier && barriers) {
                     let discards = step.discards.iter().map(|memory| physical[memory].image());
@@ -269,11 +341,36 @@ impl Recording<'_> {
                 let at = |id: &ResourceId| {
                     &physical[&plan.memory[id.0].expect("a kept pass's resource has memory")]
                 };
-                recorder.pass(gpu, &work[step.pass], at)?;
-                timing.mark(commands, order, true);
-                if let Some(labels) = &gpu.device.labels {
-                    // SAFETY: closes the label opened above.
-                    unsafe { labels.cmd_end_debug_utils_label(commands) };
+                let work = &work[step.pass];
+                let bound = recorder.bind(gpu, work, at)?;
+                let ((kernel, rows), mut first) = (work.rows(), 0);
+                // A pass without workgroups is recorded, too.
+                while first < rows.max(1) {
+                    let left = rows - first;
+                    let some = parts.as_ref().map_or(left, |parts| {
+                        parts.rows(gpu, kernel, order, left.max(1)).min(left)
+                    });
+                    if let Some(labels) = &gpu.device.labels {
+                        // SAFETY: the command buffer is being recorded; the label outlives the call.
+                        unsafe {
+                            labels.cmd_begin_debug_utils_label(
+                                commands,
+                                &vk::DebugUtilsLabelEXT::default().label_name(&label),
+                            )
+                        };
+                    }
+                    recorder.pass(gpu, work, &bound, [first, some], at);
+                    first += some.max(1);
+                    if first >= rows {
+                        timing.mark(commands, order, true);
+                    }
+                    if let Some(labels) = &gpu.device.labels {
+                        // SAFETY: closes the label opened above.
+                        unsafe { labels.cmd_end_debug_utils_label(commands) };
+                    }
+                    if let Some(parts) = &mut parts {
+                        parts.after(gpu, &breadcrumbs, kernel, order, some.max(1))?;
+                    }
                 }
             }
             // For downloads, and for what a host's command buffer has next.
@@ -411,6 +508,15 @@ fn barrier<'a>(
     };
 }
 
+/// What a pass binds; nothing for copies.
+#[derive(Default)]
+struct Bound {
+    pipeline: vk::Pipeline,
+    layout: vk::PipelineLayout,
+    /// Of the compute shader, or of the vertex and the fragment shader.
+    sets: [vk::DescriptorSet; 2],
+}
+
 /// Records passes into a command buffer, with descriptors from a pool of its own.
 struct Recorder {
     device: LogicalDevice,
@@ -508,14 +614,15 @@ impl Recorder {
         Ok(set)
     }
 
-    fn pass<'p>(
+    /// Makes what a pass binds.
+    fn bind<'p>(
         &self,
         gpu: &mut Gpu,
         work: &Work,
         at: impl Fn(&ResourceId) -> &'p PhysicalResource,
-    ) -> Result<()> {
-        match work {
-            Work::Run { code, constants, push, resources, groups } => {
+    ) -> Result<Bound> {
+        Ok(match work {
+            Work::Run { code, constants, resources, .. } => {
                 // A shader without a tile list still needs a buffer bound for it, which it never
                 // reads.
                 let no_tiles = match code.listed {
@@ -530,45 +637,13 @@ impl Recorder {
                 };
                 let kernel = gpu.kernels.get(&gpu.device, code, constants)?;
                 let set = self.set(kernel.set_layout, code, resources, no_tiles, &at)?;
-                let bind = vk::PipelineBindPoint::COMPUTE;
-                // SAFETY: the generated types fix the sizes of push constants; everything lives
-                // until the fence.
-                unsafe {
-                    self.device.cmd_bind_pipeline(self.commands, bind, kernel.pipeline);
-                    self.device.cmd_bind_descriptor_sets(
-                        self.commands,
-                        bind,
-                        kernel.layout,
-                        0,
-                        &[set],
-                        &[],
-                    );
-                    if !push.is_empty() {
-                        self.device.cmd_push_constants(
-                            self.commands,
-                            kernel.layout,
-                            vk::ShaderStageFlags::COMPUTE,
-                            0,
-                            push,
-                        );
-                    }
-                    match groups {
-                        Groups::Fixed([x, y, z]) => {
-                            self.device.cmd_dispatch(self.commands, *x, *y, *z)
-                        }
-                        Groups::Indirect(list, byte) => self.device.cmd_dispatch_indirect(
-                            self.commands,
-                            at(list).buffer().0,
-                            *byte,
-                        ),
-                    }
-                }
+                let (pipeline, layout) = (kernel.pipeline, kernel.layout);
+                Bound { pipeline, layout, sets: [set, vk::DescriptorSet::null()] }
             }
-            Work::Draw { draw, resources, vertices, attachments } => {
+            Work::Draw { draw, resources, attachments, .. } => {
                 let [color, depth] = attachments.each_ref().map(|id| at(id).image());
                 let pipeline =
                     gpu.raster.get(&gpu.device, draw, raster::Target::of(color, depth))?;
-                let bind = vk::PipelineBindPoint::GRAPHICS;
                 let mut sets = [vk::DescriptorSet::null(); 2];
                 for (stage, set) in sets.iter_mut().enumerate() {
                     *set = self.set(
@@ -579,15 +654,72 @@ impl Recorder {
                         &at,
                     )?;
                 }
-                // SAFETY: as above.
+                Bound { pipeline: pipeline.pipeline, layout: pipeline.layout, sets }
+            }
+            _ => Bound::default(),
+        })
+    }
+
+    /// Records a pass: of its rows of workgroups a number from the first on.
+    fn pass<'p>(
+        &self,
+        gpu: &Gpu,
+        work: &Work,
+        bound: &Bound,
+        [first, rows]: [u32; 2],
+        at: impl Fn(&ResourceId) -> &'p PhysicalResource,
+    ) {
+        match work {
+            Work::Run { push, groups, .. } => {
+                let bind = vk::PipelineBindPoint::COMPUTE;
+                // SAFETY: the generated types fix the sizes of push constants; everything lives
+                // until the fence.
                 unsafe {
-                    self.device.cmd_bind_pipeline(self.commands, bind, pipeline.pipeline);
+                    self.device.cmd_bind_pipeline(self.commands, bind, bound.pipeline);
                     self.device.cmd_bind_descriptor_sets(
                         self.commands,
                         bind,
-                        pipeline.layout,
+                        bound.layout,
                         0,
-                        &sets,
+                        &bound.sets[..1],
+                        &[],
+                    );
+                    if !push.is_empty() {
+                        self.device.cmd_push_constants(
+                            self.commands,
+                            bound.layout,
+                            vk::ShaderStageFlags::COMPUTE,
+                            0,
+                            push,
+                        );
+                    }
+                    match groups {
+                        Groups::Fixed([x, y, z]) if rows == *y => {
+                            self.device.cmd_dispatch(self.commands, *x, *y, *z)
+                        }
+                        Groups::Fixed([x, _, z]) => {
+                            self.device.cmd_dispatch_base(self.commands, 0, first, 0, *x, rows, *z)
+                        }
+                        Groups::Indirect(list, byte) => self.device.cmd_dispatch_indirect(
+                            self.commands,
+                            at(list).buffer().0,
+                            *byte,
+                        ),
+                    }
+                }
+            }
+            Work::Draw { draw, vertices, attachments, .. } => {
+                let [color, depth] = attachments.each_ref().map(|id| at(id).image());
+                let bind = vk::PipelineBindPoint::GRAPHICS;
+                // SAFETY: as above.
+                unsafe {
+                    self.device.cmd_bind_pipeline(self.commands, bind, bound.pipeline);
+                    self.device.cmd_bind_descriptor_sets(
+                        self.commands,
+                        bind,
+                        bound.layout,
+                        0,
+                        &bound.sets,
                         &[],
                     );
                     for (code, flags) in draw
@@ -598,7 +730,7 @@ impl Recorder {
                         if code.push_bytes > 0 {
                             self.device.cmd_push_constants(
                                 self.commands,
-                                pipeline.layout,
+                                bound.layout,
                                 flags,
                                 0,
                                 &draw.push,
@@ -705,6 +837,5 @@ impl Recorder {
                 };
             }
         }
-        Ok(())
     }
 }

@@ -400,6 +400,7 @@ static ENCODE: LazyLock<Vec<u8>> = LazyLock::new(|| {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::cloud::scalar::Scalars;
     use proptest::prelude::*;
 
     fn weighted(q: Vec<Cell>) -> Samples {
@@ -422,7 +423,7 @@ mod tests {
         source: false,
         normal: false,
         gps_time: false,
-        scalar: None,
+        scalars: Scalars::NONE,
     };
 
     proptest! {

@@ -18,12 +18,16 @@ pub struct SectionPoint {
     pub position: DVec3,
     /// Class, return number, and station or source.
     pub labels: Option<[u32; 3]>,
+    /// Time or scalar that the points show, if they show one.
+    pub number: Option<f64>,
     pub color: [u8; 3],
 }
 
-/// Returns the names of the columns of a table; the last label has its own.
-pub fn head(label: &str) -> String {
-    format!("distance,height,left,x,y,z,class,return,{label},red,green,blue,unit\n")
+/// Returns the names of the columns of a table; the last label and the number that is shown have
+/// their own.
+pub fn head(label: &str, number: Option<&str>) -> String {
+    let number = number.map_or(String::new(), |name| format!(",\"{}\"", name.replace('"', "\"\"")));
+    format!("distance,height,left,x,y,z,class,return,{label},red,green,blue,unit{number}\n")
 }
 
 /// Returns the line of a point in a table: its place in the profile, its place in the world, and
@@ -35,7 +39,12 @@ pub fn line(point: &SectionPoint, reference: &Reference) -> String {
     let labels =
         point.labels.map_or(",,".into(), |labels| labels.map(|label| label.to_string()).join(","));
     let ([r, g, b], DVec2 { x: along, y: left }) = (point.color, point.place);
-    format!("{along},{z},{left},{x},{y},{z},{labels},{r},{g},{b},{unit}\n")
+    let number = match point.number {
+        None => String::new(),
+        Some(number) if number.is_nan() => ",".into(),
+        Some(number) => format!(",{number}"),
+    };
+    format!("{along},{z},{left},{x},{y},{z},{labels},{r},{g},{b},{unit}{number}\n")
 }
 
 /// What a picture of a profile shows, and how large.
@@ -285,6 +294,7 @@ mod tests {
             place: DVec2::new(5.0, left),
             position: DVec3::new(0.0, 0.0, 2.5),
             labels: None,
+            number: None,
             color,
         };
         let points = [point(0.2, [9; 3]), point(-0.3, [1, 2, 3]), point(0.0, [7; 3])];

@@ -50,15 +50,16 @@ pub(super) struct Group {
 }
 
 impl Group {
-    /// Returns the dispatch: exact up to 65,535 workgroups, and beyond that less than one row too
-    /// many.
+    /// Returns the dispatch: in rows, between which a software device may pause, with fewer workgroups
+    /// too many than rows.
     pub fn tiles(&self) -> Dispatch<'static> {
         self.slices(1)
     }
 
     /// Returns the dispatch for `slices` workgroups per chunk.
     pub fn slices(&self, slices: u32) -> Dispatch<'static> {
-        let rows = self.chunk_count.div_ceil(65_535);
+        const ROW: u32 = 256;
+        let rows = self.chunk_count.div_ceil(ROW).min(65_535);
         Dispatch::Groups([self.chunk_count.div_ceil(rows), rows, slices])
     }
 }

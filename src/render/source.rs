@@ -8,7 +8,7 @@ use crate::cloud::filter::{Filter, grouped};
 use crate::cloud::histograms::Histograms;
 use crate::cloud::rgb_range::RgbRange;
 use crate::cloud::robust_bounds::without_strays;
-use crate::cloud::scalar::Scalar;
+use crate::cloud::scalar::{self, Scalar};
 use crate::cloud::strays::{RobustBounds, Strays, Treatment};
 use crate::cloud::stream::FileSummary;
 use crate::cloud::up::Up;
@@ -67,7 +67,7 @@ impl OpenOptions {
     }
 
     /// Adds saved shadows and simulated faults to an index.
-    fn equipped(&self, mut index: Index) -> Result<Source> {
+    fn equipped(&self, mut index: Index, progress: &dyn Progress) -> Result<Source> {
         if let Some((path, light)) = &self.shadows {
             let shadows = index.open_shadows(path)?;
             if !light.is_written(&shadows.contents.light) {
@@ -86,6 +86,10 @@ impl OpenOptions {
         let (up, note) = self.read.up.of(headers, || core_samples(&index));
         index.up = up;
         index.directory.contents.notes.extend(note);
+        if self.reading().wanted.scalars.has(Scalar::HeightAboveGround) {
+            let note = index.find_ground(progress)?;
+            index.directory.contents.notes.extend(note);
+        }
         if !self.filter.is_empty() {
             let compiled = index.compile(&self.filter)?;
             let (points, counts) =
@@ -154,7 +158,7 @@ impl Source {
         match paths.iter().find(|path| Index::is_one(path)) {
             Some(path) if paths.len() == 1 => {
                 refuse_rgb_range(path, opening.read.rgb_range)?;
-                return opening.equipped(Index::open(path)?);
+                return opening.equipped(Index::open(path)?, progress);
             }
             Some(path) => {
                 return Err(Error::Request(format!(
@@ -185,7 +189,7 @@ impl Source {
             )),
             None => progress.note(&format!("drawn from {}, because {why}", index.path().display())),
         }
-        opening.equipped(index)
+        opening.equipped(index, progress)
     }
 
     /// Returns a sample while files are indexed or slowly read; `None` if reading is fast.
@@ -298,6 +302,23 @@ impl Source {
         }
     }
 
+    /// Returns the numbers of its points that only its files have names for.
+    pub fn own_scalars(&self) -> Vec<Attribute> {
+        let names: Vec<String> = match self {
+            Source::Files(cloud) => {
+                cloud.parts.iter().flat_map(|part| part.header.scalars.iter().cloned()).collect()
+            }
+            Source::Index(index) => index.directory.contents.scalar.iter().cloned().collect(),
+        };
+        let mut own = Vec::new();
+        for attribute in names.iter().filter_map(|name| name.parse::<Attribute>().ok()) {
+            if !Attribute::NAMED.contains(&attribute) && !own.contains(&attribute) {
+                own.push(attribute);
+            }
+        }
+        own
+    }
+
     /// Returns the number of nodes of an index.
     pub fn nodes(&self) -> Option<usize> {
         match self {
@@ -401,12 +422,9 @@ impl Source {
                 // Other columns were not read.
                 let own = cloud.parts[0].header.scalars.iter().cloned();
                 let names: Vec<_> = own.chain(["height-above-ground".into()]).collect();
-                return format!("they have {}; `pointillist info` lists all", names.join(", "));
-            }
-            (Source::Index(_), Attribute::Scalar(Scalar::HeightAboveGround)) => {
                 return format!(
-                    "it is found for files that are drawn without an index, of up to {} points",
-                    grouped(config::WHOLE_POINTS)
+                    "they have {}; `pointillist info` lists all",
+                    scalar::listed(&names)
                 );
             }
             (Source::Index(index), Attribute::Time | Attribute::Scalar(_)) => {
@@ -595,7 +613,7 @@ pub fn shown(index: &Index, attribute: Attribute) -> DisplayAttribute {
     let mut shown = match attribute {
         Attribute::Elevation => elevation(index),
         Attribute::Time | Attribute::Scalar(_) => {
-            DisplayAttribute::of_numbers(attribute, numbers(index))
+            DisplayAttribute::of_numbers(attribute, numbers(index, attribute))
         }
         _ => DisplayAttribute::indexed(attribute, [0.0; 2], stretch),
     };
@@ -606,21 +624,18 @@ pub fn shown(index: &Index, attribute: Attribute) -> DisplayAttribute {
 
 /// Returns the numbers of the roots' samples, each with the points it stands for. A root that cannot
 /// be read has none, and is reported when drawn.
-fn numbers(index: &Index) -> Vec<(f64, u64)> {
+fn numbers(index: &Index, attribute: Attribute) -> Vec<(f64, u64)> {
     let read = |node: usize| {
         let root = &index.nodes()[node];
-        let (mut numbers, mut weights) =
-            (vec![0f64; root.count as usize], vec![1u32; root.count as usize]);
-        let (times, weight) = (Plane::GpsTime, Plane::Weight);
-        index.read(node, times, bytemuck::cast_slice_mut(&mut numbers)).ok()?;
-        if root.has(weight) {
-            index.read(node, weight, bytemuck::cast_slice_mut(&mut weights)).ok()?;
+        let mut weights = vec![1u32; root.count as usize];
+        let columns = index.columns(node, attribute.wanted()).ok()?;
+        let numbers = attribute.numbers_of(&columns)?.clone();
+        if root.has(Plane::Weight) {
+            index.read(node, Plane::Weight, bytemuck::cast_slice_mut(&mut weights)).ok()?;
         }
         Some(numbers.into_iter().zip(weights))
     };
-    let roots = 0..index.directory.roots as usize;
-    let with = roots.filter(|&root| index.nodes()[root].has(Plane::GpsTime));
-    let numbers = with.filter_map(read).flatten();
+    let numbers = (0..index.directory.roots as usize).filter_map(read).flatten();
     numbers.filter(|(v, _)| v.is_finite()).map(|(v, weight)| (v, weight as u64)).collect()
 }
 

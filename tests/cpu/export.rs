@@ -8,6 +8,7 @@ use crate::made::Las;
 use crate::shared::shared;
 use glam::DVec3;
 use pointillist::cloud::filter::{Condition, Filter};
+use pointillist::cloud::scalar::Scalars;
 use pointillist::cloud::{self, Cloud, ColumnSet, Columns, ReadOptions};
 use pointillist::error::{Error, Result};
 use pointillist::extract::input::Input;
@@ -44,7 +45,7 @@ fn export(
     output: &Path,
 ) -> Result<Exported> {
     let input = Input::open(files, &options(), &Silent)?;
-    extract::export(&input, selection, thinning, output, &Silent)
+    extract::export(&input, selection, thinning, Scalars::NONE, output, &Silent)
 }
 
 /// Exports all points of one file, and returns the notes.
@@ -372,7 +373,8 @@ fn an_interrupted_export_leaves_nothing() {
         let output = folder.path().join(name);
         let progress = Impatient(0.into());
         let (all, thinning) = (Selection::default(), Thinning::default());
-        let interrupted = extract::export(&input, &all, &thinning, &output, &progress);
+        let interrupted =
+            extract::export(&input, &all, &thinning, Scalars::NONE, &output, &progress);
         assert!(matches!(interrupted, Err(Error::Interrupted)), "{name}");
         assert_eq!(names(folder.path()), ["street.laz"], "{name}");
     }
@@ -430,4 +432,40 @@ fn real_las_files_are_exported_as_they_are() {
     }
     println!("{seen:#?}");
     assert!(seen.len() > 10, "{}", seen.len());
+}
+
+#[test]
+fn scalars_of_all_formats_are_kept_in_all() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    let line = |i: i32| {
+        let gap = if i == 7 { String::new() } else { format!("{}", i as f64 / 3.0) };
+        format!("{i},{},0,{gap},{},{}\n", 2 * i, i - 20, 100 * i)
+    };
+    let lines: String = (0..40).map(line).collect();
+    std::fs::write(at("0.csv"), format!("x,y,z,curvature,scan_angle,Roughness\n{lines}")).unwrap();
+    let wanted = ColumnSet { scalars: Scalars::ALL, ..ColumnSet::ALL };
+    let all = ReadOptions { records: true, ..ReadOptions::new(wanted, false) };
+    let scalars =
+        ["extra:curvature", "scan-angle", "extra:Roughness"].map(|name| name.parse().unwrap());
+    let numbers = |file: &Path| {
+        let cloud = cloud::read(&[file.to_owned()], &all, &Silent).unwrap();
+        let columns = &cloud.parts[0].columns;
+        scalars.map(|scalar| columns.scalar(scalar).expect("the scalar").clone())
+    };
+    let first = numbers(&at("0.csv"));
+    assert!(first[0][7].is_nan() && first[1][3] == -17.0 && first[2][9] == 900.0);
+    for (number, name) in ["1.ply", "2.laz", "3.csv", "4.las", "5.ply"].iter().enumerate() {
+        let before = std::fs::read_dir(folder.path()).unwrap().map(|entry| entry.unwrap().path());
+        let before = before.max().unwrap();
+        assert!(before.file_name().unwrap().to_string_lossy().starts_with(&number.to_string()));
+        let input = Input::open(&[before], &all, &Silent).unwrap();
+        let (left, thinning) = (Selection::default(), Thinning::default());
+        extract::export(&input, &left, &thinning, Scalars::NONE, &at(name), &Silent).unwrap();
+        for (own, first) in numbers(&at(name)).iter().zip(&first) {
+            // Angles of LAS are multiples of 0.006 degrees.
+            let is_near = |(a, b): (&f64, &f64)| (a - b).abs() < 0.003 || a.is_nan() && b.is_nan();
+            assert!(own.len() == 40 && own.iter().zip(first).all(is_near), "{name}: {own:?}");
+        }
+    }
 }

@@ -307,10 +307,11 @@ fn job_14_points_show_any_number_that_they_have() {
         let Some(desk) = Desk::with(scan) else { continue };
         let listed = desk.types("info SCAN");
         assert!(listed.contains(&format!(", {color}")), "{color}: {listed}");
-        let wanted = color.parse::<Attribute>().unwrap().wanted();
+        let attribute = color.parse::<Attribute>().unwrap();
+        let wanted = attribute.wanted();
         let read = ReadOptions::new(wanted, false);
         let read = cloud::read(std::slice::from_ref(&desk.scan), &read, &Silent).unwrap();
-        let numbers = read.parts[0].columns.scalar.as_ref().unwrap();
+        let numbers = attribute.numbers_of(&read.parts[0].columns).unwrap();
         let bytes: Vec<u8> = numbers.iter().flat_map(|number| number.to_le_bytes()).collect();
         fs::write(desk.at("numbers"), bytes).unwrap();
         let script = format!(
@@ -357,6 +358,30 @@ print(len(ours))
     desk.types(&format!("render @strips.pnti --lod 0 -o @drawn.png --size 320x240 {line}"));
     let of_index = read_png(&desk.at("drawn.png"));
     assert!(differ(&of_file, &of_index) < 50, "{}", differ(&of_file, &of_index));
+    // What stands above the ground, of files and of an index, with its height.
+    let high = "--where height-above-ground=2..";
+    let count = |input: &str| {
+        let said = desk.types(&format!("info {input} --count {high}"));
+        let (points, _) = said.split_once(" of ").expect("a count");
+        points.lines().last().unwrap().replace(',', "")
+    };
+    let points = count("SCAN");
+    assert_eq!(count("@strips.pnti"), points);
+    let pictures = ["SCAN", "@strips.pnti --lod 0"].map(|input| {
+        let line = line.replace("scan-angle", "height-above-ground --range 0,20");
+        desk.types(&format!("render {input} -o @drawn.png --size 320x240 {line}"));
+        read_png(&desk.at("drawn.png"))
+    });
+    assert!(differ(&pictures[0], &pictures[1]) < 50, "{}", differ(&pictures[0], &pictures[1]));
+    desk.types(&format!("export SCAN -o @high.laz {high} --add height-above-ground"));
+    let script = "import sys, laspy
+a = laspy.read(sys.argv[1])
+h = a['height_above_ground']
+assert h.min() >= 2 and h.max() < 100 and len(set(a.scan_angle_rank)) > 5
+print(len(h))";
+    if let Some(found) = laspy(script, &[&desk.at("high.laz")]) {
+        assert_eq!(found, points);
+    }
     let said = failed(&desk.run("render @strips.pnti -o @no.png --color time"), 1);
     assert!(said.contains("strips.pnti --keep time` finds them"), "{said}");
     let said = failed(&desk.run("info @strips.pnti --count --where gps-time=1..2"), 1);

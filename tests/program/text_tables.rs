@@ -102,7 +102,7 @@ fn compare(cloud: &Cloud, rows: &[Values], columns: &[Column]) -> std::result::R
         source: has(Column::Source),
         normal: has(Column::Normal(0)) && !flat,
         gps_time: has(Column::Time),
-        scalar: None,
+        ..ColumnSet::default()
     };
     if there != expected {
         return Err(format!("columns {there:?}, not {expected:?}"));

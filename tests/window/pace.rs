@@ -186,33 +186,31 @@ fn panel_answers_within_a_tenth_of_a_second_while_ten_million_points_are_drawn()
         let rows = measured(&hand, actions, 5, pause);
         all.extend(rows.into_iter().map(|(name, times)| (format!("{name}, {when}"), times)));
     }
-    // A view is chosen, and the panel used while it is drawn. These wait for the pass that the
-    // device is in, whose time is the device's: they are printed only.
-    let asserted = all.len();
+    // A view is chosen, and the panel used while it is drawn: between parts of the picture.
     for action in &panel[..3] {
         let mut times = Vec::new();
         for _ in 0..5 {
+            // Another tab, so that this one is a change.
+            hand.does(if action.name == "tab Look" { words[1] } else { words[0] });
+            std::thread::sleep(Duration::from_millis(500));
             hand.key(b'7');
             hand.key(b'0');
             std::thread::sleep(Duration::from_millis(50));
             let row = measured(&hand, std::slice::from_ref(action), 1, Duration::ZERO);
             times.extend(row[0].1.iter());
-            // So that the next one is a change.
-            hand.does(if action.name == "tab Look" { words[1] } else { words[0] });
-            std::thread::sleep(Duration::from_millis(500));
         }
         all.push((format!("{}, after a key", action.name), times));
     }
     let mut slow = Vec::new();
-    for (number, (name, mut times)) in all.into_iter().enumerate() {
+    for (name, mut times) in all {
         times.sort_by(f64::total_cmp);
         let (fastest, median, worst) = (times[0], times[times.len() / 2], times[times.len() - 1]);
         println!(
             "{name:<36} fastest {fastest:>6.1} ms, median {median:>6.1} ms, worst {worst:>6.1} ms"
         );
-        // Other programs take the processors, too, so the fastest of five is compared.
-        if number < asserted && fastest > TARGET.as_secs_f64() * 1e3 {
-            slow.push(format!("{name}: {fastest:.1} ms"));
+        // Other programs take the processors, too, so the worst is printed only.
+        if median > TARGET.as_secs_f64() * 1e3 {
+            slow.push(format!("{name}: {median:.1} ms"));
         }
     }
     assert!(slow.is_empty(), "over {TARGET:?}: {}", slow.join(", "));

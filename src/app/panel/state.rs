@@ -133,7 +133,7 @@ impl UiState {
     pub fn named(&self, scene: &Scene) -> Option<Shown> {
         let mut attribute = self.shown?;
         attribute.scale = scene.scale;
-        let Categories { classes, returns, stations, reference, up } = self.categories.clone();
+        let Categories { classes, returns, stations, reference, up, .. } = self.categories.clone();
         let counts = Histograms { classes, returns };
         Some(Shown { attribute, reference, up, counts, stations })
     }

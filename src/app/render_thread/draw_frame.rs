@@ -1,6 +1,8 @@
 //! Drawing of one frame.
 
-use super::{FrameReport, FrameTimes, Loading, Redraw, RenderEvent, RenderLoop};
+use super::{
+    FrameReport, FrameTimes, Inbox, Loading, Message, Redraw, RenderEvent, RenderLoop, SLOW,
+};
 use crate::app::dynamic_resolution::divided;
 use crate::app::pick_buffer::PickBuffer;
 use crate::config;
@@ -32,6 +34,9 @@ impl Progress for Superseded<'_> {
         if self.posted.load(Relaxed) > self.handled { Err(Error::Interrupted) } else { Ok(()) }
     }
 }
+
+/// Time between two panels while a frame is drawn, so that panels do not take all of it.
+const PANEL_EVERY: Duration = Duration::from_millis(25);
 
 /// Longest time of casting samples of the light between two frames.
 const REFINE_BUDGET: Duration = Duration::from_millis(100);
@@ -72,6 +77,33 @@ fn refine_shadows(
         {
             return Ok(());
         }
+    }
+}
+
+impl Inbox {
+    /// Shows the last frame under a panel that has come while another frame is drawn. Other messages
+    /// wait until that is done.
+    fn show_panel(
+        &mut self,
+        gpu: &mut Gpu,
+        present: &mut Present,
+        show_due: &mut bool,
+    ) -> Result<()> {
+        while let Ok(message) = self.messages.try_recv() {
+            let is_urgent = message.is_urgent();
+            match message {
+                Message::Panel { overlay, .. } => {
+                    self.urgent_handled += is_urgent as u64;
+                    present.set_overlay(gpu, *overlay)?;
+                    *show_due = true;
+                }
+                other => self.waiting.push_back(other),
+            }
+        }
+        if *show_due && !present.is_empty() && present.show(gpu)? {
+            *show_due = false;
+        }
+        Ok(())
     }
 }
 
@@ -140,7 +172,6 @@ impl RenderLoop {
         {
             return Ok(false);
         }
-        let newer = self.inbox.superseded();
         // A refinement of the same picture can be interrupted; another picture is finished.
         let interruptible = self.schedule.redraw != Redraw::Changed;
         // Effects are decided for the full size: a smaller picture has more points per pixel, and
@@ -159,12 +190,9 @@ impl RenderLoop {
             drawn.overlap = Arc::new(resident.overlap(&view));
         }
         if interruptible {
-            refine_shadows(gpu, &view, resident, &config, &newer)?;
+            refine_shadows(gpu, &view, resident, &config, &self.inbox.superseded())?;
         }
         let mut g = Graph::new(gpu);
-        if interruptible {
-            g = g.with_progress(&newer);
-        }
         let outcome = match frame::record(&mut g, &view, resident, &drawn) {
             Ok(outcome) => outcome,
             Err(error) => {
@@ -192,7 +220,22 @@ impl RenderLoop {
             [&outcome.gbuffer.depth, &outcome.gbuffer.index].map(|layer| g.download(layer));
         times.recording = recording.elapsed();
         let (began, handled) = (Instant::now(), self.inbox.handled);
-        let running = match g.submit_async(&[screen.words.resource()]) {
+        let (inbox, schedule) = (&mut self.inbox, &mut self.schedule);
+        let mut shown = Instant::now();
+        let mut pause = |gpu: &mut Gpu| {
+            if shown.elapsed() >= PANEL_EVERY {
+                inbox.show_panel(gpu, present, &mut schedule.show_due)?;
+                shown = Instant::now();
+            }
+            if interruptible { inbox.picture_superseded().tick("", 0, 0) } else { Ok(()) }
+        };
+        let outputs = [screen.words.resource()];
+        // Frames that are soon done, whole.
+        let running = match schedule.took > SLOW || interruptible {
+            true => g.submit_pausing(&outputs, &mut pause),
+            false => g.submit_async(&outputs),
+        };
+        let running = match running {
             Ok(running) => running,
             // A newer message has come; it is handled next.
             Err(Error::Interrupted) => return Ok(true),

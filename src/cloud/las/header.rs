@@ -67,8 +67,15 @@ pub fn record_bytes(format: u8) -> u16 {
 }
 
 impl Layout {
-    pub fn has_extra_bytes(&self) -> bool {
-        self.record_bytes > RECORD_BYTES[self.format as usize] as usize
+    /// Returns the extra bytes of a record.
+    pub fn extra_width(&self) -> usize {
+        self.record_bytes - RECORD_BYTES[self.format as usize] as usize
+    }
+
+    /// Tests whether records have extra bytes that are not numbers with a name.
+    pub fn has_unnamed_bytes(&self) -> bool {
+        let numbers = self.extra_bytes.iter().filter(|extra| extra.is_number());
+        numbers.map(|extra| extra.bytes).sum::<usize>() < self.extra_width()
     }
 }
 
@@ -360,6 +367,11 @@ pub struct ExtraBytes {
 }
 
 impl ExtraBytes {
+    /// Tests whether it is one number, with a name.
+    pub fn is_number(&self) -> bool {
+        (1..=10).contains(&self.kind) && !self.name.is_empty()
+    }
+
     /// Parses a declaration of 192 bytes. Types from 1: eight integers of growing width, two
     /// floats, then the same as pairs and triples.
     fn of(declared: &[u8]) -> ExtraBytes {

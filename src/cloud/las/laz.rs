@@ -184,7 +184,7 @@ impl Coding {
 
 /// Returns the layers to decode: only those of available columns.
 fn selection(available: ColumnSet) -> DecompressionSelection {
-    let is_extra = matches!(available.scalar, Some(Scalar::Extra(_)));
+    let is_extra = available.scalars.iter().any(|own| matches!(own, Scalar::Extra(_)));
     let mut bits = DecompressionSelection::Z;
     for (there, bit) in [
         (available.rgb, DecompressionSelection::RGB),
@@ -192,8 +192,8 @@ fn selection(available: ColumnSet) -> DecompressionSelection {
         (available.class, DecompressionSelection::CLASSIFICATION),
         (available.source, DecompressionSelection::POINT_SOURCE_ID),
         (available.gps_time, DecompressionSelection::GPS_TIME),
-        (available.scalar == Some(Scalar::NearInfrared), DecompressionSelection::NIR),
-        (available.scalar == Some(Scalar::ScanAngle), DecompressionSelection::SCAN_ANGLE),
+        (available.scalars.has(Scalar::NearInfrared), DecompressionSelection::NIR),
+        (available.scalars.has(Scalar::ScanAngle), DecompressionSelection::SCAN_ANGLE),
         (is_extra, DecompressionSelection::ALL_EXTRA_BYTES),
     ] {
         if there {

@@ -1,7 +1,7 @@
 //! Numbers in LAS records that have no column: near infrared, scan angles and extra bytes.
 
 use super::header::{ExtraBytes, Layout, array_at, record_bytes};
-use crate::cloud::scalar::Scalar;
+use crate::cloud::scalar::{Scalar, Scalars};
 
 /// Where a number is in a record, and how it is read.
 #[derive(Clone, Copy)]
@@ -21,16 +21,29 @@ const U16: u8 = 3;
 const I16: u8 = 4;
 
 /// Scan angles of formats from 6 on `[degrees]`.
-const ANGLE_STEP: f64 = 0.006;
+pub const ANGLE_STEP: f64 = 0.006;
 
 /// Returns the names of the numbers of a file, as [`Scalar`] is written.
 pub fn names(layout: &Layout) -> Vec<String> {
     let own = [Scalar::NearInfrared, Scalar::ScanAngle].into_iter();
     let own = own.filter(|&scalar| Number::of(layout, scalar).is_some());
-    let is_number = |extra: &&ExtraBytes| (1..=10).contains(&extra.kind) && !extra.name.is_empty();
-    let extra = layout.extra_bytes.iter().filter(is_number);
+    let extra = layout.extra_bytes.iter().filter(|extra| extra.is_number());
     let extra = extra.map(|extra| Scalar::extra_name(&extra.name));
     own.map(|scalar| scalar.to_string()).chain(extra).collect()
+}
+
+/// Returns the numbers of records that are in a set.
+pub fn wanted(layout: &Layout, wanted: Scalars) -> Vec<(Scalar, Number)> {
+    let all = names(layout).into_iter().filter_map(|name| name.parse().ok());
+    let asked = all.filter_map(|own: Scalar| match own {
+        Scalar::Extra(name) => wanted.extra(name),
+        own => Some(own).filter(|own| wanted.has(*own)),
+    });
+    let mut found: Vec<_> = asked.filter_map(|own| Some((own, Number::of(layout, own)?))).collect();
+    // As sets have them.
+    found.sort_by_key(|(scalar, _)| *scalar);
+    found.dedup_by_key(|(scalar, _)| *scalar);
+    found
 }
 
 impl Number {

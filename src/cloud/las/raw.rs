@@ -1,9 +1,6 @@
 //! Fields of a single LAS record, for writers.
 
-use super::header::{array_at, record_bytes, u16_at};
-
-/// Degrees of a unit of the scan angle in formats 6 to 10.
-const ANGLE: f64 = 0.006;
+use super::header::{record_bytes, u16_at};
 
 /// Returns a point format without waveforms.
 pub fn without_waveform(format: u8) -> u8 {
@@ -39,22 +36,6 @@ impl Record<'_> {
         self.bytes[17]
     }
 
-    /// Returns the scan angle in units of formats 6 to 10.
-    fn angle(&self) -> i16 {
-        match self.is_modern() {
-            true => i16::from_le_bytes(array_at(self.bytes, 18)),
-            false => (self.bytes[16] as i8 as f64 / ANGLE).round() as i16,
-        }
-    }
-
-    /// Returns the scan angle `[degrees]`.
-    pub fn scan_angle(&self) -> f64 {
-        match self.is_modern() {
-            true => (i16::from_le_bytes(array_at(self.bytes, 18)) as f64 * 6.0) / 1000.0,
-            false => (self.bytes[16] as i8).into(),
-        }
-    }
-
     pub fn color(&self) -> Option<[u16; 3]> {
         let at = match self.format {
             2 => 20,
@@ -65,10 +46,6 @@ impl Record<'_> {
         Some([0, 2, 4].map(|channel| u16_at(self.bytes, at + channel)))
     }
 
-    pub fn near_infrared(&self) -> Option<u16> {
-        matches!(self.format, 8 | 10).then(|| u16_at(self.bytes, 36))
-    }
-
     /// Returns synthetic, key point, withheld and overlap; the scanner channel; the direction; the
     /// edge of a flight line: as in formats 6 to 10.
     pub fn flags(&self) -> u8 {
@@ -76,11 +53,6 @@ impl Record<'_> {
             true => self.bytes[15],
             false => self.bytes[15] >> 5 | self.bytes[14] & 0xc0,
         }
-    }
-
-    /// Returns scan angle in units of formats 6 to 10, user data and flags.
-    pub fn others(&self) -> (i16, u8, u8) {
-        (self.angle(), self.user_data(), self.flags())
     }
 }
 

@@ -6,9 +6,9 @@
 //! is faster than a point at a time.
 
 use super::header::Layout;
-use super::number::Number;
+use super::number::{self, Number};
 use crate::cloud::rgb_range::{Occurred, RgbRange, to_8_bits};
-use crate::cloud::scalar::Scalar;
+use crate::cloud::scalar::{Scalar, ScalarColumn, Scalars};
 use crate::cloud::strays::{Extent, Kept};
 use crate::cloud::{ColumnSet, Columns};
 use crate::error::Result;
@@ -17,7 +17,7 @@ use crate::error::Result;
 pub const BLOCK: usize = 8192;
 
 /// Offsets of the fields of a record.
-#[derive(Clone, Copy)]
+#[derive(Clone)]
 pub struct Fields {
     pub record_bytes: usize,
     /// [`Layout::flips`].
@@ -28,8 +28,8 @@ pub struct Fields {
     source: usize,
     gps_time: Option<usize>,
     rgb: Option<usize>,
-    /// Where the requested scalar is.
-    scalar: Option<Number>,
+    /// Where the requested scalars are.
+    scalars: Vec<(Scalar, Number)>,
     /// Colour range.
     pub range: RgbRange,
 }
@@ -38,7 +38,7 @@ const INTENSITY: usize = 12;
 const RETURNS: usize = 14;
 
 impl Fields {
-    pub fn new(layout: &Layout, scalar: Option<Scalar>) -> Self {
+    pub fn new(layout: &Layout, wanted: Scalars) -> Self {
         let modern = layout.format >= 6;
         let gps_time = match layout.format {
             0 | 2 => None,
@@ -60,7 +60,7 @@ impl Fields {
             source,
             gps_time,
             rgb,
-            scalar: scalar.and_then(|scalar| Number::of(layout, scalar)),
+            scalars: number::wanted(layout, wanted),
             range: RgbRange::Words,
         }
     }
@@ -71,7 +71,7 @@ impl Fields {
             rgb: wanted.rgb && self.rgb.is_some(),
             gps_time: wanted.gps_time && self.gps_time.is_some(),
             normal: false,
-            scalar: wanted.scalar.filter(|_| self.scalar.is_some()),
+            scalars: self.scalars.iter().map(|(scalar, _)| *scalar).collect(),
             ..wanted
         }
     }
@@ -104,7 +104,8 @@ pub struct Window<'a> {
     returns: Option<&'a mut [u8]>,
     source: Option<&'a mut [u16]>,
     gps_time: Option<&'a mut [f64]>,
-    scalar: Option<&'a mut [f64]>,
+    /// In the order of [`Fields`].
+    scalars: Vec<&'a mut [f64]>,
     occurred: Occurred,
     /// Number of points of the columns.
     total: usize,
@@ -136,7 +137,7 @@ impl<'a> Window<'a> {
             returns: columns.returns.as_deref_mut(),
             source: columns.source.as_deref_mut(),
             gps_time: columns.gps_time.as_deref_mut(),
-            scalar: columns.scalar.as_deref_mut(),
+            scalars: columns.scalars.iter_mut().map(|own| &mut own.numbers[..]).collect(),
             occurred: Occurred::default(),
         }
     }
@@ -152,7 +153,8 @@ impl<'a> Window<'a> {
             (cut(self.rgb, count), cut(self.intensity, count), cut(self.class, count));
         let (returns, source, gps_time) =
             (cut(self.returns, count), cut(self.source, count), cut(self.gps_time, count));
-        let scalar = cut(self.scalar, count);
+        let scalars = self.scalars.into_iter().map(|numbers| numbers.split_at_mut(count));
+        let scalars: (Vec<_>, Vec<_>) = scalars.unzip();
         let first = Self {
             start: self.start,
             done: 0,
@@ -167,7 +169,7 @@ impl<'a> Window<'a> {
             returns: returns.0,
             source: source.0,
             gps_time: gps_time.0,
-            scalar: scalar.0,
+            scalars: scalars.0,
             occurred: self.occurred,
         };
         let rest = Self {
@@ -184,7 +186,7 @@ impl<'a> Window<'a> {
             returns: returns.1,
             source: source.1,
             gps_time: gps_time.1,
-            scalar: scalar.1,
+            scalars: scalars.1,
             occurred: self.occurred,
         };
         (first, rest)
@@ -234,7 +236,7 @@ impl<'a> Window<'a> {
         if let (Some(column), Some(offset)) = (&mut self.gps_time, fields.gps_time) {
             put(&mut column[at..], rows.clone(), |row| f64::from_le_bytes(part(row, offset)));
         }
-        if let (Some(column), Some(number)) = (&mut self.scalar, fields.scalar) {
+        for (column, (_, number)) in self.scalars.iter_mut().zip(&fields.scalars) {
             put(&mut column[at..], rows.clone(), |row| number.value(row));
         }
         if let (Some(column), Some(offset)) = (&mut self.rgb, fields.rgb) {
@@ -398,7 +400,7 @@ pub fn columns(count: usize, available: ColumnSet) -> Option<Columns> {
         + available.returns as usize
         + 2 * available.source as usize
         + 8 * available.gps_time as usize
-        + 8 * available.scalar.is_some() as usize;
+        + 8 * available.scalars.iter().count();
     Vec::<u8>::new().try_reserve_exact(count.checked_mul(bytes)?).ok()?;
     Some(zeros(count, available))
 }
@@ -419,7 +421,11 @@ pub fn zeros(count: usize, available: ColumnSet) -> Columns {
         source: column(available.source, count),
         normal: None,
         gps_time: column(available.gps_time, count),
-        scalar: column(available.scalar.is_some(), count),
+        scalars: available
+            .scalars
+            .iter()
+            .map(|scalar| ScalarColumn { scalar, numbers: vec![0.0; count] })
+            .collect(),
         extent: Kept::default(),
     }
 }
@@ -434,7 +440,7 @@ fn resize(columns: &mut Columns, count: usize) {
     columns.returns.iter_mut().for_each(|column| column.resize(count, 0));
     columns.source.iter_mut().for_each(|column| column.resize(count, 0));
     columns.gps_time.iter_mut().for_each(|column| column.resize(count, 0.0));
-    columns.scalar.iter_mut().for_each(|column| column.resize(count, 0.0));
+    columns.scalars.iter_mut().for_each(|own| own.numbers.resize(count, 0.0));
 }
 
 /// Drops all-black colours and closes gaps that lanes left: a missing point is absent, never a
@@ -454,7 +460,7 @@ pub fn finish(columns: &mut Columns, lanes: &[Filled]) -> Occurred {
     columns.returns.iter_mut().for_each(|column| close_gaps(column, lanes));
     columns.source.iter_mut().for_each(|column| close_gaps(column, lanes));
     columns.gps_time.iter_mut().for_each(|column| close_gaps(column, lanes));
-    columns.scalar.iter_mut().for_each(|column| close_gaps(column, lanes));
+    columns.scalars.iter_mut().for_each(|own| close_gaps(&mut own.numbers, lanes));
     occurred
 }
 

@@ -5,6 +5,7 @@ use super::point_record::Colors;
 use super::spill_bucket::Spill;
 use crate::cloud::histograms::Tally;
 use crate::cloud::rgb_range::RgbRange;
+use crate::cloud::scalar::Scalar;
 use crate::cloud::stream::Source;
 use crate::cloud::table::TextOptions;
 use crate::cloud::{ColumnSet, ReadOptions};
@@ -38,9 +39,11 @@ impl Options {
     /// wanted; a filter may need times.
     pub fn reading(read: &ReadOptions) -> Options {
         let usual = Options::usual(read.strict);
-        let ColumnSet { gps_time, scalar, .. } = read.wanted;
-        let scalar = scalar.filter(|_| !gps_time);
-        let wanted = ColumnSet { gps_time, scalar, ..usual.wanted };
+        let ColumnSet { gps_time, scalars, .. } = read.wanted;
+        // Heights above ground are found when they are asked for.
+        let is_kept = |own: &Scalar| !gps_time && *own != Scalar::HeightAboveGround;
+        let scalars = scalars.iter().filter(is_kept).take(1).collect();
+        let wanted = ColumnSet { gps_time, scalars, ..usual.wanted };
         Options { text: read.text, rgb_range: read.rgb_range, wanted, ..usual }
     }
 

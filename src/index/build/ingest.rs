@@ -95,7 +95,7 @@ impl Builder<'_> {
         let has = ColumnSet {
             source: has.source || group.members.len() > 1 || self.sources.len() > 1,
             // A scalar takes the place of times.
-            gps_time: has.gps_time || has.scalar.is_some(),
+            gps_time: has.gps_time || !has.scalars.is_empty(),
             ..has
         };
         let parts: Vec<u16> = group.members.iter().map(|&(number, _)| number as u16).collect();

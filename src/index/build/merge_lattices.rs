@@ -12,6 +12,7 @@
 //! ```
 
 use super::build_chunk::{self, OpenNode, TreeSpec};
+use crate::cloud::scalar::Scalars;
 use crate::cloud::{ColumnSet, Lattice};
 use crate::config::{BITS_PER_PLANE, POSITION_PLANES};
 use crate::index::format::morton;
@@ -61,7 +62,7 @@ pub fn over(
         source: Plane::STATIONS.into_iter().any(some),
         normal: some(Plane::Normal),
         gps_time: some(Plane::GpsTime),
-        scalar: None,
+        scalars: Scalars::NONE,
     };
     // Without colours there is no luminance.
     let derive = DerivedPlanes {

@@ -111,7 +111,7 @@ pub fn build(
         }
         let writer = Writer::create(output)?;
         let spill = Spill::new(output, options.bucket_bytes())?;
-        let scalar = sources.iter().find_map(|source| source.available().scalar);
+        let scalar = sources.iter().find_map(|source| source.available().scalars.iter().next());
         let scalar = scalar.map(|scalar| scalar.to_string());
         let contents = Contents { notes, scalar, ..Contents::default() };
         let mut builder = Builder {

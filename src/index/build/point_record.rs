@@ -91,15 +91,16 @@ impl Layout {
                         .map(|&q| -> [u8; size_of::<Cell>()] { bytemuck::cast(q.map(u32::to_le)) }),
                 );
             }
-            rows.put_column(at.rgb, &columns.rgb, &range, [255; 3], |color| color);
-            rows.put_column(at.intensity, &columns.intensity, &range, 0, u16::to_le_bytes);
-            rows.put_column(at.class, &columns.class, &range, 0, |class| [class]);
-            rows.put_column(at.returns, &columns.returns, &range, 0, |returns| [returns]);
-            rows.put_column(at.source, &columns.source, &range, 0, u16::to_le_bytes);
-            rows.put_column(at.normal, &columns.normal, &range, [0; 3], |normal| {
+            rows.put_column(at.rgb, columns.rgb.as_ref(), &range, [255; 3], |color| color);
+            rows.put_column(at.intensity, columns.intensity.as_ref(), &range, 0, u16::to_le_bytes);
+            rows.put_column(at.class, columns.class.as_ref(), &range, 0, |class| [class]);
+            rows.put_column(at.returns, columns.returns.as_ref(), &range, 0, |returns| [returns]);
+            rows.put_column(at.source, columns.source.as_ref(), &range, 0, u16::to_le_bytes);
+            rows.put_column(at.normal, columns.normal.as_ref(), &range, [0; 3], |normal| {
                 normal.map(|v| v as u8)
             });
-            let number = if columns.scalar.is_some() { &columns.scalar } else { &columns.gps_time };
+            let scalar = columns.scalars.first().map(|own| &own.numbers);
+            let number = scalar.or(columns.gps_time.as_ref());
             rows.put_column(at.gps_time, number, &range, 0.0, f64::to_le_bytes);
             rows.put(at.part, range.map(|_| batch.part.to_le_bytes()));
         }
@@ -261,7 +262,7 @@ impl Rows<'_> {
     fn put_column<T: Copy, const N: usize>(
         &mut self,
         at: Option<usize>,
-        column: &Option<Vec<T>>,
+        column: Option<&Vec<T>>,
         range: &Range<usize>,
         lacking: T,
         bytes: impl Fn(T) -> [u8; N],

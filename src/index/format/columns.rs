@@ -4,6 +4,8 @@ use super::file::Index;
 use super::schema::{NodeRecord, Plane};
 use crate::cloud::attribute::Attribute;
 use crate::cloud::filter::{Compiled, Filter, Meaning, Origin};
+use crate::cloud::ground;
+use crate::cloud::scalar::{Scalar, ScalarColumn, Scalars};
 use crate::cloud::{ColumnSet, Columns};
 use crate::config::BITS_PER_PLANE;
 use crate::error::{Error, Result};
@@ -19,7 +21,7 @@ impl NodeRecord {
             source: Plane::STATIONS.into_iter().any(|plane| self.has(plane)),
             normal: self.has(Plane::Normal),
             gps_time: self.has(Plane::GpsTime),
-            scalar: None,
+            scalars: Scalars::NONE,
         }
     }
 }
@@ -29,15 +31,26 @@ impl Index {
     pub fn available(&self) -> ColumnSet {
         let all = self.nodes().iter().map(NodeRecord::available);
         let all = all.fold(ColumnSet::default(), ColumnSet::and);
-        ColumnSet { gps_time: all.gps_time && self.has_times(), ..all }
+        let kept = self.kept_scalar().filter(|_| all.gps_time);
+        let above = self.ground.is_some().then_some(Scalar::HeightAboveGround);
+        let scalars = kept.into_iter().chain(above).collect();
+        ColumnSet { gps_time: all.gps_time && self.has_times(), scalars, ..all }
     }
 
     /// Tests whether some node can show an attribute.
     pub fn shows(&self, attribute: Attribute) -> bool {
+        if let Attribute::Scalar(scalar) = attribute {
+            return self.available().scalars.has(scalar);
+        }
         let planes = Plane::of(attribute);
         planes.is_empty()
             || self.directory.contents.keeps(attribute)
                 && planes.iter().any(|&plane| self.has(plane))
+    }
+
+    /// Returns the scalar that it keeps in place of times.
+    fn kept_scalar(&self) -> Option<Scalar> {
+        self.directory.contents.scalar.as_ref()?.parse().ok()
     }
 
     fn has_times(&self) -> bool {
@@ -79,6 +92,17 @@ impl Index {
         columns.normal = self.column(node, wanted.normal, Plane::Normal)?;
         columns.gps_time =
             self.column(node, wanted.gps_time && self.has_times(), Plane::GpsTime)?;
+        let kept = self.kept_scalar().filter(|&kept| wanted.scalars.has(kept));
+        let numbers = self.column(node, kept.is_some(), Plane::GpsTime)?;
+        let kept = kept.zip(numbers).map(|(scalar, numbers)| ScalarColumn { scalar, numbers });
+        columns.scalars.extend(kept);
+        if wanted.scalars.has(Scalar::HeightAboveGround)
+            && let Some(ground) = &self.ground
+        {
+            let (lattice, shift) = (&self.lattice(record), record.origin);
+            let above = ground.column(ground::Batch { columns: &columns, lattice, shift });
+            columns.scalars.push(above);
+        }
         columns.source = self.column(node, wanted.source, Plane::Source)?;
         if let Some(narrow) = self.column::<u8>(node, wanted.source, Plane::Station)? {
             columns.source = Some(narrow.into_iter().map(u16::from).collect());
@@ -116,6 +140,10 @@ impl Index {
         filter.check(self.available(), &|name| match name {
             "gps-time" => format!(
                 "`pointillist index FILES -o {} --gps-time` keeps it",
+                self.path().display()
+            ),
+            scalar if scalar.parse::<Scalar>().is_ok() => format!(
+                "`pointillist index FILES -o {} --keep {scalar}` keeps it",
                 self.path().display()
             ),
             _ => "`pointillist info` lists its planes".into(),

@@ -22,6 +22,7 @@ use super::writer::{FileHeader, HEADER_BYTES, MAGIC, VERSION};
 use crate::cloud::Lattice;
 use crate::cloud::crs::Reference;
 use crate::cloud::filter::Compiled;
+use crate::cloud::ground::Surface;
 use crate::cloud::strays::RobustBounds;
 use crate::cloud::up::Up;
 use crate::config::{BITS_PER_PLANE, POINTS_PER_PAGE, POSITION_PLANES};
@@ -31,6 +32,7 @@ use bytemuck::Zeroable;
 use glam::DVec3;
 use std::fs::File;
 use std::path::Path;
+use std::sync::Arc;
 
 /// Bytes of a version 1 record before its checksums, of them, and after them; later versions have
 /// more checksums.
@@ -60,6 +62,8 @@ pub struct Index {
     pub filter: Option<Compiled>,
     /// The axis that points up.
     pub up: Up,
+    /// Ground from which heights count, if it was found.
+    pub ground: Option<Arc<Surface>>,
     /// Fault to inject, for tests.
     pub fault: Option<Fault>,
 }
@@ -138,6 +142,7 @@ impl Index {
             hidden: None,
             filter: None,
             up: Up::Z,
+            ground: None,
             fault: None,
         })
     }
