@@ -20,5 +20,6 @@ pub mod study;
 pub mod suggestions;
 pub mod synth;
 pub mod terminal;
+pub mod tune;
 pub mod units;
 pub mod view;
