@@ -9,6 +9,7 @@ pub mod guide;
 pub mod index;
 pub mod indexed_info;
 pub mod info;
+mod limits;
 pub mod options;
 pub mod profile;
 pub mod raster;

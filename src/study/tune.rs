@@ -71,6 +71,7 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
         most: Effort::FULL.most,
         points: plan.points,
         size: plan.size,
+        street: Effort::FULL.street,
     };
     let settings = RenderSettings::default();
     let cut = LodOptions::default();

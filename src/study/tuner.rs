@@ -9,7 +9,7 @@
 //! a tuning differ in one knob by one value, and the tuning beside the widest gap of the front is
 //! next. It ends when its time is over.
 
-use super::chart::{Chart, Mark, Panel};
+use super::chart::{Chart, LARGE, Mark, Panel};
 use super::{lod, metrics, scan::Scan, sweep};
 use crate::cloud::attribute::Attribute;
 use crate::error::Result;
@@ -39,6 +39,8 @@ pub struct Effort {
     pub points: u64,
     /// Size of the pictures `[px]`.
     pub size: [u32; 2],
+    /// Views of the simulated street.
+    pub street: &'static [&'static str],
 }
 
 impl Effort {
@@ -48,13 +50,15 @@ impl Effort {
         most: 24,
         points: 1_000_000,
         size: [640, 360],
+        street: &["near", "close-up"],
     };
     pub const QUICK: Effort = Effort {
-        search: Duration::from_secs(8),
+        search: Duration::from_secs(5),
         rounds: 2,
         most: 12,
         points: 300_000,
         size: [384, 216],
+        street: &["close-up"],
     };
 }
 
@@ -102,7 +106,7 @@ pub fn scenes(
     progress: &dyn Progress,
 ) -> Result<Vec<Subject>> {
     let chosen = [
-        ("street", SceneKind::Street, &["near", "close-up"][..]),
+        ("street", SceneKind::Street, effort.street),
         ("terrain", SceneKind::Terrain, &["close-up"]),
     ];
     chosen
@@ -149,7 +153,8 @@ impl<'t> Tuner<'t> {
         self.subjects.iter().map(|subject| subject.views.len()).sum()
     }
 
-    /// Measures tunings in all views, in turn; times are added to those known.
+    /// Measures tunings in all views, in turn; times are added to those known. Without rounds a new
+    /// tuning has the time of the picture that tells its errors.
     pub fn measure(
         &mut self,
         tunings: &[Tuning],
@@ -158,7 +163,7 @@ impl<'t> Tuner<'t> {
     ) -> Result<()> {
         for view in 0..self.views() {
             let known: Vec<bool> = tunings.iter().map(|own| self.in_view(own, view)).collect();
-            let mut first: Vec<Option<(Errors, Load)>> = vec![None; tunings.len()];
+            let mut first: Vec<Option<(Errors, Load, [f64; 2])>> = vec![None; tunings.len()];
             let numbers: Vec<usize> = (0..tunings.len()).collect();
             let times = sweep::interleaved(&numbers, rounds, |&number| {
                 progress.tick("tuning", self.found.len() as u64, 0)?;
@@ -166,7 +171,7 @@ impl<'t> Tuner<'t> {
                 let drawn = self.draw(view, &tunings[number], layers, progress)?;
                 if layers {
                     let errors = drawn.pixels.errors(&self.references[view]);
-                    first[number] = Some((errors, drawn.load));
+                    first[number] = Some((errors, drawn.load, drawn.ms));
                 }
                 Ok(drawn.ms)
             })?;
@@ -178,7 +183,10 @@ impl<'t> Tuner<'t> {
                 });
                 let views = &mut self.found[place].views;
                 match first {
-                    Some((errors, load)) => views.push(InView { errors, load, ms }),
+                    Some((errors, load, own)) => {
+                        let ms = if rounds == 0 { vec![own] } else { ms };
+                        views.push(InView { errors, load, ms });
+                    }
                     None => views[view].ms.extend(ms),
                 }
             }
@@ -250,12 +258,12 @@ impl<'t> Tuner<'t> {
             knobs.iter().flat_map(single).filter(|(_, tuning)| *tuning != usual).collect();
         let mut sweep = vec![usual, Tuning::finest()];
         sweep.extend(moves.iter().map(|(_, tuning)| *tuning));
-        self.measure(&sweep, 1, progress)?;
+        self.measure(&sweep, 0, progress)?;
         // Values that change nothing are passed over.
         let mut values: Vec<Vec<usize>> =
             KNOBS.iter().map(|knob| vec![knob.usual as usize]).collect();
         for (knob, tuning) in &moves {
-            if self.differ(&usual, tuning) {
+            if self.differs(*knob, tuning) {
                 values[*knob].push(tuning.value(*knob));
             }
         }
@@ -265,28 +273,30 @@ impl<'t> Tuner<'t> {
             .filter(|(knob, tuning)| values[*knob].contains(&tuning.value(*knob)))
             .collect();
         let chains = self.chains(&moves);
-        self.measure(&chains, 1, progress)?;
+        self.measure(&chains, 0, progress)?;
         let mut expanded = vec![usual];
         while began.elapsed() < effort.search {
             let Some(next) = self.at_widest_gap(&expanded) else { break };
             expanded.push(next);
             let beside = self.neighbours(&next, &values);
-            self.measure(&beside, 1, progress)?;
+            self.measure(&beside, 0, progress)?;
         }
-        let mut left = self.front(usize::MAX);
-        left.truncate(4 * effort.most);
         // What one lucky time put on the front is told from the rest.
+        let left = self.front(&self.tunings(), 2 * effort.most);
         self.measure(&left, 1, progress)?;
-        let left = self.front(effort.most);
+        let left = self.front(&left, effort.most);
         self.measure(&left, effort.rounds, progress)?;
+        let left = self.front(&left, effort.most);
         Ok(self.summary(&left, effort.rounds))
     }
 
-    /// Tests whether two tunings differ in error, or clearly in time.
-    fn differ(&self, one: &Tuning, other: &Tuning) -> bool {
-        let (Some(one), Some(other)) = (self.get(one), self.get(other)) else { return true };
-        let errors = |found: &Measured| found.views.iter().map(|v| v.errors).collect::<Vec<_>>();
-        errors(one) != errors(other) || (ms(one)[1] / ms(other)[1]).ln().abs() > 2.0 * WORTH
+    /// Tests whether a value of a knob draws something else than the default, or in another way.
+    fn differs(&self, knob: usize, tuning: &Tuning) -> bool {
+        let seen = |tuning: &Tuning| {
+            let views = self.get(tuning).into_iter().flat_map(|found| &found.views);
+            views.map(|view| (view.errors, view.load)).collect::<Vec<_>>()
+        };
+        KNOBS[knob].effect().is_some() || seen(tuning) != seen(&Tuning::usual())
     }
 
     /// Returns combinations of single moves: those that save the most time for their error one by
@@ -329,7 +339,7 @@ impl<'t> Tuner<'t> {
 
     /// Returns the tuning beside the widest gap of the front that is not yet expanded.
     fn at_widest_gap(&self, expanded: &[Tuning]) -> Option<Tuning> {
-        let front = self.front(usize::MAX);
+        let front = self.front(&self.tunings(), usize::MAX);
         let time = |tuning: &Tuning| self.get(tuning).map_or(1.0, |found| ms(found)[1]).ln();
         let gap = |k: usize| {
             let own = time(&front[k]);
@@ -361,10 +371,14 @@ impl<'t> Tuner<'t> {
         found
     }
 
-    /// Returns the tunings that no other beats in pixels or in depth by what is worth it, and the
+    fn tunings(&self) -> Vec<Tuning> {
+        self.found.iter().map(|found| found.tuning).collect()
+    }
+
+    /// Returns those tunings that no other beats in pixels or in depth by what is worth it, and the
     /// default and the finest one; the fastest first.
-    fn front(&self, most: usize) -> Vec<Tuning> {
-        let mut sorted: Vec<&Measured> = self.found.iter().collect();
+    fn front(&self, of: &[Tuning], most: usize) -> Vec<Tuning> {
+        let mut sorted: Vec<&Measured> = of.iter().filter_map(|tuning| self.get(tuning)).collect();
         sorted.sort_by(|a, b| ms(a)[1].total_cmp(&ms(b)[1]));
         let mut best = Errors { px: f64::MAX, depth: f64::MAX };
         let always = [Tuning::usual(), Tuning::finest()];
@@ -557,6 +571,7 @@ pub fn chart(front: &Front) -> String {
         marks: marks.collect(),
     };
     let chart = Chart {
+        plot: LARGE,
         title: format!("Accuracy against time on {}", front.device),
         x_axis: "milliseconds a picture (bars: quartiles)".into(),
         y_axis: "error against the finest picture, px".into(),
