@@ -2,7 +2,7 @@
 
 use super::files::{check_extension, refuse_to_overwrite};
 use super::frames;
-use super::limits::{Chosen, Got, LimitOptions, Target};
+use super::limits::{Chosen, LimitOptions, Target};
 use super::options::{DeviceOptions, PictureOptions};
 use super::raster::note_system;
 use super::streams;
