@@ -236,6 +236,9 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
             Some(Chosen::settle(limit, &mut target, &arguments.files, &index)?)
         }
     };
+    if chosen.is_some() {
+        stages.done("choose");
+    }
     let cut = chosen.as_ref().map_or(picture.detail.lod(), |chosen| chosen.cut);
     facts.taken = renderer.load(cloud, &view, &cut.of(view.size), progress)?;
     for note in facts.taken.iter().flat_map(|taken| &taken.notes) {
@@ -246,7 +249,12 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
     }
     stages.done("load");
     let config = renderer.config(cloud, &view)?;
-    config.warnings(renderer.cloud(cloud)?.1.resident()).iter().for_each(streams::note);
+    // Of what was asked for, not of what a front has chosen.
+    let asked = match &chosen {
+        None => config.clone(),
+        Some(_) => FrameConfig { effects: picture.settings()?.effects, ..config.clone() },
+    };
+    asked.warnings(renderer.cloud(cloud)?.1.resident()).iter().for_each(streams::note);
 
     let [png, exr] = [&arguments.output, &arguments.exr].map(Option::is_some);
     let Done { frame, asked, notes } =

@@ -5,6 +5,10 @@
 //!     -> neighbours of what is on the front -> the front, timed again in turn
 //! ```
 //!
+//! Other programs slow a device down for a while. Times are therefore taken as parts of the default's,
+//! which is drawn again after every few pictures, and made milliseconds by the median of all of its
+//! times.
+//!
 //! The third step is Pareto local search (Paquete, Chiarandini and Stützle 2004): the neighbours of
 //! a tuning differ in one knob by one value, and the tuning beside the widest gap of the front is
 //! next. It ends when its time is over.
@@ -45,11 +49,11 @@ pub struct Effort {
 
 impl Effort {
     pub const FULL: Effort = Effort {
-        search: Duration::from_secs(60),
+        search: Duration::from_secs(45),
         rounds: 5,
-        most: 24,
+        most: 16,
         points: 1_000_000,
-        size: [640, 360],
+        size: [512, 288],
         street: &["near", "close-up"],
     };
     pub const QUICK: Effort = Effort {
@@ -65,6 +69,9 @@ impl Effort {
 /// A share of the time or the error by which a tuning must be better than the next one.
 const WORTH: f64 = 0.02;
 
+/// Pictures between two of the default.
+const REFERENCE_EVERY: usize = 4;
+
 /// A cloud with the views that it is drawn in.
 pub struct Subject {
     pub name: String,
@@ -77,8 +84,8 @@ pub struct Subject {
 pub struct InView {
     pub errors: Errors,
     pub load: Load,
-    /// Times of points and of pixels, by rounds `[ms]`.
-    pub ms: Vec<[f64; 2]>,
+    /// Times of points and of pixels, by rounds, in parts of the default's.
+    pub parts: Vec<[f64; 2]>,
 }
 
 /// A tuning with all that was measured of it.
@@ -95,6 +102,8 @@ pub struct Tuner<'t> {
     settings: RenderSettings,
     cut: LodOptions,
     references: Vec<Pixels>,
+    /// Times of the default, by views `[ms]`.
+    usual_ms: Vec<Vec<f64>>,
     pub found: Vec<Measured>,
 }
 
@@ -140,11 +149,15 @@ impl<'t> Tuner<'t> {
         cut: LodOptions,
         progress: &dyn Progress,
     ) -> Result<Tuner<'t>> {
-        let mut tuner =
-            Tuner { gpu, subjects, settings, cut, references: Vec::new(), found: Vec::new() };
+        let (references, usual_ms, found) = (Vec::new(), Vec::new(), Vec::new());
+        let mut tuner = Tuner { gpu, subjects, settings, cut, references, usual_ms, found };
         for view in 0..tuner.views() {
             let drawn = tuner.draw(view, &Tuning::finest(), true, progress)?;
             tuner.references.push(drawn.pixels);
+            // The first one also takes memory into use.
+            tuner.draw(view, &Tuning::usual(), false, progress)?;
+            tuner.usual_ms.push(Vec::new());
+            tuner.time_usual(view, progress)?;
         }
         Ok(tuner)
     }
@@ -165,17 +178,23 @@ impl<'t> Tuner<'t> {
             let known: Vec<bool> = tunings.iter().map(|own| self.in_view(own, view)).collect();
             let mut first: Vec<Option<(Errors, Load, [f64; 2])>> = vec![None; tunings.len()];
             let numbers: Vec<usize> = (0..tunings.len()).collect();
+            let (mut usual, mut since) = (1.0, REFERENCE_EVERY);
             let times = sweep::interleaved(&numbers, rounds, |&number| {
+                if since == REFERENCE_EVERY {
+                    (usual, since) = (self.time_usual(view, progress)?, 0);
+                }
+                since += 1;
                 progress.tick("tuning", self.found.len() as u64, 0)?;
                 let layers = !known[number] && first[number].is_none();
                 let drawn = self.draw(view, &tunings[number], layers, progress)?;
+                let parts = drawn.ms.map(|ms| ms / usual);
                 if layers {
                     let errors = drawn.pixels.errors(&self.references[view]);
-                    first[number] = Some((errors, drawn.load, drawn.ms));
+                    first[number] = Some((errors, drawn.load, parts));
                 }
-                Ok(drawn.ms)
+                Ok(parts)
             })?;
-            for ((tuning, first), ms) in tunings.iter().zip(first).zip(times) {
+            for ((tuning, first), parts) in tunings.iter().zip(first).zip(times) {
                 let place = self.found.iter().position(|found| found.tuning == *tuning);
                 let place = place.unwrap_or_else(|| {
                     self.found.push(Measured { tuning: *tuning, views: Vec::new() });
@@ -184,14 +203,22 @@ impl<'t> Tuner<'t> {
                 let views = &mut self.found[place].views;
                 match first {
                     Some((errors, load, own)) => {
-                        let ms = if rounds == 0 { vec![own] } else { ms };
-                        views.push(InView { errors, load, ms });
+                        let parts = if rounds == 0 { vec![own] } else { parts };
+                        views.push(InView { errors, load, parts });
                     }
-                    None => views[view].ms.extend(ms),
+                    None => views[view].parts.extend(parts),
                 }
             }
         }
         Ok(())
+    }
+
+    /// Draws the default. Returns its time `[ms]`.
+    pub fn time_usual(&mut self, view: usize, progress: &dyn Progress) -> Result<f64> {
+        let drawn = self.draw(view, &Tuning::usual(), false, progress)?;
+        let ms = drawn.ms.iter().sum();
+        self.usual_ms[view].push(ms);
+        Ok(ms)
     }
 
     fn in_view(&self, tuning: &Tuning, view: usize) -> bool {
@@ -268,10 +295,10 @@ impl<'t> Tuner<'t> {
             }
         }
         values.iter_mut().for_each(|values| values.sort_unstable());
-        let moves: Vec<(usize, Tuning)> = moves
-            .into_iter()
-            .filter(|(knob, tuning)| values[*knob].contains(&tuning.value(*knob)))
-            .collect();
+        let is_other = |knob: usize, tuning: &Tuning| values[knob].contains(&tuning.value(knob));
+        let (moves, same): (Vec<_>, Vec<_>) =
+            moves.into_iter().partition(|(knob, tuning)| is_other(*knob, tuning));
+        self.found.retain(|found| !same.iter().any(|(_, tuning)| *tuning == found.tuning));
         let chains = self.chains(&moves);
         self.measure(&chains, 0, progress)?;
         let mut expanded = vec![usual];
@@ -306,7 +333,7 @@ impl<'t> Tuner<'t> {
         let rate = |tuning: &Tuning| {
             let found = self.get(tuning).expect("measured");
             let (slower, worse) =
-                (ms(found)[1] - ms(usual)[1], errors(found)[0].px - errors(usual)[0].px);
+                (self.ms(found)[1] - self.ms(usual)[1], errors(found)[0].px - errors(usual)[0].px);
             (slower, worse)
         };
         let mut chains = Vec::new();
@@ -340,7 +367,7 @@ impl<'t> Tuner<'t> {
     /// Returns the tuning beside the widest gap of the front that is not yet expanded.
     fn at_widest_gap(&self, expanded: &[Tuning]) -> Option<Tuning> {
         let front = self.front(&self.tunings(), usize::MAX);
-        let time = |tuning: &Tuning| self.get(tuning).map_or(1.0, |found| ms(found)[1]).ln();
+        let time = |tuning: &Tuning| self.get(tuning).map_or(1.0, |found| self.ms(found)[1]).ln();
         let gap = |k: usize| {
             let own = time(&front[k]);
             let beside = [k.checked_sub(1), Some(k + 1).filter(|k| *k < front.len())];
@@ -379,7 +406,7 @@ impl<'t> Tuner<'t> {
     /// default and the finest one; the fastest first.
     fn front(&self, of: &[Tuning], most: usize) -> Vec<Tuning> {
         let mut sorted: Vec<&Measured> = of.iter().filter_map(|tuning| self.get(tuning)).collect();
-        sorted.sort_by(|a, b| ms(a)[1].total_cmp(&ms(b)[1]));
+        sorted.sort_by(|a, b| self.ms(a)[1].total_cmp(&self.ms(b)[1]));
         let mut best = Errors { px: f64::MAX, depth: f64::MAX };
         let always = [Tuning::usual(), Tuning::finest()];
         let mut gains: Vec<(f64, Tuning)> = Vec::new();
@@ -408,9 +435,54 @@ impl<'t> Tuner<'t> {
         gains.into_iter().map(|(_, tuning)| tuning).collect()
     }
 
+    /// Returns quartiles of the mean time of a picture of each view `[ms]`.
+    fn ms(&self, found: &Measured) -> [f64; 3] {
+        let quartiles = found.views.iter().zip(&self.usual_ms).map(|(view, usual)| {
+            let parts: Vec<f64> = view.parts.iter().map(|parts| parts.iter().sum()).collect();
+            metrics::quartiles(&parts).map(|part| part * metrics::quartiles(usual)[1])
+        });
+        let sums = quartiles.fold([0.0; 3], |sums, ms| std::array::from_fn(|k| sums[k] + ms[k]));
+        sums.map(|sum| sum / found.views.len() as f64)
+    }
+
+    /// Returns the costs of a tuning.
+    fn costs(&self, found: &Measured) -> Tuned {
+        let median = |view: &InView, k: usize| {
+            metrics::quartiles(&view.parts.iter().map(|parts| parts[k]).collect::<Vec<_>>())[1]
+        };
+        let medians: Vec<[f64; 2]> = found
+            .views
+            .iter()
+            .zip(&self.usual_ms)
+            .map(|(view, usual)| [0, 1].map(|k| median(view, k) * metrics::quartiles(usual)[1]))
+            .collect();
+        let whole = |load: &dyn Fn(&Load) -> u64| {
+            found.views.iter().map(|view| load(&view.load) as f64).sum::<f64>().max(1.0) / 1e6
+        };
+        let sum = |k: usize| medians.iter().map(|ms| ms[k]).sum::<f64>();
+        let [mean, most] = errors(found);
+        let mut tuned = Tuned {
+            values: found.tuning.words(),
+            mean,
+            most,
+            ms: self.ms(found),
+            point_ms: sum(0) / whole(&|load| load.points),
+            pixel_ms: sum(1) / whole(&|load| load.pixels),
+            spread: 1.0,
+        };
+        let quotients = found.views.iter().zip(&medians).map(|(view, ms)| {
+            ms.iter().sum::<f64>() / tuned.predicted(&view.load, &Default::default())
+        });
+        tuned.spread = quotients.fold(1.0, f64::max);
+        tuned
+    }
+
     fn summary(&self, tunings: &[Tuning], rounds: usize) -> Front {
-        let mut tuned: Vec<Tuned> =
-            tunings.iter().filter_map(|tuning| self.get(tuning)).map(of).collect();
+        let mut tuned: Vec<Tuned> = tunings
+            .iter()
+            .filter_map(|tuning| self.get(tuning))
+            .map(|found| self.costs(found))
+            .collect();
         tuned.sort_by(|a, b| a.ms[1].total_cmp(&b.ms[1]));
         Front {
             device: self.gpu.device.name.clone(),
@@ -471,46 +543,6 @@ fn errors(found: &Measured) -> [Errors; 2] {
         depth: metrics::mean(all().map(|errors| errors.depth)),
     };
     [mean, all().fold(Errors::default(), Errors::worst)]
-}
-
-/// Returns quartiles of the mean time of a picture of each view `[ms]`.
-fn ms(found: &Measured) -> [f64; 3] {
-    let quartiles = found.views.iter().map(|view| {
-        metrics::quartiles(&view.ms.iter().map(|ms| ms.iter().sum()).collect::<Vec<_>>())
-    });
-    let sums = quartiles.fold([0.0; 3], |sums, ms| std::array::from_fn(|k| sums[k] + ms[k]));
-    sums.map(|sum| sum / found.views.len() as f64)
-}
-
-/// Returns the costs of a tuning.
-fn of(found: &Measured) -> Tuned {
-    let medians: Vec<[f64; 2]> = found
-        .views
-        .iter()
-        .map(|view| {
-            [0, 1]
-                .map(|k| metrics::quartiles(&view.ms.iter().map(|ms| ms[k]).collect::<Vec<_>>())[1])
-        })
-        .collect();
-    let whole = |load: &dyn Fn(&Load) -> u64| {
-        found.views.iter().map(|view| load(&view.load) as f64).sum::<f64>().max(1.0) / 1e6
-    };
-    let sum = |k: usize| medians.iter().map(|ms| ms[k]).sum::<f64>();
-    let [mean, most] = errors(found);
-    let mut tuned = Tuned {
-        values: found.tuning.words(),
-        mean,
-        most,
-        ms: ms(found),
-        point_ms: sum(0) / whole(&|load| load.points),
-        pixel_ms: sum(1) / whole(&|load| load.pixels),
-        spread: 1.0,
-    };
-    let quotients = found.views.iter().zip(&medians).map(|(view, ms)| {
-        ms.iter().sum::<f64>() / tuned.predicted(&view.load, &Default::default())
-    });
-    tuned.spread = quotients.fold(1.0, f64::max);
-    tuned
 }
 
 /// Formats a front as a table.

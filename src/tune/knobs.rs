@@ -14,7 +14,8 @@ pub struct Knob {
     pub usual: u8,
 }
 
-/// All of them. A value names all that its knob sets, so that it replaces any other.
+/// All of them. Visibility and filling have no values finer than their defaults, which `study
+/// visibility` and `study fill` chose by the truth. A value names all that its knob sets, so that it replaces any other.
 pub const KNOBS: [Knob; 13] = [
     Knob {
         name: "lod",
@@ -29,7 +30,6 @@ pub const KNOBS: [Knob; 13] = [
     Knob {
         name: "visibility",
         values: &[
-            "visibility=auto,kernel=7,levels=8",
             "visibility=auto,kernel=7,levels=7",
             "visibility=auto,kernel=7,levels=4",
             "visibility=auto,kernel=5,levels=7",
@@ -39,7 +39,7 @@ pub const KNOBS: [Knob; 13] = [
             "visibility=auto,kernel=3,levels=2",
             "visibility=off,kernel=7,levels=7",
         ],
-        usual: 1,
+        usual: 0,
     },
     Knob {
         name: "fill",
