@@ -127,12 +127,10 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
         .to_vec(),
         rows: Vec::new(),
     };
-    // By time: first choices and settled ones that missed it, and quotients of errors.
-    let mut pooled: Vec<(&str, f64, [Vec<f64>; 3], Vec<f64>)> =
-        TIMES.map(|(name, time)| (name, time, Default::default(), Vec::new())).to_vec();
+    let mut pooled = TIMES.map(|(name, time)| Pooled { name, time, ..Pooled::default() });
     for view in 0..SCENES.len() {
         let load = |tuning: &Tuning| -> Load { measured(view, tuning).load };
-        for (_, time, misses, times) in &mut pooled {
+        for Pooled { time, kept, ms, .. } in &mut pooled {
             let best = sweep
                 .iter()
                 .filter(|tuning| part(view, tuning) <= *time)
@@ -158,9 +156,9 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
             let missed = |ms: f64| f64::from(u8::from(ms > most));
             [missed(first_ms), missed(got), ratio]
                 .into_iter()
-                .zip(misses.iter_mut())
+                .zip(kept.iter_mut())
                 .for_each(|(value, all)| all.push(value));
-            times.push(got);
+            ms.push(got);
             choices.rows.push(vec![
                 SCENES[view].0.into(),
                 VIEWS[view].into(),
@@ -174,7 +172,7 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
             ]);
         }
     }
-    for (name, _, [first, settled, ratio], times) in &pooled {
+    for Pooled { name, kept: [first, settled, ratio], ms, .. } in &pooled {
         let [median, most] = metrics::quantiles(ratio, [0.5, 1.0]);
         let share = |missed: &[f64]| metrics::mean(missed.iter().copied());
         all.extend(rows(
@@ -182,7 +180,7 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
             ["time", name],
             ["missed_first", "missed", "ratio_median", "ratio_most"],
             &[share(first), share(settled), median, most],
-            times,
+            ms,
         ));
     }
     for (name, px) in ERRORS {
@@ -236,6 +234,18 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
     }];
     let title = "Tuning: times and errors that were asked for".into();
     Ok(Section { name: "tune", title, method, rows: all, figures, tables: vec![choices] })
+}
+
+/// What a time that was asked for led to, in all views.
+#[derive(Default)]
+struct Pooled {
+    name: &'static str,
+    /// Time, in parts of the default's.
+    time: f64,
+    /// First choices that missed it, settled ones that did, both 0 or 1, and quotients of errors.
+    kept: [Vec<f64>; 3],
+    /// Times of the settled choices `[ms]`.
+    ms: Vec<f64>,
 }
 
 fn grid() -> Vec<Tuning> {
