@@ -19,6 +19,7 @@
 //! - [`loader`]: the thread that reads nodes of an index. [`resident`]: nodes in device memory.
 //! - [`passes`]: one file a pass, and the registry of effects.
 //! - [`render`]: files or an index as a source, settings, the scene file, and the whole frame.
+//! - [`tune`]: settings that trade accuracy for time, and the choice of one for a time or an error.
 //! - [`renderer`]: clouds, drawn into the images of another Vulkan application or on a device of
 //!   our own, as the programs here do. [`c`]: the same for C.
 //!   These two are the interface that stays; the other modules change with the program.
@@ -88,4 +89,5 @@ pub mod small_file;
 pub mod study;
 #[cfg(feature = "study")]
 pub mod synth;
+pub mod tune;
 pub mod view;

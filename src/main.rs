@@ -4,7 +4,7 @@
 use clap::{Arg, ArgAction, Command as Clap, CommandFactory, FromArgMatches, Parser};
 use pointillist::cli::{
     bench, export, guide, index, info, profile, raster, renamed, render, shadows, study,
-    suggestions, synth, terminal::Terminal, view,
+    suggestions, synth, terminal::Terminal, tune, view,
 };
 use pointillist::error::Error;
 use std::io::Write;
@@ -50,6 +50,8 @@ enum Command {
     Profile(Box<profile::Arguments>),
     /// Simulate scans of analytic scenes, with ground truth
     Synth(synth::Arguments),
+    /// Measure what accuracy costs in time on this device, for --time and --error
+    Tune(Box<tune::Arguments>),
     /// Measure accuracy against time
     Study(study::Arguments),
     /// Measure passes against other ways of doing the same
@@ -112,6 +114,7 @@ fn main() -> ExitCode {
         Command::Info(arguments) => info::run(arguments, &progress),
         Command::Profile(arguments) => profile::run(arguments, &progress),
         Command::Synth(arguments) => synth::run(arguments, &progress),
+        Command::Tune(arguments) => tune::run(arguments, &progress),
         Command::Study(arguments) => study::run(arguments, &progress),
         Command::Bench(arguments) => bench::run(arguments, &progress),
         Command::Guide(arguments) => guide::run(arguments),

@@ -2,9 +2,11 @@
 
 use super::files::{check_extension, refuse_to_overwrite};
 use super::frames;
+use super::limits::{Chosen, LimitOptions, Target};
 use super::options::{DeviceOptions, PictureOptions};
 use super::raster::note_system;
 use super::streams;
+use super::tune;
 use super::units::LARGEST_SIDE;
 use crate::atomic_file::{AtomicFile, STANDARD_OUTPUT};
 use crate::cloud::crs::Crs;
@@ -39,6 +41,8 @@ Examples:
   pointillist render scan.laz -o out.png --clip box:10,-5,0,14,5,3 --clip outside:11,-1,0,12,1,3    a room, without its table
   pointillist render scan.laz -o out.png --only ground       also building, class=2,6, return=last, z=10..20
   pointillist render scan.laz -o out.png --not noise --where intensity=100..2000
+  pointillist render scan.laz -o out.png --time 50ms         the most accurate picture in this time; see `tune`
+  pointillist render scan.laz -o out.png --error 0.5px       the fastest with this error against the finest; or 0.2% of depth
   pointillist render scan.laz -o map.png --view top --color elevation --legend --scale-bar --axes
   pointillist render scan.laz -o poster.png --size 40000x20000    in tiles, without seams
   pointillist render scan.laz -o out.png --scene scene.json  a scene saved by the window
@@ -95,6 +99,8 @@ pub struct Arguments {
     #[command(flatten)]
     pub picture: PictureOptions,
     #[command(flatten)]
+    pub limits: LimitOptions,
+    #[command(flatten)]
     pub device: DeviceOptions,
     /// Print which passes run and why: to standard error, or as JSON to standard output
     #[arg(long, value_name = "json", num_args = 0..=1, require_equals = true, default_missing_value = "text", value_parser = ["text", "json"])]
@@ -132,6 +138,11 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
         ));
     }
     if arguments.path.is_some() || arguments.turntable.is_some() {
+        if arguments.limits.limit().is_some() {
+            return Err(Error::Request(
+                "--time and --error are for one picture, without --path and --turntable".into(),
+            ));
+        }
         if to_output > 0 {
             return Err(Error::Request("frames and films are files; name one with -o".into()));
         }
@@ -143,6 +154,13 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
         ));
     }
     let picture = arguments.picture.with_scene()?;
+    if arguments.limits.limit().is_some()
+        && (arguments.resolution.is_some() || arguments.piece.is_some())
+    {
+        return Err(Error::Request(
+            "--time and --error are for pictures that are drawn in one piece, without --resolution and --piece".into(),
+        ));
+    }
     arguments.check_map()?;
     let endings: &[&str] = if arguments.resolution.is_some() { &MAPS } else { &["png"] };
     for (output, endings) in [(&arguments.output, endings), (&arguments.exr, &["exr"])] {
@@ -155,7 +173,12 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
     // Wrong numbers are refused before anything is read.
     picture.settings()?;
     let mut stages = Stages::new();
-    let mut source = Source::open(&arguments.files, &picture.opening(arguments.strict), progress)?;
+    let limit = arguments.limits.limit();
+    let opening = match limit {
+        None => picture.opening(arguments.strict),
+        Some(_) => tune::opening(&picture, arguments.strict),
+    };
+    let mut source = Source::open(&arguments.files, &opening, progress)?;
     source.find(picture.color, progress)?;
     let notes = source.notes(picture.further()).into_iter();
     notes.chain(source.clipped_away(&picture.clips())).for_each(streams::note);
@@ -181,6 +204,7 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
         shadows: None,
         strokes: None,
     };
+    let index = if let Source::Index(index) = &source { Some(index.clone()) } else { None };
     stages.done("settings");
     let mut renderer = picture.renderer(&arguments.device)?;
     stages.done("open device");
@@ -190,6 +214,11 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
         || arguments.tile.is_some()
         || tiled::needs_pieces(&renderer.gpu, view.size, arguments.piece)
     {
+        if limit.is_some() {
+            return Err(Error::Request(
+                "--time and --error are for pictures that are drawn in one piece; make --size smaller".into(),
+            ));
+        }
         let wanted = PictureRequest {
             view,
             lod: picture.detail.lod(),
@@ -199,7 +228,19 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
         };
         return in_pieces(arguments, wanted, placed, &mut renderer, cloud, progress);
     }
-    facts.taken = renderer.load(cloud, &view, &picture.detail.lod().of(view.size), progress)?;
+    let chosen = match limit.zip(index) {
+        None => None,
+        Some((limit, index)) => {
+            let mut target =
+                Target { renderer: &mut renderer, cloud, view: &view, picture: &picture, progress };
+            Some(Chosen::settle(limit, &mut target, &arguments.files, &index)?)
+        }
+    };
+    if chosen.is_some() {
+        stages.done("choose");
+    }
+    let cut = chosen.as_ref().map_or(picture.detail.lod(), |chosen| chosen.cut);
+    facts.taken = renderer.load(cloud, &view, &cut.of(view.size), progress)?;
     for note in facts.taken.iter().flat_map(|taken| &taken.notes) {
         if arguments.strict {
             return Err(Error::Request(note.clone()));
@@ -208,7 +249,12 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
     }
     stages.done("load");
     let config = renderer.config(cloud, &view)?;
-    config.warnings(renderer.cloud(cloud)?.1.resident()).iter().for_each(streams::note);
+    // Of what was asked for, not of what a front has chosen.
+    let asked = match &chosen {
+        None => config.clone(),
+        Some(_) => FrameConfig { effects: picture.settings()?.effects, ..config.clone() },
+    };
+    asked.warnings(renderer.cloud(cloud)?.1.resident()).iter().for_each(streams::note);
 
     let [png, exr] = [&arguments.output, &arguments.exr].map(Option::is_some);
     let Done { frame, asked, notes } =
@@ -227,23 +273,39 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
     downloads.write(&frame, view.size, png, exr, over)?;
     stages.done("write");
 
+    let got = match &chosen {
+        None => None,
+        Some(chosen) => {
+            let asked = arguments.explain.is_some() || arguments.timings;
+            let mut target =
+                Target { renderer: &mut renderer, cloud, view: &view, picture: &picture, progress };
+            let got = chosen.got(&mut target, &frame.passes, asked)?;
+            streams::note(chosen.line(&got));
+            Some((chosen, got))
+        }
+    };
     if let Some(counts) = counts {
         let (gpu, cloud) = renderer.cloud(cloud)?;
         let resident = cloud.resident();
         facts.left = left(gpu, &view, resident, &config)?;
         let counts = counts.counts(&frame, view.size, &config.effects);
         match arguments.explain.as_deref() {
-            Some("json") => streams::print(&format!(
-                "{}\n",
-                explain_json(&facts, gpu, resident, &config, &statistics, &counts, &frame)
-            ))?,
-            _ => streams::say(
-                explain(&facts, gpu, resident, &config, &statistics, &counts, &frame).trim_end(),
-            ),
+            Some("json") => {
+                let mut explained =
+                    explain_json(&facts, gpu, resident, &config, &statistics, &counts, &frame);
+                explained["chosen"] = got.as_ref().map(|(chosen, got)| chosen.json(got)).into();
+                streams::print(&format!("{explained}\n"))?
+            }
+            _ => {
+                let text = explain(&facts, gpu, resident, &config, &statistics, &counts, &frame);
+                let columns = got.iter().map(|(chosen, got)| chosen.columns(got));
+                streams::say(columns.chain([text]).collect::<String>().trim_end())
+            }
         }
     }
     if arguments.timings {
         stages.print(&frame);
+        got.iter().for_each(|(chosen, got)| streams::say(chosen.columns(got).trim_end()));
     }
     Ok(())
 }

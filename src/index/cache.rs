@@ -109,6 +109,18 @@ fn cache_key(paths: &[PathBuf], options: &Options) -> Result<String> {
         )
         .as_bytes(),
     );
+    add_files(&mut hash, paths)?;
+    Ok(hash.finalize().to_hex()[..16].to_string())
+}
+
+/// Returns a hash of files: their paths, lengths, times and samples of their contents.
+pub fn key_of_files(paths: &[PathBuf]) -> Result<String> {
+    let mut hash = blake3::Hasher::new();
+    add_files(&mut hash, paths)?;
+    Ok(hash.finalize().to_hex()[..16].to_string())
+}
+
+fn add_files(hash: &mut blake3::Hasher, paths: &[PathBuf]) -> Result<()> {
     for path in paths {
         let failed = |error| Error::io("read", path, error);
         let place = path.canonicalize().map_err(failed)?;
@@ -133,5 +145,5 @@ fn cache_key(paths: &[PathBuf], options: &Options) -> Result<String> {
             hash.update(&sample);
         }
     }
-    Ok(hash.finalize().to_hex()[..16].to_string())
+    Ok(())
 }

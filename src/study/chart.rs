@@ -24,6 +24,8 @@ pub struct Panel {
 }
 
 pub struct Chart {
+    /// Size of a panel's plot `[px]`.
+    pub plot: [i32; 2],
     pub title: String,
     pub x_axis: String,
     pub y_axis: String,
@@ -37,8 +39,11 @@ const GRID: RGBColor = RGBColor(0xE4, 0xE7, 0xEA);
 const FRONT: RGBColor = RGBColor(0x00, 0x72, 0xB2);
 const AUTO: RGBColor = RGBColor(0xD5, 0x5E, 0x00);
 
-/// Sizes `[px]`: a panel's plot, the space between panels, and the margins for axes and titles.
-const PLOT: [i32; 2] = [286, 178];
+/// Size of the plot of a small panel `[px]`.
+pub const SMALL: [i32; 2] = [286, 178];
+/// Size of the plot of a chart that has one panel `[px]`.
+pub const LARGE: [i32; 2] = [760, 420];
+/// Sizes `[px]`: the space between panels, and the margins for axes and titles.
 const GAP: [i32; 2] = [22, 44];
 const LEFT: i32 = 92;
 const TOP: i32 = 92;
@@ -49,6 +54,12 @@ const ZERO_LIFT: i32 = 14;
 const LINE_HEIGHT: i32 = 14;
 
 type Area<'a> = DrawingArea<SVGBackend<'a>, Shift>;
+
+/// The axes of all panels, and the size of a plot `[px]`.
+struct Scale {
+    axes: [Axis; 2],
+    plot: [i32; 2],
+}
 
 /// A logarithmic axis onto a range of pixels.
 struct Axis {
@@ -120,8 +131,8 @@ impl Chart {
         let columns = self.columns.min(self.panels.len()).max(1) as i32;
         let rows = self.panels.len().div_ceil(columns as usize).max(1) as i32;
         let size = [
-            LEFT + columns * (PLOT[0] + GAP[0]) - GAP[0] + RIGHT,
-            TOP + rows * (PLOT[1] + GAP[1]) - GAP[1] + BOTTOM,
+            LEFT + columns * (self.plot[0] + GAP[0]) - GAP[0] + RIGHT,
+            TOP + rows * (self.plot[1] + GAP[1]) - GAP[1] + BOTTOM,
         ];
         let mut svg = String::new();
         {
@@ -146,6 +157,7 @@ impl Chart {
             Axis::around(marks().flat_map(|mark| mark.x), 0.12),
             Axis::around(marks().map(|mark| mark.y), 0.5),
         ];
+        let scale = Scale { axes, plot: self.plot };
         let zeros = marks().any(|mark| mark.y == 0.0);
         root.fill(&WHITE)?;
         root.draw_text(&self.title, &text(19, &INK, true, HPos::Left, VPos::Top), (LEFT, 14))?;
@@ -161,10 +173,11 @@ impl Chart {
         )?;
         for (i, panel) in self.panels.iter().enumerate() {
             let (column, row) = (i as i32 % columns, i as i32 / columns);
-            let corner = (LEFT + column * (PLOT[0] + GAP[0]), TOP + row * (PLOT[1] + GAP[1]));
+            let corner =
+                (LEFT + column * (self.plot[0] + GAP[0]), TOP + row * (self.plot[1] + GAP[1]));
             let lowest = i + columns as usize >= self.panels.len();
-            panel.grid(root, corner, &axes, zeros, [lowest, column == 0])?;
-            panel.plot(root, corner, &axes)?;
+            panel.grid(root, corner, &scale, zeros, [lowest, column == 0])?;
+            panel.plot(root, corner, &scale)?;
         }
         Ok(())
     }
@@ -212,14 +225,14 @@ impl Panel {
         &self,
         root: &Area,
         (x, y): (i32, i32),
-        axes: &[Axis; 2],
+        scale: &Scale,
         zeros: bool,
         [below, beside]: [bool; 2],
     ) -> Result<(), DrawingAreaErrorKind<std::io::Error>> {
-        let (right, bottom) = (x + PLOT[0], y + PLOT[1]);
+        let (right, bottom) = (x + scale.plot[0], y + scale.plot[1]);
         root.draw_text(&self.title, &text(14, &INK, true, HPos::Left, VPos::Bottom), (x, y - 7))?;
-        for tick in axes[0].ticks() {
-            let at = x + axes[0].at(tick, PLOT[0]);
+        for tick in scale.axes[0].ticks() {
+            let at = x + scale.axes[0].at(tick, scale.plot[0]);
             root.draw(&PathElement::new([(at, y), (at, bottom)], GRID))?;
             if below {
                 root.draw_text(
@@ -241,10 +254,10 @@ impl Panel {
                 Ok(())
             }
         };
-        axes[1]
+        scale.axes[1]
             .ticks()
             .into_iter()
-            .try_for_each(|tick| line(height(axes, tick, y), &number(tick)))?;
+            .try_for_each(|tick| line(height(scale, tick, y), &number(tick)))?;
         if zeros {
             line(bottom - ZERO_LIFT, "exactly 0")?;
         }
@@ -255,9 +268,11 @@ impl Panel {
         &self,
         root: &Area,
         (x, y): (i32, i32),
-        axes: &[Axis; 2],
+        scale: &Scale,
     ) -> Result<(), DrawingAreaErrorKind<std::io::Error>> {
-        let place = |mark: &Mark| (x + axes[0].at(mark.x[1], PLOT[0]), height(axes, mark.y, y));
+        let place = |mark: &Mark| {
+            (x + scale.axes[0].at(mark.x[1], scale.plot[0]), height(scale, mark.y, y))
+        };
         let mut front: Vec<(i32, i32)> =
             self.marks.iter().filter(|mark| mark.front).map(place).collect();
         front.sort_unstable();
@@ -267,7 +282,8 @@ impl Panel {
         root.draw(&PathElement::new(steps.collect::<Vec<_>>(), FRONT.mix(0.45).stroke_width(2)))?;
         for mark in &self.marks {
             let (_, at) = place(mark);
-            let ends = [mark.x[0], mark.x[2]].map(|ms| (x + axes[0].at(ms, PLOT[0]), at));
+            let ends =
+                [mark.x[0], mark.x[2]].map(|ms| (x + scale.axes[0].at(ms, scale.plot[0]), at));
             root.draw(&PathElement::new(ends, if mark.front { FRONT } else { SOFT }))?;
         }
         for mark in &self.marks {
@@ -278,12 +294,15 @@ impl Panel {
         let mut names: Vec<(&Mark, (i32, i32))> =
             self.marks.iter().map(|mark| (mark, place(mark))).collect();
         names.sort_by_key(|(_, at)| at.1);
-        let lines =
-            spread(&names.iter().map(|(_, at)| at.1).collect::<Vec<_>>(), y + 6, y + PLOT[1] - 8);
+        let lines = spread(
+            &names.iter().map(|(_, at)| at.1).collect::<Vec<_>>(),
+            y + 6,
+            y + scale.plot[1] - 8,
+        );
         for ((mark, at), line) in names.into_iter().zip(lines) {
-            let ends = [mark.x[0], mark.x[2]].map(|ms| x + axes[0].at(ms, PLOT[0]));
+            let ends = [mark.x[0], mark.x[2]].map(|ms| x + scale.axes[0].at(ms, scale.plot[0]));
             let right = (at.0 + 13).max(ends[1] + 7);
-            let room = right + 7 * mark.label.len() as i32 <= x + PLOT[0] + GAP[0] / 2;
+            let room = right + 7 * mark.label.len() as i32 <= x + scale.plot[0] + GAP[0] / 2;
             let (edge, side) = if room {
                 (right, HPos::Left)
             } else {
@@ -314,10 +333,14 @@ impl Panel {
     }
 }
 
-fn height(axes: &[Axis; 2], value: f64, top: i32) -> i32 {
+fn height(scale: &Scale, value: f64, top: i32) -> i32 {
     // Positive errors stay above the line of zeros.
-    let room = PLOT[1] - 2 * ZERO_LIFT;
-    if value > 0.0 { top + room - axes[1].at(value, room) } else { top + PLOT[1] - ZERO_LIFT }
+    let room = scale.plot[1] - 2 * ZERO_LIFT;
+    if value > 0.0 {
+        top + room - scale.axes[1].at(value, room)
+    } else {
+        top + scale.plot[1] - ZERO_LIFT
+    }
 }
 
 /// Moves sorted heights down as little as keeps lines apart, then up if they leave the plot.

@@ -260,7 +260,7 @@ fn row(
 
 /// Returns cameras at sixteen and four times the distance of the scene's own, so that cuts are
 /// deep, and at that distance.
-fn cameras(world: &World) -> [(&'static str, Camera); 3] {
+pub(super) fn cameras(world: &World) -> [(&'static str, Camera); 3] {
     let viewpoint = world.camera();
     [("far", 16.0), ("near", 4.0), ("close-up", 1.0)].map(|(name, times)| {
         let eye = viewpoint.target + (viewpoint.eye - viewpoint.target) * times;

@@ -35,6 +35,8 @@ pub mod surface;
 pub mod sweep;
 pub mod tangents;
 pub mod truth;
+pub mod tune;
+pub mod tuner;
 pub mod visibility;
 pub mod zoom;
 
@@ -111,6 +113,7 @@ studies! {
     tangents,  // how evenly strokes flow
     strokes,   // strokes over each other
     layers,    // surfaces behind each other
+    tune,      // times and errors that were asked for, on other scenes
 }
 
 /// Runs the named studies, or all.

@@ -1,6 +1,6 @@
 //! Reports: `NAME.csv`, `NAME-*.svg` and one self-contained `study.html`, each written atomically.
 
-use super::chart::{Chart, Mark, Panel};
+use super::chart::{Chart, Mark, Panel, SMALL};
 use super::{Plan, Row};
 use crate::atomic_file::write_atomically;
 use crate::error::{Error, Result};
@@ -51,6 +51,7 @@ impl Figure {
             panels.last_mut().expect("pushed above").marks.push(mark);
         }
         let chart = Chart {
+            plot: SMALL,
             title: caption.into(),
             x_axis: x_axis.into(),
             y_axis: y_axis.into(),

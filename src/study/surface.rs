@@ -6,7 +6,7 @@
 //! input of every style, so they tell which visible points should be hidden.
 
 use super::cases::{self, Case, Options, Sampling};
-use super::chart::{Chart, Mark, Panel};
+use super::chart::{Chart, Mark, Panel, SMALL};
 use super::report::{Figure, Section, Table};
 use super::truth::Errors;
 use super::{Plan, Row, mark_fronts, metrics, sweep};
@@ -286,6 +286,7 @@ fn figure(
 ) -> Figure {
     let panels = panels.extract_if(.., |(of, _)| *of == metric).map(|(_, panel)| panel).collect();
     let chart = Chart {
+        plot: SMALL,
         title: caption.into(),
         x_axis: "points a pixel".into(),
         y_axis: y_axis.into(),

@@ -3,13 +3,13 @@
 
 use crate::error::Result;
 
-/// Returns the times of every setting over `repeat` rounds. One uncounted round before warms up
+/// Returns the times of every setting over `repeat` rounds, or other measurements. One uncounted round before warms up
 /// caches, kernels and the allocator.
-pub fn interleaved<S>(
+pub fn interleaved<S, T: Clone>(
     settings: &[S],
     repeat: usize,
-    mut time: impl FnMut(&S) -> Result<f64>,
-) -> Result<Vec<Vec<f64>>> {
+    mut time: impl FnMut(&S) -> Result<T>,
+) -> Result<Vec<Vec<T>>> {
     let mut times = vec![Vec::with_capacity(repeat); settings.len()];
     for round in 0..=repeat {
         for (setting, times) in settings.iter().zip(&mut times) {

@@ -7,7 +7,7 @@
 //! holes if inside of the silhouette.
 
 use super::cases::Case;
-use super::chart::{Chart, Mark, Panel};
+use super::chart::{Chart, Mark, Panel, SMALL};
 use super::configurations::{self, AUTO, Configuration, Drawing, Experiment, Metric, Part};
 use super::report::{Figure, Section};
 use super::{Plan, Row};
@@ -152,6 +152,7 @@ fn curve(rows: &[Row]) -> Figure {
     let caption =
         "Threshold: hidden points that show over visible points that are lost, here without time";
     let chart = Chart {
+        plot: SMALL,
         title: caption.into(),
         x_axis: "1 - recall".into(),
         y_axis: "1 - precision".into(),

@@ -24,6 +24,7 @@ const EDGES: &[(&str, &[&str])] = &[
     ("resident", &["cloud", "gpu", "graph", "index", "loader", "select", "view"]),
     ("passes", &["cloud", "gpu", "graph", "index", "resident", "select", "shader", "view"]),
     ("render", &["cloud", "graph", "index", "passes", "resident", "select", "view"]),
+    ("tune", &["index", "passes", "render", "select"]),
     (
         "renderer",
         &[
@@ -51,14 +52,14 @@ const EDGES: &[(&str, &[&str])] = &[
         "study",
         &[
             "cloud", "graph", "index", "passes", "render", "resident", "select", "shader", "synth",
-            "view",
+            "tune", "view",
         ],
     ),
     (
         "cli",
         &[
             "app", "bench", "cloud", "extract", "gpu", "graph", "guide", "index", "output",
-            "passes", "render", "renderer", "resident", "select", "study", "synth", "view",
+            "passes", "render", "renderer", "resident", "select", "study", "synth", "tune", "view",
         ],
     ),
 ];

@@ -4,6 +4,7 @@
 use pointillist::guide::{self, PAGES};
 use pointillist::passes::EFFECTS;
 use pointillist::study::STUDIES;
+use pointillist::tune::KNOBS;
 use std::fs;
 use std::path::{Path, PathBuf};
 
@@ -79,6 +80,17 @@ fn every_study_is_in_the_guide() {
     let page = guide::page("studies").unwrap().text;
     for (study, _) in STUDIES {
         assert!(page.contains(&format!("`{study}`")), "the guide does not have the study {study}");
+    }
+}
+
+/// What trades accuracy for time is measured by `tune`, and stands in the guide.
+#[test]
+fn every_knob_is_in_the_guide_and_sets_an_effect_or_the_cut() {
+    let page = guide::page("studies").unwrap().text;
+    for knob in &KNOBS {
+        assert!(page.contains(&format!("\n| `{}` |", knob.name)), "no row of {}", knob.name);
+        let effect = knob.effect();
+        assert!(effect.is_none_or(|name| EFFECTS.contains(&name)), "{effect:?} is no effect");
     }
 }
 

@@ -887,3 +887,24 @@ fn the_normals_study_keeps_its_promises() {
         }
     }
 }
+
+#[test]
+fn the_tune_study_keeps_its_promises() {
+    let plan = Plan { points: 30_000, repeat: 1, size: [64, 48], ..PLAN };
+    let (rows, text, figures) = made("tune", &plan);
+    // Seven times with four metrics, five errors with two.
+    assert_eq!((rows.len(), text.lines().count(), figures), (7 * 4 + 5 * 2, 39, 1));
+    let of = |metric: &str| {
+        rows.iter().filter(|row| row.metric == metric).map(|row| row.error).collect::<Vec<_>>()
+    };
+    for share in ["missed_first", "missed", "broken"] {
+        assert!(of(share).iter().all(|share| (0.0..=1.0).contains(share)), "{share}");
+    }
+    let (median, most) = (of("ratio_median"), of("ratio_most"));
+    assert_eq!(median.len(), 7);
+    for (median, most) in median.iter().zip(&most) {
+        assert!(1.0 <= *median && median <= most, "{median} {most}");
+    }
+    // A coarser error asked for never gets a finer picture's time.
+    assert_eq!(of("error_most").len(), 5);
+}

@@ -53,7 +53,8 @@ const CAMERA: &str = r#"{"eye": [3, -4, 3], "target": [0, 0, 0], "up": [0, 0, 1]
 
 #[test]
 fn every_command_explains_itself_with_examples() {
-    for command in ["view", "render", "export", "raster", "info", "synth", "study", "bench"] {
+    for command in ["view", "render", "export", "raster", "info", "synth", "tune", "study", "bench"]
+    {
         let output = run([command, "--help"]);
         succeeded(&output);
         let help = text(&output.stdout);

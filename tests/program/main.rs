@@ -41,3 +41,4 @@ mod stations;
 mod strays;
 mod text_tables;
 mod tiled;
+mod tuned;

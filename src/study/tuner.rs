@@ -1,0 +1,614 @@
+//! Measures the tunings of a device: their errors against the finest one, and their times.
+//!
+//! ```text
+//!     the default, and each other value of each knob -> chains of the moves that cost least
+//!     -> neighbours of what is on the front -> the front, timed again in turn
+//! ```
+//!
+//! Other programs slow a device down for a while. Times are therefore taken as parts of the default's,
+//! which is drawn again after every few pictures, and made milliseconds by the median of all of its
+//! times.
+//!
+//! The third step is Pareto local search (Paquete, Chiarandini and Stützle 2004): the neighbours of
+//! a tuning differ in one knob by one value, and the tuning beside the widest gap of the front is
+//! next. It ends when its time is over.
+
+use super::chart::{Chart, LARGE, Mark, Panel};
+use super::{lod, metrics, scan::Scan, sweep};
+use crate::cloud::attribute::Attribute;
+use crate::error::Result;
+use crate::graph::{Gpu, Graph};
+use crate::passes::encode;
+use crate::progress::Progress;
+use crate::render::frame;
+use crate::render::settings::{FrameConfig, RenderSettings};
+use crate::render::source::{self, GpuCloud, Source};
+use crate::select::lod::LodOptions;
+use crate::synth::SceneKind;
+use crate::tune::error::{Errors, Pixels};
+use crate::tune::{Front, KNOBS, Load, Tuned, Tuning, split};
+use crate::view::View;
+use std::time::{Duration, Instant};
+
+/// How long and how thoroughly tunings are measured.
+#[derive(Clone, Copy, Debug)]
+pub struct Effort {
+    /// Time of the search; the front is timed again after it.
+    pub search: Duration,
+    /// Rounds that the times of the front are medians of.
+    pub rounds: usize,
+    /// Most tunings of a front.
+    pub most: usize,
+    /// Points of each simulated scene.
+    pub points: u64,
+    /// Size of the pictures `[px]`.
+    pub size: [u32; 2],
+    /// Views of the simulated street.
+    pub street: &'static [&'static str],
+}
+
+impl Effort {
+    pub const FULL: Effort = Effort {
+        search: Duration::from_secs(45),
+        rounds: 5,
+        most: 16,
+        points: 1_000_000,
+        size: [512, 288],
+        street: &["near", "close-up"],
+    };
+    pub const QUICK: Effort = Effort {
+        search: Duration::from_secs(5),
+        rounds: 2,
+        most: 12,
+        points: 300_000,
+        size: [384, 216],
+        street: &["close-up"],
+    };
+}
+
+/// A share of the time or the error by which a tuning must be better than the next one.
+const WORTH: f64 = 0.02;
+
+/// Pictures between two of the default.
+const REFERENCE_EVERY: usize = 4;
+
+/// A cloud with the views that it is drawn in.
+pub struct Subject {
+    pub name: String,
+    pub cloud: GpuCloud,
+    pub views: Vec<View>,
+}
+
+/// A tuning in a view.
+#[derive(Clone, Debug)]
+pub struct InView {
+    pub errors: Errors,
+    pub load: Load,
+    /// Times of points and of pixels, by rounds, in parts of the default's.
+    pub parts: Vec<[f64; 2]>,
+}
+
+/// A tuning with all that was measured of it.
+#[derive(Clone, Debug)]
+pub struct Measured {
+    pub tuning: Tuning,
+    pub views: Vec<InView>,
+}
+
+/// What is drawn, and what has been measured.
+pub struct Tuner<'t> {
+    gpu: &'t mut Gpu,
+    subjects: Vec<Subject>,
+    settings: RenderSettings,
+    cut: LodOptions,
+    references: Vec<Pixels>,
+    /// Times of the default, by views `[ms]`.
+    usual_ms: Vec<Vec<f64>>,
+    pub found: Vec<Measured>,
+}
+
+/// Returns the simulated scenes that a device is tuned with if there is no cloud.
+pub fn scenes(
+    gpu: &mut Gpu,
+    effort: &Effort,
+    seed: u64,
+    progress: &dyn Progress,
+) -> Result<Vec<Subject>> {
+    let chosen = [
+        ("street", SceneKind::Street, effort.street),
+        ("terrain", SceneKind::Terrain, &["close-up"]),
+    ];
+    chosen
+        .into_iter()
+        .map(|(name, kind, views)| {
+            let scan = Scan::new(kind, |world| world.step, effort.points, seed, progress)?;
+            let cameras = lod::cameras(&scan.world).into_iter();
+            let views = cameras.filter(|(name, _)| views.contains(name));
+            let views = views.map(|(_, camera)| View::new(camera, effort.size));
+            Ok(Subject {
+                name: name.into(),
+                cloud: of_scan(gpu, &scan, progress)?,
+                views: views.collect::<Result<_>>()?,
+            })
+        })
+        .collect()
+}
+
+/// Opens the index of a scan, whose file may be removed then.
+pub(super) fn of_scan(gpu: &mut Gpu, scan: &Scan, progress: &dyn Progress) -> Result<GpuCloud> {
+    let shown = source::shown(&scan.index, Attribute::Rgb);
+    Source::Index(scan.index.clone()).upload(gpu, shown, u64::MAX, progress)
+}
+
+impl<'t> Tuner<'t> {
+    /// Draws the finest pictures, which errors are measured against.
+    pub fn new(
+        gpu: &'t mut Gpu,
+        subjects: Vec<Subject>,
+        settings: RenderSettings,
+        cut: LodOptions,
+        progress: &dyn Progress,
+    ) -> Result<Tuner<'t>> {
+        let (references, usual_ms, found) = (Vec::new(), Vec::new(), Vec::new());
+        let mut tuner = Tuner { gpu, subjects, settings, cut, references, usual_ms, found };
+        for view in 0..tuner.views() {
+            let drawn = tuner.draw(view, &Tuning::finest(), true, progress)?;
+            tuner.references.push(drawn.pixels);
+            // The first one also takes memory into use.
+            tuner.draw(view, &Tuning::usual(), false, progress)?;
+            tuner.usual_ms.push(Vec::new());
+            tuner.time_usual(view, progress)?;
+        }
+        Ok(tuner)
+    }
+
+    fn views(&self) -> usize {
+        self.subjects.iter().map(|subject| subject.views.len()).sum()
+    }
+
+    /// Measures tunings in all views, in turn; times are added to those known. Without rounds a new
+    /// tuning has the time of the picture that tells its errors.
+    pub fn measure(
+        &mut self,
+        tunings: &[Tuning],
+        rounds: usize,
+        progress: &dyn Progress,
+    ) -> Result<()> {
+        for view in 0..self.views() {
+            let known: Vec<bool> = tunings.iter().map(|own| self.in_view(own, view)).collect();
+            let mut first: Vec<Option<(Errors, Load, [f64; 2])>> = vec![None; tunings.len()];
+            let numbers: Vec<usize> = (0..tunings.len()).collect();
+            let (mut usual, mut since) = (1.0, REFERENCE_EVERY);
+            let times = sweep::interleaved(&numbers, rounds, |&number| {
+                if since == REFERENCE_EVERY {
+                    (usual, since) = (self.time_usual(view, progress)?, 0);
+                }
+                since += 1;
+                progress.tick("tuning", self.found.len() as u64, 0)?;
+                let layers = !known[number] && first[number].is_none();
+                let drawn = self.draw(view, &tunings[number], layers, progress)?;
+                let parts = drawn.ms.map(|ms| ms / usual);
+                if layers {
+                    let errors = drawn.pixels.errors(&self.references[view]);
+                    first[number] = Some((errors, drawn.load, parts));
+                }
+                Ok(parts)
+            })?;
+            for ((tuning, first), parts) in tunings.iter().zip(first).zip(times) {
+                let place = self.found.iter().position(|found| found.tuning == *tuning);
+                let place = place.unwrap_or_else(|| {
+                    self.found.push(Measured { tuning: *tuning, views: Vec::new() });
+                    self.found.len() - 1
+                });
+                let views = &mut self.found[place].views;
+                match first {
+                    Some((errors, load, own)) => {
+                        let parts = if rounds == 0 { vec![own] } else { parts };
+                        views.push(InView { errors, load, parts });
+                    }
+                    None => views[view].parts.extend(parts),
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// Draws the default. Returns its time `[ms]`.
+    pub fn time_usual(&mut self, view: usize, progress: &dyn Progress) -> Result<f64> {
+        let drawn = self.draw(view, &Tuning::usual(), false, progress)?;
+        let ms = drawn.ms.iter().sum();
+        self.usual_ms[view].push(ms);
+        Ok(ms)
+    }
+
+    fn in_view(&self, tuning: &Tuning, view: usize) -> bool {
+        self.get(tuning).is_some_and(|found| found.views.len() > view)
+    }
+
+    /// Returns what was measured of a tuning.
+    pub fn get(&self, tuning: &Tuning) -> Option<&Measured> {
+        self.found.iter().find(|found| found.tuning == *tuning)
+    }
+
+    /// Draws one view.
+    pub fn draw(
+        &mut self,
+        view: usize,
+        tuning: &Tuning,
+        layers: bool,
+        progress: &dyn Progress,
+    ) -> Result<Drawn> {
+        let mut number = view;
+        let subject = self.subjects.iter_mut().find(|subject| {
+            let own = subject.views.len();
+            let is_own = number < own;
+            number -= if is_own { 0 } else { own };
+            is_own
+        });
+        let subject = subject.expect("a view of a subject");
+        let view = subject.views[number];
+        let cloud = &mut subject.cloud;
+        draw(self.gpu, cloud, &view, (&self.settings, self.cut), tuning, layers, progress)
+    }
+
+    /// Returns the knobs that can change a picture, each with its values.
+    fn knobs(&mut self, progress: &dyn Progress) -> Result<Vec<usize>> {
+        let mut runs = [false; KNOBS.len()];
+        let (settings, cut) = (&self.settings, self.cut);
+        for subject in &mut self.subjects {
+            for view in &subject.views {
+                let detail = cut.of(view.size);
+                subject.cloud.wait_until_resident(self.gpu, view, &detail, progress)?;
+                let config = FrameConfig::new(settings, view, subject.cloud.resident());
+                for (runs, knob) in runs.iter_mut().zip(&KNOBS) {
+                    let own = |name| {
+                        let decisions = &config.decisions.0;
+                        decisions.iter().any(|(effect, why)| effect.name() == name && why.runs)
+                    };
+                    *runs |= knob.effect().is_none_or(own);
+                }
+            }
+        }
+        Ok((0..KNOBS.len()).filter(|knob| runs[*knob]).collect())
+    }
+
+    /// Searches for the tunings that no other beats. Returns their front.
+    pub fn search(&mut self, effort: &Effort, progress: &dyn Progress) -> Result<Front> {
+        let began = Instant::now();
+        let usual = Tuning::usual();
+        let knobs = self.knobs(progress)?;
+        let single = |knob: &usize| {
+            let knob = *knob;
+            (0..KNOBS[knob].values.len()).map(move |value| (knob, usual.with(knob, value)))
+        };
+        let moves: Vec<(usize, Tuning)> =
+            knobs.iter().flat_map(single).filter(|(_, tuning)| *tuning != usual).collect();
+        let mut sweep = vec![usual, Tuning::finest()];
+        sweep.extend(moves.iter().map(|(_, tuning)| *tuning));
+        self.measure(&sweep, 0, progress)?;
+        // Values that change nothing are passed over.
+        let mut values: Vec<Vec<usize>> =
+            KNOBS.iter().map(|knob| vec![knob.usual as usize]).collect();
+        for (knob, tuning) in &moves {
+            if self.differs(*knob, tuning) {
+                values[*knob].push(tuning.value(*knob));
+            }
+        }
+        values.iter_mut().for_each(|values| values.sort_unstable());
+        let is_other = |knob: usize, tuning: &Tuning| values[knob].contains(&tuning.value(knob));
+        let (moves, same): (Vec<_>, Vec<_>) =
+            moves.into_iter().partition(|(knob, tuning)| is_other(*knob, tuning));
+        self.found.retain(|found| !same.iter().any(|(_, tuning)| *tuning == found.tuning));
+        let chains = self.chains(&moves);
+        self.measure(&chains, 0, progress)?;
+        let mut expanded = vec![usual];
+        while began.elapsed() < effort.search {
+            let Some(next) = self.at_widest_gap(&expanded) else { break };
+            expanded.push(next);
+            let beside = self.neighbours(&next, &values);
+            self.measure(&beside, 0, progress)?;
+        }
+        // What one lucky time put on the front is told from the rest.
+        let left = self.front(&self.tunings(), 2 * effort.most);
+        self.measure(&left, 1, progress)?;
+        let left = self.front(&left, effort.most);
+        self.measure(&left, effort.rounds, progress)?;
+        let left = self.front(&left, effort.most);
+        Ok(self.summary(&left, effort.rounds))
+    }
+
+    /// Tests whether a value of a knob draws something else than the default, or in another way.
+    fn differs(&self, knob: usize, tuning: &Tuning) -> bool {
+        let seen = |tuning: &Tuning| {
+            let views = self.get(tuning).into_iter().flat_map(|found| &found.views);
+            views.map(|view| (view.errors, view.load)).collect::<Vec<_>>()
+        };
+        KNOBS[knob].effect().is_some() || seen(tuning) != seen(&Tuning::usual())
+    }
+
+    /// Returns combinations of single moves: those that save the most time for their error one by
+    /// one, then those that save the most error for their time.
+    fn chains(&self, moves: &[(usize, Tuning)]) -> Vec<Tuning> {
+        let usual = self.get(&Tuning::usual()).expect("measured first");
+        let rate = |tuning: &Tuning| {
+            let found = self.get(tuning).expect("measured");
+            let (slower, worse) =
+                (self.ms(found)[1] - self.ms(usual)[1], errors(found)[0].px - errors(usual)[0].px);
+            (slower, worse)
+        };
+        let mut chains = Vec::new();
+        for cheaper in [true, false] {
+            let mut sorted: Vec<(f64, usize, Tuning)> = moves
+                .iter()
+                .filter_map(|&(knob, tuning)| {
+                    let (slower, worse) = rate(&tuning);
+                    match cheaper {
+                        true if slower < 0.0 => Some((worse.max(0.0) / -slower, knob, tuning)),
+                        false if worse < 0.0 => Some((slower.max(0.0) / -worse, knob, tuning)),
+                        _ => None,
+                    }
+                })
+                .collect();
+            sorted.sort_by(|a, b| a.0.total_cmp(&b.0));
+            let mut chain = Tuning::usual();
+            for (_, knob, tuning) in sorted {
+                let (old, new) = (chain.value(knob), tuning.value(knob));
+                // A knob goes on in its direction.
+                if if cheaper { new > old } else { new < old } {
+                    chain = chain.with(knob, new);
+                    chains.push(chain);
+                }
+            }
+        }
+        chains.retain(|chain| self.get(chain).is_none());
+        chains
+    }
+
+    /// Returns the tuning beside the widest gap of the front that is not yet expanded.
+    fn at_widest_gap(&self, expanded: &[Tuning]) -> Option<Tuning> {
+        let front = self.front(&self.tunings(), usize::MAX);
+        let time = |tuning: &Tuning| self.get(tuning).map_or(1.0, |found| self.ms(found)[1]).ln();
+        let gap = |k: usize| {
+            let own = time(&front[k]);
+            let beside = [k.checked_sub(1), Some(k + 1).filter(|k| *k < front.len())];
+            // An end of the front has an endless gap beside it, which comes after the first ones.
+            beside
+                .into_iter()
+                .map(|k| k.map_or(0.5, |k| (time(&front[k]) - own).abs()))
+                .fold(0.0, f64::max)
+        };
+        (0..front.len())
+            .filter(|&k| !expanded.contains(&front[k]))
+            .max_by(|a, b| gap(*a).total_cmp(&gap(*b)))
+            .map(|k| front[k])
+    }
+
+    /// Returns the tunings that differ in one knob by one value, and are not measured yet.
+    fn neighbours(&self, tuning: &Tuning, values: &[Vec<usize>]) -> Vec<Tuning> {
+        let mut found = Vec::new();
+        for (knob, values) in values.iter().enumerate() {
+            let own = values.iter().position(|value| *value == tuning.value(knob)).unwrap_or(0);
+            for place in [own.checked_sub(1), Some(own + 1)].into_iter().flatten() {
+                if let Some(value) = values.get(place) {
+                    found.push(tuning.with(knob, *value));
+                }
+            }
+        }
+        found.retain(|tuning| self.get(tuning).is_none());
+        found
+    }
+
+    fn tunings(&self) -> Vec<Tuning> {
+        self.found.iter().map(|found| found.tuning).collect()
+    }
+
+    /// Returns those tunings that no other beats in pixels or in depth by what is worth it, and the
+    /// default and the finest one; the fastest first.
+    fn front(&self, of: &[Tuning], most: usize) -> Vec<Tuning> {
+        let mut sorted: Vec<&Measured> = of.iter().filter_map(|tuning| self.get(tuning)).collect();
+        sorted.sort_by(|a, b| self.ms(a)[1].total_cmp(&self.ms(b)[1]));
+        let mut best = Errors { px: f64::MAX, depth: f64::MAX };
+        let always = [Tuning::usual(), Tuning::finest()];
+        let mut gains: Vec<(f64, Tuning)> = Vec::new();
+        for found in sorted {
+            let own = errors(found)[0];
+            let better = |own: f64, best: f64| {
+                if own < best * (1.0 - WORTH) {
+                    (best.max(1e-12) / own.max(1e-12)).ln()
+                } else {
+                    0.0
+                }
+            };
+            let gain = better(own.px, best.px).max(0.5 * better(own.depth, best.depth));
+            if gain > 0.0 {
+                best = Errors { px: best.px.min(own.px), depth: best.depth.min(own.depth) };
+            }
+            let needed = always.contains(&found.tuning);
+            if gain > 0.0 || needed {
+                gains.push((if needed { f64::INFINITY } else { gain }, found.tuning));
+            }
+        }
+        while gains.len() > most {
+            let least = (0..gains.len()).min_by(|a, b| gains[*a].0.total_cmp(&gains[*b].0));
+            gains.remove(least.expect("more than none"));
+        }
+        gains.into_iter().map(|(_, tuning)| tuning).collect()
+    }
+
+    /// Returns quartiles of the mean time of a picture of each view `[ms]`.
+    fn ms(&self, found: &Measured) -> [f64; 3] {
+        let quartiles = found.views.iter().zip(&self.usual_ms).map(|(view, usual)| {
+            let parts: Vec<f64> = view.parts.iter().map(|parts| parts.iter().sum()).collect();
+            metrics::quartiles(&parts).map(|part| part * metrics::quartiles(usual)[1])
+        });
+        let sums = quartiles.fold([0.0; 3], |sums, ms| std::array::from_fn(|k| sums[k] + ms[k]));
+        sums.map(|sum| sum / found.views.len() as f64)
+    }
+
+    /// Returns the costs of a tuning.
+    fn costs(&self, found: &Measured) -> Tuned {
+        let median = |view: &InView, k: usize| {
+            metrics::quartiles(&view.parts.iter().map(|parts| parts[k]).collect::<Vec<_>>())[1]
+        };
+        let medians: Vec<[f64; 2]> = found
+            .views
+            .iter()
+            .zip(&self.usual_ms)
+            .map(|(view, usual)| [0, 1].map(|k| median(view, k) * metrics::quartiles(usual)[1]))
+            .collect();
+        let whole = |load: &dyn Fn(&Load) -> u64| {
+            found.views.iter().map(|view| load(&view.load) as f64).sum::<f64>().max(1.0) / 1e6
+        };
+        let sum = |k: usize| medians.iter().map(|ms| ms[k]).sum::<f64>();
+        let [mean, most] = errors(found);
+        let mut tuned = Tuned {
+            values: found.tuning.words(),
+            mean,
+            most,
+            ms: self.ms(found),
+            point_ms: sum(0) / whole(&|load| load.points),
+            pixel_ms: sum(1) / whole(&|load| load.pixels),
+            spread: 1.0,
+        };
+        let quotients = found.views.iter().zip(&medians).map(|(view, ms)| {
+            ms.iter().sum::<f64>() / tuned.predicted(&view.load, &Default::default())
+        });
+        tuned.spread = quotients.fold(1.0, f64::max);
+        tuned
+    }
+
+    fn summary(&self, tunings: &[Tuning], rounds: usize) -> Front {
+        let mut tuned: Vec<Tuned> = tunings
+            .iter()
+            .filter_map(|tuning| self.get(tuning))
+            .map(|found| self.costs(found))
+            .collect();
+        tuned.sort_by(|a, b| a.ms[1].total_cmp(&b.ms[1]));
+        Front {
+            device: self.gpu.device.name.clone(),
+            driver: self.gpu.device.driver.clone(),
+            is_cpu: self.gpu.device.is_cpu,
+            scenes: self.subjects.iter().map(|subject| subject.name.clone()).collect(),
+            size: self.subjects[0].views[0].size,
+            rounds,
+            tuned,
+        }
+    }
+}
+
+/// A drawn picture.
+pub struct Drawn {
+    /// Empty if not asked for.
+    pub pixels: Pixels,
+    pub load: Load,
+    /// Times of points and pixels `[ms]`.
+    pub ms: [f64; 2],
+}
+
+/// Draws a view with a tuning, as `render` does.
+pub fn draw(
+    gpu: &mut Gpu,
+    cloud: &mut GpuCloud,
+    view: &View,
+    (settings, cut): (&RenderSettings, LodOptions),
+    tuning: &Tuning,
+    layers: bool,
+    progress: &dyn Progress,
+) -> Result<Drawn> {
+    let (settings, cut) = tuning.applied(settings, cut, view.size);
+    cloud.wait_until_resident(gpu, view, &cut.of(view.size), progress)?;
+    let config = FrameConfig::new(&settings, view, cloud.resident());
+    let mut g = Graph::new(gpu);
+    let outcome = frame::record(&mut g, view, cloud.resident(), &config)?;
+    let picture = encode::download(&mut g, &outcome.picture)?;
+    let depth = layers.then(|| g.download(&outcome.gbuffer.depth));
+    let frame = g.submit_and_wait(&[])?;
+    let pixels = depth.map(|depth| Pixels {
+        size: view.size,
+        depth: frame.read(&depth).to_vec(),
+        rgb: picture.read(&frame).concat(),
+    });
+    let load = Load {
+        points: outcome.statistics.points_drawn,
+        pixels: view.size[0] as u64 * view.size[1] as u64,
+    };
+    Ok(Drawn { pixels: pixels.unwrap_or_default(), load, ms: split(&frame.passes) })
+}
+
+/// Returns mean and largest errors of the views.
+fn errors(found: &Measured) -> [Errors; 2] {
+    let all = || found.views.iter().map(|view| view.errors);
+    let mean = Errors {
+        px: metrics::mean(all().map(|errors| errors.px)),
+        depth: metrics::mean(all().map(|errors| errors.depth)),
+    };
+    [mean, all().fold(Errors::default(), Errors::worst)]
+}
+
+/// Formats a front as a table.
+pub fn table(front: &Front) -> String {
+    let mut text = format!(
+        "{:>3} {:>9} {:>9} {:>9} {:>9}  {}\n",
+        "", "ms", "px", "px most", "depth %", "values that are not the defaults"
+    );
+    for (number, tuned) in front.tuned.iter().enumerate() {
+        let Errors { px, depth } = tuned.mean;
+        let name = name(tuned);
+        text += &format!(
+            "{number:>3} {:>9.2} {px:>9.4} {:>9.4} {:>9.4}  {}\n",
+            tuned.ms[1],
+            tuned.most.px,
+            100.0 * depth,
+            match (name, tuned.values.join(" ")) {
+                (Some(name), values) if values.is_empty() => name.to_string(),
+                (Some(name), values) => format!("{name}: {values}"),
+                (None, values) => values,
+            }
+        );
+    }
+    text + &format!(
+        "errors: means over pixels, and of views, against the finest picture (self); {}x{} pixels of {}; {} rounds on {} ({})\n",
+        front.size[0],
+        front.size[1],
+        front.scenes.join(", "),
+        front.rounds,
+        front.device,
+        front.driver
+    )
+}
+
+/// Returns the name of the default and of the finest tuning.
+fn name(tuned: &Tuned) -> Option<&'static str> {
+    match tuned.tuning() {
+        Some(tuning) if tuning == Tuning::usual() => Some("the default"),
+        Some(tuning) if tuning == Tuning::finest() => Some("the finest"),
+        _ => None,
+    }
+}
+
+/// Returns the chart of a front: error against milliseconds. Numbers are those of the table.
+pub fn chart(front: &Front) -> String {
+    let both: Vec<(f64, f64)> =
+        front.tuned.iter().map(|tuned| (tuned.mean.px, tuned.ms[1])).collect();
+    let marks = front.tuned.iter().zip(metrics::front(&both)).enumerate();
+    let marks = marks.map(|(number, (tuned, is_front))| Mark {
+        label: name(tuned).map_or(number.to_string(), |name| format!("{number} {name}")),
+        x: tuned.ms,
+        y: tuned.mean.px,
+        front: is_front,
+        auto: tuned.values.is_empty(),
+    });
+    let panel = Panel {
+        title: format!("{}, {} x {} pixels", front.scenes.join(", "), front.size[0], front.size[1]),
+        marks: marks.collect(),
+    };
+    let chart = Chart {
+        plot: LARGE,
+        title: format!("Accuracy against time on {}", front.device),
+        x_axis: "milliseconds a picture (bars: quartiles)".into(),
+        y_axis: "error against the finest picture, px".into(),
+        columns: 1,
+        panels: vec![panel],
+    };
+    chart.svg()
+}
