@@ -5,7 +5,7 @@
 //! - [`attributes`]: what is derived from a point's neighbours: normals, strokes, luminance; and
 //!   the exposure of stations
 //! - [`merge`](mod@merge): a parent's samples of its children's
-//! - [`ground`]: the ground, from which heights count
+//! - `ground`: the ground, from which heights count
 //! - [`build`]: from points to nodes, in memory or out of core
 //! - [`cache`]: indexes kept in the user's cache folder
 //! - [`fault_injection`]: faults of reading nodes, for tests
