@@ -68,6 +68,7 @@ pub fn record(
     gbuffer: GBuffer,
 ) -> GBuffer {
     let size = context.view.size;
+    let scatter = if context.sampling.scattered < 1.0 { SCATTERED } else { 0.0 };
     let mut surface_depth = g.image("surface depth", size, Kind::R32f);
     let mut surface_index = g.image("surface index", size, Kind::R32ui);
     let mut surface_color = g.image("surface color", size, Kind::Rgba32f);
@@ -83,7 +84,7 @@ pub fn record(
             surface_index: &mut surface_index,
             surface_color: &mut surface_color,
             scattered_depth: &mut scattered_depth,
-            push: scattered::Push { size, scatter: SCATTERED as f32 },
+            push: scattered::Push { size, scatter: scatter as f32 },
         },
         Dispatch::PerPixel,
     );

@@ -2,7 +2,7 @@
 //! whole.
 
 use super::{Resident, ResidentNode};
-use crate::index::format::scatter::POINTS_PER_CLUMP;
+use crate::index::format::scatter::{AROUND, POINTS_PER_CLUMP};
 use crate::view::{Projection, View};
 
 /// Density of a view, from its visible nodes.
@@ -47,8 +47,12 @@ impl PointDensity {
     }
 }
 
-/// Returns the share of the points of nodes in view whose clumps lie on no surface.
+/// Returns the share of the points of nodes in view whose clumps lie on no surface: all of a cloud
+/// of few points.
 fn scattered(resident: &Resident, view: &View) -> f64 {
+    if resident.points <= AROUND as u64 {
+        return 1.0;
+    }
     let mut points = [0, 0];
     for (_, node) in resident.seen(view) {
         let mut left = node.count as u64;

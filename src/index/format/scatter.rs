@@ -40,8 +40,9 @@ impl Clump {
 
 /// Seeds of a clump.
 const SEEDS: usize = 8;
-/// Places whose covariance is computed, among a window of the list.
-const AROUND: usize = 32;
+/// Places whose covariance is computed, among a window of the list. A cloud of no more points has no
+/// surface that could be told.
+pub const AROUND: usize = 32;
 const WINDOW: usize = 64;
 
 /// Returns the clumps of a node, given the words of its coarsest plane, the bits of its longest side
