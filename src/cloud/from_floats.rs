@@ -407,7 +407,10 @@ fn extent(axes: &[Axis; 3], is_angular: bool, strays: bool) -> Extent {
         let half = half_width(&ranges[group.clone()]);
         let (own, binary) = (&axes[group.clone()], binary_step(half));
         let is_exact = own.iter().all(|axis| axis.is_on(binary));
-        let decimal = if is_exact { None } else { decimal_step(own, half) };
+        let far = ranges[group.clone()]
+            .iter()
+            .fold(0.0, |far: f64, (lo, hi)| far.max(lo.abs()).max(hi.abs()));
+        let decimal = if is_exact { None } else { decimal_step(own, half, far) };
         let step = decimal.unwrap_or(binary);
         for axis in group {
             extent.step[axis] = step;
@@ -426,12 +429,15 @@ fn half_width(ranges: &[(f64, f64)]) -> f64 {
     ranges.iter().fold(0.0, |widest: f64, (lo, hi)| widest.max(hi / 2.0 - lo / 2.0))
 }
 
-/// Returns the last decimal digit of coordinates, if the width is less than 2^30 of it; `None` for
-/// `f32`.
-fn decimal_step(axes: &[Axis], half: f64) -> Option<f64> {
+/// Returns the last decimal digit of coordinates, if the width is less than 2^30 of it, and the
+/// farthest from 0 less than 2^53; `None` for `f32`.
+fn decimal_step(axes: &[Axis], half: f64, far: f64) -> Option<f64> {
     const MOST: i32 = 15;
-    let most =
-        (0..=MOST).take_while(|&digits| half * 10f64.powi(digits) < (1u64 << 29) as f64).last()?;
+    let fits = |digits: &i32| {
+        let steps = 10f64.powi(*digits);
+        half * steps < (1u64 << 29) as f64 && far * steps < (1u64 << 53) as f64
+    };
+    let most = (0..=MOST).take_while(fits).last()?;
     let digits = axes.iter().try_fold(0, |digits, axis| axis.decimals(digits, most))?;
     Some(1.0 / 10f64.powi(digits))
 }
