@@ -15,7 +15,7 @@ use crate::view::View;
 use std::collections::HashSet;
 use std::path::PathBuf;
 
-/// What a picture may cost.
+/// Upper limit of a picture's time or error.
 #[derive(clap::Args, Clone, Debug, Default)]
 #[command(next_help_heading = "Accuracy against time")]
 pub struct LimitOptions {
@@ -44,7 +44,7 @@ pub struct Chosen {
     pub cut: LodOptions,
 }
 
-/// What a picture took, and its errors against the finest one, if they were measured.
+/// Time of a picture, and its errors against the finest one, if they were measured.
 pub struct Got {
     pub ms: f64,
     pub errors: Option<Errors>,

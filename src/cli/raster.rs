@@ -49,8 +49,9 @@ pub struct Arguments {
     /// multiples of it
     #[arg(long, value_name = "METRES", value_parser = map::resolution, allow_hyphen_values = true)]
     pub resolution: f64,
-    /// What cells hold: heights, intensities or scalars as 32-bit floating point, numbers of points as
-    /// 32-bit unsigned, colours as 8 bits a channel with an alpha of 0 where there are no points
+    /// Values of the cells: heights, intensities or scalars as 32-bit floating point, numbers of
+    /// points as 32-bit unsigned, colours as 8 bits a channel with an alpha of 0 where there are no
+    /// points
     #[arg(long, value_name = "height|intensity|count|rgb|nir|scan-angle|height-above-ground|extra:NAME", default_value_t = Value::Height)]
     pub value: Value,
     /// Which of a cell's points gives the value

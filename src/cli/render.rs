@@ -249,7 +249,7 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
     }
     stages.done("load");
     let config = renderer.config(cloud, &view)?;
-    // Of what was asked for, not of what a front has chosen.
+    // Warnings concern what was asked for, not what a front has chosen.
     let asked = match &chosen {
         None => config.clone(),
         Some(_) => FrameConfig { effects: picture.settings()?.effects, ..config.clone() },

@@ -82,7 +82,7 @@ pub struct Point {
     pub returns: u8,
     pub source: u16,
     pub gps_time: f64,
-    /// As many as there are columns of them.
+    /// Scalars, one for each column of them.
     pub scalars: Vec<f64>,
 }
 

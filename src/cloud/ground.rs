@@ -38,7 +38,7 @@ const NOISE: [u8; 2] = [7, 18];
 /// Heights over a grid of square cells.
 pub struct Surface {
     up: Up,
-    /// Whether it is through points of class 2.
+    /// Choice of points: those of class 2, or all.
     by_class: bool,
     /// Corner of the first cell.
     low: DVec2,
@@ -165,7 +165,7 @@ impl Surface {
         let up = points.up();
         let axes = [0, 3 - up.index()];
         let every = points.count() / SAMPLES + 1;
-        // Of points of class 2, and of others.
+        // Extents of the points of class 2, and of the others.
         let extents = Mutex::new([Extent::NONE, Extent::NONE]);
         points.each(&|batch| {
             let mut own = [Extent::NONE, Extent::NONE];

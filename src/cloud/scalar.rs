@@ -93,7 +93,7 @@ impl FromStr for Scalar {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Scalars {
     named: &'static [Scalar],
-    /// Whether it has all that a file has.
+    /// Choice of all scalars of a file, beside the named ones.
     all: bool,
 }
 

@@ -263,7 +263,7 @@ const LAS_NAMES: [&str; 8] = [
 /// Bytes of a declaration of extra bytes.
 const DECLARATION: usize = 192;
 
-/// Declares extra bytes of a type (10 is f64, 0 is so many bytes as the options say).
+/// Declares extra bytes of a type: 10 is f64; 0 is bytes without a type, as many as `options`.
 fn declaration(kind: u8, options: u8, name: &str) -> Vec<u8> {
     let mut declared = vec![0; DECLARATION];
     (declared[2], declared[3]) = (kind, options);

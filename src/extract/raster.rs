@@ -16,7 +16,7 @@ use crate::progress::Progress;
 use crate::view::map::MapGrid;
 use std::ops::Range;
 
-/// What cells hold.
+/// Value of a cell.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Value {
     /// Height above the zero of the files, 32-bit floating point.

@@ -57,7 +57,7 @@ pub struct Front {
     pub tuned: Vec<Tuned>,
 }
 
-/// What a picture may cost.
+/// Upper limit of a picture's time or error.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Limit {
     /// Time of the device `[ms]`.

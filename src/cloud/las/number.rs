@@ -40,7 +40,7 @@ pub fn wanted(layout: &Layout, wanted: Scalars) -> Vec<(Scalar, Number)> {
         own => Some(own).filter(|own| wanted.has(*own)),
     });
     let mut found: Vec<_> = asked.filter_map(|own| Some((own, Number::of(layout, own)?))).collect();
-    // As sets have them.
+    // Sorts and removes duplicates, as sets of scalars do.
     found.sort_by_key(|(scalar, _)| *scalar);
     found.dedup_by_key(|(scalar, _)| *scalar);
     found
