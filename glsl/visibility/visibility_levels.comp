@@ -19,11 +19,12 @@
 // fine level, and its openings stay open at any size; a sparse one at a coarser level, where its
 // points are about a cell apart.
 //
-// A pixel without a point lies between surfaces whose densities may differ. Every sector counts with
-// the density around its own nearest point, from the share of pixels with a point in 2 x 2 cells. A
-// sector without a point tells nothing, and the widest of all eight may be the edge of a denser part
-// and does not count. The pixel is open only where too few sectors are empty for background: a
-// finer level sees one side of a gap, and cannot tell it from the edge of a surface.
+// A pixel without a point lies between surfaces whose densities may differ. The density around each
+// sector's nearest point is the share of pixels with a point in 2 x 2 cells, of which an edge may
+// leave a quarter. A sparse surface may reach up to the edge of a denser one. So no sector counts
+// with a density that at least three others cannot have. A sector without a point tells nothing, and
+// the widest of all eight does not count. The pixel is open only where too few sectors are empty for
+// background: a finer level sees one side of a gap, and cannot tell it from the edge of a surface.
 //
 // Cones are those of visibility.comp, which has the geometry. Sectors follow from the places of
 // points in their cells, since a cell may lie in several.
@@ -93,6 +94,9 @@ const float FARTHEST = 3.402823466e38;
 const float NEAREST_PLACE = 1e-15;
 const float FARTHEST_PLACE = 1e15;
 
+// How much higher a density may be than 2 x 2 cells at an edge say.
+const float AT_EDGE = 4.0;
+
 const int R = int(RADIUS);
 const int WIDTH = 2 * R + 1;
 const int MOST_WIDTH = 15;
@@ -123,16 +127,25 @@ uint between(float nearest[8], uint nearest_in[8]) {
     ivec2 size = ivec2(push.size);
     ivec2 corner = level_corner(size, push.level + 1);
     int across = 2 << push.level;
+    float densities[8];
+    // The three lowest densities, in order.
+    vec3 lowest = vec3(FARTHEST);
+    [[unroll]] for (int s = 0; s < 8; ++s) {
+        densities[s] = FARTHEST;
+        if (nearest[s] == FARTHEST) continue;
+        ivec2 around = ivec2(nearest_in[s] & 0xFFFFu, nearest_in[s] >> 16) >> 1;
+        vec2 inside = vec2(min(ivec2(across), size - across * around));
+        float share = min(imageLoad(pyramid, corner + around).a / (inside.x * inside.y), MOST_SHARE);
+        densities[s] = share * inversesqrt(1.0 - share);
+        lowest = vec3(min(lowest.x, densities[s]), min(lowest.yz, max(lowest.xy, vec2(densities[s]))));
+    }
     int found = 0;
     // The points in the widest sector, and in all others.
     float widest = 0.0;
     float others = 0.0;
     [[unroll]] for (int s = 0; s < 8; ++s) {
         if (nearest[s] == FARTHEST) continue;
-        ivec2 around = ivec2(nearest_in[s] & 0xFFFFu, nearest_in[s] >> 16) >> 1;
-        vec2 inside = vec2(min(ivec2(across), size - across * around));
-        float share = min(imageLoad(pyramid, corner + around).a / (inside.x * inside.y), MOST_SHARE);
-        float expected = share * inversesqrt(1.0 - share) * nearest[s] * EIGHTH_OF_DISC;
+        float expected = min(densities[s], AT_EDGE * lowest.z) * nearest[s] * EIGHTH_OF_DISC;
         others += min(expected, widest);
         widest = max(expected, widest);
         ++found;

@@ -14,6 +14,8 @@ use std::f64::consts::{PI, TAU};
 const BAND: f64 = 4e-6;
 const SECTORS: usize = 8;
 const MOST_SHARE: f64 = 0.93;
+/// How much higher a density may be than 2 x 2 cells at an edge say.
+const AT_EDGE: f64 = 4.0;
 
 /// A pixel, or the nearest point of a cell.
 #[derive(Clone, Copy, Debug)]
@@ -310,8 +312,13 @@ impl Pyramid {
                 let share = coarser.at(x / 2, y / 2).points as f64 / (inside[0] * inside[1]) as f64;
                 share.min(MOST_SHARE) / (1.0 - share.min(MOST_SHARE)).sqrt()
             };
-            let expected: Vec<f64> =
-                found.iter().map(|(square, cell)| density(*cell) * PI / 8.0 * square).collect();
+            let mut densities: Vec<f64> = found.iter().map(|(_, cell)| density(*cell)).collect();
+            densities.sort_by(f64::total_cmp);
+            let highest = densities.get(2).map_or(f64::MAX, |third| AT_EDGE * third);
+            let expected: Vec<f64> = found
+                .iter()
+                .map(|(square, cell)| density(*cell).min(highest) * PI / 8.0 * square)
+                .collect();
             let widest = expected.iter().copied().fold(0.0, f64::max);
             let is_whole = found.len() == SECTORS;
             let expected = expected.iter().sum::<f64>() - if is_whole { widest } else { 0.0 };
