@@ -154,6 +154,15 @@ uint between(float nearest[8], uint nearest_in[8]) {
     return found < push.fewest ? TOO_FEW : expected >= push.expected ? OPEN : CLOSED;
 }
 
+// Returns the squared slope towards the camera from a pixel's place to a point nearer to it, or -1.
+float rise(vec2 offset, vec2 ray, float z, float z0, float f_rr) {
+    float square = offset.x * offset.x + offset.y * offset.y;
+    float twist = offset.x * ray.y - offset.y * ray.x;
+    float along = (z0 - z) * f_rr - (PERSPECTIVE ? z * (offset.x * ray.x + offset.y * ray.y) : 0.0);
+    float across = PERSPECTIVE ? z * z * (square + twist * twist) : square;
+    return along > 0.0 ? along * along / across : -1.0;
+}
+
 // Judges from the middle of a square of pixels, by its first pixel and its side.
 uint judge(ivec2 pixel, int across) {
     ivec2 size = ivec2(push.size);
@@ -167,6 +176,27 @@ uint judge(ivec2 pixel, int across) {
     float farthest = PERSPECTIVE ? FARTHEST_PLACE : FARTHEST_PLACE / push.px_per_unit;
     float z0 = clamp(own, NEAREST_PLACE, farthest);
     float f_rr = PERSPECTIVE ? push.px_per_unit * (1.0 + ray.x * ray.x + ray.y * ray.y) : push.px_per_unit;
+    int columns[MOST_WIDTH];
+    [[unroll]] for (int dx = -R; dx <= R; ++dx) columns[dx + R] = at_edge(cell.x + dx, cells.x);
+    // The leading cells, which most pixels have too few of.
+    uint rows[MOST_WIDTH];
+    int leaders = 0;
+    [[unroll]] for (int dy = -R; dy <= R; ++dy) {
+        int y = at_edge(cell.y + dy, cells.y);
+        rows[dy + R] = 0u;
+        [[unroll]] for (int dx = -R; dx <= R; ++dx) {
+            vec4 texel = imageLoad(pyramid, corner + ivec2(columns[dx + R], y));
+            bool leads = texel.a > 0.0;
+            if (!EMPTY) {
+                vec2 offset = place_in(cell + ivec2(dx, dy), push.level, texel) - at;
+                float z = clamp(texel.r, NEAREST_PLACE, farthest);
+                leads = leads && z < z0 && rise(offset, ray, z, z0, f_rr) > push.own_slope;
+            }
+            rows[dy + R] |= leads ? 1u << (dx + R) : 0u;
+        }
+        leaders += bitCount(rows[dy + R]);
+    }
+    if (leaders < push.fewest) return TOO_FEW;
     float rim = (float(R) + 0.5) * side;
     float most[8];
     float nearest[8];
@@ -177,31 +207,16 @@ uint judge(ivec2 pixel, int across) {
         nearest[s] = EMPTY ? FARTHEST : rim * rim;
         nearest_in[s] = 0u;
     }
-    uint rows[MOST_WIDTH];
-    int columns[MOST_WIDTH];
-    [[unroll]] for (int dx = -R; dx <= R; ++dx) columns[dx + R] = at_edge(cell.x + dx, cells.x);
     [[unroll]] for (int dy = -R; dy <= R; ++dy) {
         int y = at_edge(cell.y + dy, cells.y);
-        uint row = 0u;
         [[unroll]] for (int dx = -R; dx <= R; ++dx) {
             ivec2 from = ivec2(columns[dx + R], y);
             vec4 texel = imageLoad(pyramid, corner + from);
             vec2 offset = place_in(cell + ivec2(dx, dy), push.level, texel) - at;
-            bool has = texel.a > 0.0;
+            bool leads = (rows[dy + R] >> (dx + R) & 1u) == 1u;
             float z = clamp(texel.r, NEAREST_PLACE, farthest);
-            float square = offset.x * offset.x + offset.y * offset.y;
-            float ratio = 0.0;
-            bool leads = has;
-            if (!EMPTY) {
-                float twist = offset.x * ray.y - offset.y * ray.x;
-                float along = (z0 - z) * f_rr - (PERSPECTIVE ? z * (offset.x * ray.x + offset.y * ray.y) : 0.0);
-                float across = PERSPECTIVE ? z * z * (square + twist * twist) : square;
-                ratio = along * along / across;
-                leads = has && z < z0 && along > 0.0 && ratio > push.own_slope;
-            }
-            row |= leads ? 1u << (dx + R) : 0u;
-            ratio = leads ? ratio : -1.0;
-            square = leads ? square : EMPTY ? FARTHEST : rim * rim;
+            float ratio = leads && !EMPTY ? rise(offset, ray, z, z0, f_rr) : -1.0;
+            float square = leads ? offset.x * offset.x + offset.y * offset.y : EMPTY ? FARTHEST : rim * rim;
             int sector = sector_of(offset);
             [[unroll]] for (int s = 0; s < 8; ++s) {
                 if (!may_lie(ivec2(dx, dy), s)) continue;
@@ -211,16 +226,13 @@ uint judge(ivec2 pixel, int across) {
                 nearest[s] = here ? min(nearest[s], square) : nearest[s];
             }
         }
-        rows[dy + R] = row;
     }
     if (EMPTY) return between(nearest, nearest_in);
     // Neighbours of leading cells within the kernel, and those of them that lead.
     const uint EDGES = 1u | 1u << (WIDTH - 1);
-    int leaders = 0;
     int neighbours = 0;
     int pairs = 0;
     [[unroll]] for (int y = 0; y < WIDTH; ++y) {
-        leaders += bitCount(rows[y]);
         int tall = y == 0 || y == WIDTH - 1 ? 2 : 3;
         neighbours += (3 * tall - 1) * bitCount(rows[y]) - tall * bitCount(rows[y] & EDGES);
         pairs += bitCount(rows[y] & rows[y] >> 1);
@@ -273,7 +285,8 @@ void keep(uint tile, uvec2 closed, uvec2 leads) {
 
 // Judges all pixels of a tile that are asked for. Several lanes share it, and take them in turn.
 //
-// Pixels without a point are taken by squares a quarter of a cell wide, from whose middle the level looks nearly the same.
+// Pixels without a point are taken by squares half a cell wide, of 2 to 8 pixels, from whose middle
+// the level looks nearly the same.
 void judge_tile(uint n, uint lane, uint lanes) {
     uint tile = WORD(listed_words, lists, push.at + LIST_HEADER + n);
     uvec2 pixels = uvec2(WORD(asked_words, asked, 3u * tile), WORD(asked_words, asked, 3u * tile + 1u));
@@ -282,8 +295,8 @@ void judge_tile(uint n, uint lane, uint lanes) {
         pixels &= ~uvec2(WORD(decided_words, decided, word), WORD(decided_words, decided, word + 1u));
     }
     uvec2 left = pixels;
-    int across = clamp(1 << push.level >> 2, 1, TILE_PX);
-    [[dont_unroll]] for (int first = 0; across > 1 && first < 64; first += first % 8 + across < 8 ? across : 8 * across - first % 8) {
+    int across = clamp(1 << push.level >> 1, 2, TILE_PX);
+    [[dont_unroll]] for (int first = 0; first < 64; first += first % 8 + across < 8 ? across : 8 * across - first % 8) {
         uvec2 square = square_at(first, across);
         bool any = (square & pixels) != uvec2(0u);
         left = (left & ~square) | (any ? square_at(first, 1) : uvec2(0u));
@@ -332,7 +345,7 @@ void judge_point(uint n) {
 }
 
 void main() {
-    uint lanes = !EMPTY ? 1u : push.level < 4 ? 8u : push.level < 5 ? 4u : 1u;
+    uint lanes = !EMPTY ? 1u : push.level < 3 ? 8u : push.level < 4 ? 4u : 1u;
     uint end = EMPTY ? WORD(listed_words, lists, push.at + 3u) : counts.word[4u * uint(push.level) + 3u];
     uint n = (64u * gl_WorkGroupID.x + gl_LocalInvocationID.x) / lanes;
     if (n < end) for (;;) {

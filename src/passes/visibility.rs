@@ -86,7 +86,7 @@ impl Default for Settings {
             tiles: Looked::Needed,
             threshold: 2.1,
             holes: 1.0,
-            expected: 32.0,
+            expected: 36.0,
             lead: 7.0,
         }
     }

@@ -235,9 +235,10 @@ impl Pyramid {
     ) -> Said {
         let level = &self.levels[number];
         let own = self.levels[0].at(x, y).point;
-        // Empty pixels are judged by squares of a quarter of a cell, at most a tile, from the
+        // Coarser levels judge empty pixels by squares of half a cell, at most a tile, from the
         // middle.
-        let across = if subject == Subject::Empty { ((1i64 << number) / 4).clamp(1, 8) } else { 1 };
+        let is_square = subject == Subject::Empty && number > 0;
+        let across = if is_square { ((1i64 << number) / 2).clamp(2, 8) } else { 1 };
         let [x, y] = [x, y].map(|at| at / across * across);
         let at = [x, y].map(|at| at as f64 + across as f64 / 2.0);
         let perspective = view.camera.projection == Projection::Perspective;
