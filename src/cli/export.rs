@@ -23,6 +23,7 @@ Examples:
   pointillist export scan.laz -o roofs.las --only building --where z=210..
   pointillist export scan.laz -o last.laz --where return=last --not noise
   pointillist export north.laz south.laz -o both.laz                        one file of two
+  pointillist export north.laz south.laz -o site.copc.laz                   COPC, for maps in a browser
   pointillist export scan.e57 -o room.csv --clip box:10,-5,0,14,5,3         a table with a line of names
   pointillist export scan.laz -o thin.laz --thin 0.05                       one point a cell of 5 cm
   pointillist export site.pnti -o part.ply --every 10                       an index, every tenth point
@@ -40,7 +41,7 @@ pub struct Arguments {
     #[arg(required = true, value_name = "FILE")]
     pub files: Vec<PathBuf>,
     /// The file to write: its name says the format
-    #[arg(short, long, value_name = "OUT.laz|las|ply|csv")]
+    #[arg(short, long, value_name = "OUT.laz|copc.laz|las|ply|csv")]
     pub output: PathBuf,
     #[command(flatten)]
     pub filters: FilterOptions,

@@ -524,7 +524,7 @@ fn explain(
     }
     if resident.clips.active() > 0 {
         text += &format!(
-            "clip: {} box{}; nothing is left of {} nodes\n",
+            "clip: {} box{}; of {} nodes nothing is left\n",
             resident.clips.active(),
             if resident.clips.active() == 1 { "" } else { "es" },
             drawn.nodes_clipped + facts.taken.as_ref().map_or(0, |taken| taken.nodes_clipped),

@@ -1,11 +1,20 @@
-//! What to suggest for a mistyped option: only options that help shows.
+//! What to suggest for a mistyped option: only options that help shows, and commands of that name.
 
 use clap::error::{ContextKind, ContextValue, Error};
 use clap::{Arg, Command};
 
-/// Replaces a suggested option that is hidden: by the new name of an old one, or by nothing.
-/// `words` are those of the command line, without the program's name.
+/// Replaces a suggested option that is hidden: by the new name of an old one, or by nothing. Suggests
+/// the command that an option is named after. `words` are those of the command line, without the
+/// program's name.
 pub fn keep_visible(mut error: Error, program: &Command, words: &[String]) -> Error {
+    if let Some(ContextValue::String(option)) = error.get(ContextKind::InvalidArg)
+        && let Some(meant) = program.find_subcommand(option.trim_start_matches('-'))
+    {
+        let tip = format!("`{} {}` is a command", program.get_name(), meant.get_name());
+        error.remove(ContextKind::SuggestedArg);
+        error.insert(ContextKind::Suggested, ContextValue::StyledStrs(vec![tip.into()]));
+        return error;
+    }
     let command = words.iter().find_map(|word| program.find_subcommand(word)).unwrap_or(program);
     let suggested = match error.get(ContextKind::SuggestedArg) {
         Some(ContextValue::String(option)) => option.trim_start_matches('-').to_owned(),

@@ -462,7 +462,11 @@ impl DisplayAttribute {
                 range.map(|height| (height - bottom) / (top - bottom) * ELEVATION_LEVELS)
             }
             (Some(range), Attribute::Intensity | Attribute::Rgb | Attribute::Corrected) => range,
-            _ => self.stretch.map(f64::from),
+            _ => match self.stretch.map(f64::from) {
+                // Equal numbers have the colour in the middle.
+                [lo, hi] if lo == hi => [lo - 0.5, hi + 0.5],
+                apart => apart,
+            },
         }
     }
 

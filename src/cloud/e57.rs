@@ -8,9 +8,10 @@
 
 use super::catch_panic::catch_panic;
 use super::crs;
-use super::from_floats::{ColorUnit, Floats, Point, Role, there};
+use super::from_floats::{ColorUnit, Floats, Point, Role};
 use super::input::{Input, Meter};
 use super::rgb_range::By;
+use super::scalar::{Scalar, Scalars};
 use super::{Header, Part, ReadOptions};
 use crate::error::Result;
 use crate::progress::Progress;
@@ -63,6 +64,7 @@ pub fn read(
             points: Some(scan.records),
             bounds: bounds(scan),
             facts: file_facts.iter().cloned().chain(scan_facts(scan)).collect(),
+            scalars: found.scalars,
             system: reader.coordinate_metadata().and_then(crs::wkt::parse),
             ..Header::default()
         };
@@ -84,6 +86,8 @@ struct Found {
     invalid: u64,
     intensity_limits: Option<[f64; 2]>,
     color_limits: [[f64; 2]; 3],
+    /// Names of scalars that can be read.
+    scalars: Vec<String>,
     why: String,
 }
 
@@ -98,7 +102,7 @@ fn points(
     options: &ReadOptions,
     progress: &dyn Progress,
 ) -> Result<Found> {
-    let shape = Shape::new(scan);
+    let shape = Shape::new(scan, options.wanted.scalars);
     let bits: u64 = scan.prototype.iter().map(|record| bits(&record.data_type)).sum();
     if scan.records > 0 && (shape.cartesian.is_none() && shape.spherical.is_none()) {
         return Err(input
@@ -111,7 +115,7 @@ fn points(
             scan.records
         )));
     }
-    let mut floats = Floats::new(there(&shape.roles()), options.wanted, false, false);
+    let mut floats = Floats::with_roles(&shape.roles(), options.wanted, false, false);
     floats.reserve(scan.records.min(input.length.saturating_mul(8) / bits.max(1)) as usize);
     let intensity_limits = shape.intensity.map(|_| shape.intensity_limits);
     let mut found = Found {
@@ -119,6 +123,7 @@ fn points(
         invalid: 0,
         intensity_limits,
         color_limits: shape.color_limits,
+        scalars: shape.names.clone(),
         why: String::new(),
     };
     if scan.records == 0 {
@@ -129,8 +134,9 @@ fn points(
     let outcome = catch_panic(|| {
         let raw = reader.pointcloud_raw(scan).map_err(|error| line(&error))?;
         for (index, values) in raw.enumerate() {
-            match shape.point(scan, &values.map_err(|error| line(&error))?) {
-                Some(point) => found.floats.push(&point),
+            let mut point = found.floats.point();
+            match shape.fill(&mut point, scan, &values.map_err(|error| line(&error))?) {
+                Some(()) => found.floats.push(&point),
                 None => found.invalid += 1,
             }
             if index as u64 % STRETCH == STRETCH - 1 {
@@ -160,12 +166,17 @@ struct Shape {
     intensity: Option<usize>,
     intensity_state: Option<usize>,
     intensity_limits: [f64; 2],
+    /// Fields that are taken as they are, with what is added to their values.
+    plain: Vec<(usize, Role, f64)>,
+    time_state: Option<usize>,
+    /// Names of scalars that can be read.
+    names: Vec<String>,
     rotation: DQuat,
     translation: DVec3,
 }
 
 impl Shape {
-    fn new(scan: &PointCloud) -> Self {
+    fn new(scan: &PointCloud, wanted: Scalars) -> Self {
         let find = |name: RecordName| scan.prototype.iter().position(|record| record.name == name);
         let triple = |a, b, c| Some([find(a)?, find(b)?, find(c)?]);
         let color = triple(RecordName::ColorRed, RecordName::ColorGreen, RecordName::ColorBlue);
@@ -187,6 +198,24 @@ impl Shape {
         let intensity_limits =
             self::limits(intensity.map(|index| &scan.prototype[index].data_type), stated);
         let (rotation, translation) = pose(scan);
+        let (mut plain, mut names, mut read) = (Vec::new(), Vec::new(), 0);
+        for (index, record) in scan.prototype.iter().enumerate() {
+            let (role, added) = match role(scan, &record.name) {
+                (Role::Scalar(scalar, _), added) => {
+                    names.push(scalar.to_string());
+                    let asked = match scalar {
+                        Scalar::Extra(name) => wanted.named(name),
+                        own => wanted.has(own).then_some(own),
+                    };
+                    let Some(asked) = asked else { continue };
+                    read += 1;
+                    (Role::Scalar(asked, read - 1), added)
+                }
+                (Role::Other, _) => continue,
+                named => named,
+            };
+            plain.push((index, role, added));
+        }
         Self {
             cartesian: triple(
                 RecordName::CartesianX,
@@ -206,6 +235,9 @@ impl Shape {
             intensity,
             intensity_state: find(RecordName::IsIntensityInvalid),
             intensity_limits,
+            plain,
+            time_state: find(RecordName::IsTimeStampInvalid),
+            names,
             rotation,
             translation,
         }
@@ -213,11 +245,12 @@ impl Shape {
 
     fn roles(&self) -> Vec<Role> {
         let colors = self.color.iter().flat_map(|_| (0..3).map(Role::Color));
-        colors.chain(self.intensity.map(|_| Role::Intensity)).collect()
+        let plain = self.plain.iter().map(|(_, role, _)| *role);
+        colors.chain(self.intensity.map(|_| Role::Intensity)).chain(plain).collect()
     }
 
-    /// Returns the point in the file's coordinate system; `None` if it is marked invalid.
-    fn point(&self, scan: &PointCloud, values: &[RecordValue]) -> Option<Point> {
+    /// Fills a point in the file's coordinate system; `None` if it is marked invalid.
+    fn fill(&self, point: &mut Point, scan: &PointCloud, values: &[RecordValue]) -> Option<()> {
         let value = |index: usize| {
             values[index].to_f64(&scan.prototype[index].data_type).unwrap_or(f64::NAN)
         };
@@ -234,10 +267,7 @@ impl Shape {
                     elevation.sin(),
                 )
         };
-        let mut point = Point {
-            position: (self.rotation * local + self.translation).to_array(),
-            ..Point::default()
-        };
+        point.position = (self.rotation * local + self.translation).to_array();
         if let Some(indices) = self.color {
             let is_valid = valid(self.color_state);
             for (channel, index) in indices.into_iter().enumerate() {
@@ -249,7 +279,36 @@ impl Shape {
             point.intensity =
                 if valid(self.intensity_state) { value(index) as f32 } else { f32::NAN };
         }
-        Some(point)
+        for &(index, role, added) in &self.plain {
+            let is_valid = role != Role::Time || valid(self.time_state);
+            point.set(role, if is_valid { value(index) + added } else { f64::NAN });
+        }
+        let normal = DVec3::from_array(point.normal.map(f64::from));
+        point.normal = (self.rotation * normal).as_vec3().to_array();
+        Some(())
+    }
+}
+
+/// Returns the role of a field that is taken as it is, and what is added to its values: returns
+/// count from 0 in E57, and times from the start of the scan.
+fn role(scan: &PointCloud, name: &RecordName) -> (Role, f64) {
+    let scalar = |name: &str| (Role::Scalar(Scalar::named(name), 0), 0.0);
+    match name {
+        RecordName::ReturnIndex => (Role::Return, 1.0),
+        RecordName::ReturnCount => (Role::Returns, 0.0),
+        RecordName::TimeStamp => {
+            let start = scan.acquisition_start.as_ref().map_or(0.0, |start| start.gps_time);
+            (Role::Time, if start.is_finite() { start } else { 0.0 })
+        }
+        RecordName::RowIndex => scalar("rowIndex"),
+        RecordName::ColumnIndex => scalar("columnIndex"),
+        RecordName::Unknown { name, .. } => match name.as_str() {
+            "normalX" => (Role::Normal(0), 0.0),
+            "normalY" => (Role::Normal(1), 0.0),
+            "normalZ" => (Role::Normal(2), 0.0),
+            name => scalar(name),
+        },
+        _ => (Role::Other, 0.0),
     }
 }
 

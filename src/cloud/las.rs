@@ -7,6 +7,7 @@
 //! memory. The file's length is authoritative: points that the header declares beyond it are
 //! reported as missing.
 
+pub mod copc;
 pub mod header;
 mod laz;
 pub mod number;

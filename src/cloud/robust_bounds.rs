@@ -14,8 +14,8 @@ const SAMPLES: u64 = 100_000;
 /// Share of points beyond each side of a box that no stray determines.
 const BEYOND: f64 = 0.002;
 /// Connectivity of points beyond the box, relative to its longest side: the size of adjacent
-/// occupied cells, and the distance they may lead.
-const STEP: f64 = 1.0 / 50.0;
+/// occupied cells, and the distance they may lead. Tree tops are this sparse.
+const STEP: f64 = 1.0 / 25.0;
 const WAY: f64 = 0.25;
 
 impl Cloud {

@@ -1,11 +1,12 @@
-//! LAS and LAZ. Points of LAS files of one kind keep their records, bit for bit; others become
+//! LAS, LAZ and COPC. Points of LAS files of one kind keep their records, bit for bit; others become
 //! records of LAS 1.4, which hold the attributes of all formats, and scalars as extra bytes.
 
 use super::fields::{Colors, has_words, intensity, record};
 use super::input::{Batch, Input, Part};
-use super::{Packed, Sink, Taker};
+use super::{Format, Packed, Sink, Taker};
 use crate::cloud::crs::Kind;
 use crate::cloud::digits::number;
+use crate::cloud::las::copc::{CopcWriter, IN_MEMORY};
 use crate::cloud::las::header::{Layout, Vlr};
 use crate::cloud::las::number::ANGLE_STEP;
 use crate::cloud::las::raw::{has_waveform, without_waveform};
@@ -14,6 +15,7 @@ use crate::cloud::las::{INTENSITY_RANGE, Las};
 use crate::cloud::scalar::Scalar;
 use crate::cloud::{Header, Lattice};
 use crate::error::{Error, Result};
+use crate::progress::Progress;
 use glam::DVec3;
 use std::path::Path;
 
@@ -24,12 +26,13 @@ const WKT: u16 = 16;
 
 pub struct Plan<'p> {
     input: &'p Input,
-    compressed: bool,
     lattice: Lattice,
     /// Steps from each part's lattice to the file's; `None` if positions are rounded.
     shifts: Vec<Option<[i64; 3]>>,
-    /// Whether points keep their records.
+    /// Whether points keep their records: all of these, or what one of another format can hold.
     raw: bool,
+    /// The kind of file, and the point format.
+    kind: Format,
     format: u8,
     /// Extra bytes of the files' own records.
     extra_bytes: u16,
@@ -50,7 +53,7 @@ enum Intensity {
 impl<'p> Plan<'p> {
     pub fn new(
         input: &'p Input,
-        compressed: bool,
+        kind: Format,
         scalars: &[Scalar],
         notes: &mut Vec<String>,
     ) -> Result<Plan<'p>> {
@@ -65,7 +68,9 @@ impl<'p> Plan<'p> {
                 if has_waveform(first.format) || first.kept.has_more {
                     notes.push("waveforms and records behind the points are left out".into());
                 }
-                (without_waveform(first.format), first.extra_width() as u16)
+                let format = without_waveform(first.format);
+                let format = if kind == Format::Copc { raised(format) } else { format };
+                (format, first.extra_width() as u16)
             }
             None => (modern(input, scalars, notes), 0),
         };
@@ -77,20 +82,10 @@ impl<'p> Plan<'p> {
             Scalar::Extra(_) => raw,
         };
         let added = scalars.iter().copied().filter(|scalar| !has(scalar)).collect();
-        Ok(Plan {
-            input,
-            compressed,
-            lattice,
-            shifts,
-            raw,
-            format,
-            extra_bytes,
-            added,
-            intensities,
-        })
+        Ok(Plan { input, lattice, shifts, raw, kind, format, extra_bytes, added, intensities })
     }
 
-    pub fn create(&self, path: &Path) -> Result<LasFile> {
+    pub fn create(&self, path: &Path) -> Result<Box<dyn Taker>> {
         let layout = self.first().map(|las| &las.layout);
         let minor = match layout {
             Some(layout) if self.raw && self.format < 6 => layout.minor.clamp(2, 4),
@@ -98,7 +93,6 @@ impl<'p> Plan<'p> {
         };
         let many = self.input.points() > u32::MAX as u64;
         let records = self.records(layout);
-        let is_wkt = |vlr: &Vlr| vlr.user == PROJECTION && vlr.record == 2112;
         let wkt = if records.iter().any(is_wkt) { WKT } else { 0 };
         let kept = layout.map_or(0, |layout| layout.kept.global_encoding);
         let one = layout.filter(|_| self.input.parts().len() == 1);
@@ -106,14 +100,17 @@ impl<'p> Plan<'p> {
             minor: if many { 4 } else { minor },
             format: self.format,
             extra_bytes: self.extra_bytes + 8 * self.added.len() as u16,
-            compressed: self.compressed,
+            compressed: self.kind != Format::Las,
             lattice: self.lattice,
             file_source: one.map_or(0, |layout| layout.kept.file_source),
             global_encoding: kept & (STANDARD_TIME | SYNTHETIC_RETURNS) | wkt,
             system: "EXTRACTION".into(),
             records,
         };
-        LasWriter::create(path, head).map(LasFile)
+        Ok(match self.kind {
+            Format::Copc => Box::new(CopcWriter::create(path, head, IN_MEMORY)?),
+            _ => Box::new(LasWriter::create(path, head)?),
+        })
     }
 
     fn first(&self) -> Option<&Las> {
@@ -125,8 +122,17 @@ impl<'p> Plan<'p> {
     fn records(&self, layout: Option<&Layout>) -> Vec<Vlr> {
         let all = layout.map_or(&[][..], |layout| &layout.kept.records);
         let own = all.iter().filter(|vlr| self.raw || vlr.user == PROJECTION).cloned();
-        let part = self.input.parts().first().filter(|_| layout.is_none());
-        let mut records: Vec<Vlr> = own.chain(part.and_then(|part| system(&part.header))).collect();
+        let mut records: Vec<Vlr> = own.collect();
+        // Formats from 6 on name their system by WKT. Files of these formats are as they are.
+        let is_older = !self.raw || layout.is_some_and(|layout| layout.format < 6);
+        let is_asked = self.kind == Format::Copc || is_older && self.format >= 6;
+        if let Some(part) = self.input.parts().first()
+            && is_asked
+            && !records.iter().any(is_wkt)
+        {
+            let keys = || keys_of(&part.header).filter(|_| layout.is_none());
+            records.extend(wkt_of(&part.header).or_else(keys));
+        }
         if !self.added.is_empty() {
             let (user, record) = EXTRA_BYTES;
             let is_it = |vlr: &Vlr| (vlr.user.as_str(), vlr.record) == EXTRA_BYTES;
@@ -199,7 +205,7 @@ impl<'p> Plan<'p> {
         let time = columns.gps_time.as_ref().map_or(0.0, |column| column[i]);
         out.extend(time.to_le_bytes());
         if self.format >= 7 {
-            let words = has_words(self.input, batch.part);
+            let words = self.raw || has_words(self.input, batch.part);
             let color = Colors::Words.color(batch, record, words, i);
             color.iter().for_each(|v| out.extend(v.to_le_bytes()));
         }
@@ -215,9 +221,16 @@ impl Sink for Plan<'_> {
         let mut packed = Packed::default();
         for &i in &batch.left {
             let steps = self.steps(batch, i as usize)?;
-            match record(self.input, batch, i as usize).filter(|_| self.raw) {
-                Some(record) => record.write(steps, &mut packed.bytes),
-                None => self.modern(batch, i as usize, steps, &mut packed.bytes),
+            let own = record(self.input, batch, i as usize).filter(|_| self.raw);
+            match own {
+                Some(own) if without_waveform(own.format) == self.format => {
+                    own.write(steps, &mut packed.bytes);
+                }
+                _ => {
+                    self.modern(batch, i as usize, steps, &mut packed.bytes);
+                    let extra = own.as_ref().map_or(&[][..], |own| own.extra_bytes());
+                    packed.bytes.extend_from_slice(extra);
+                }
             }
             for &scalar in &self.added {
                 let own = batch.columns.scalar(scalar);
@@ -230,15 +243,23 @@ impl Sink for Plan<'_> {
     }
 }
 
-pub struct LasFile(LasWriter);
-
-impl Taker for LasFile {
+impl Taker for LasWriter {
     fn take(&mut self, _points: u64, bytes: Vec<u8>) -> Result<()> {
-        self.0.write(&bytes)
+        self.write(&bytes)
     }
 
-    fn finish(self: Box<Self>) -> Result<()> {
-        self.0.finish()
+    fn finish(self: Box<Self>, _progress: &dyn Progress) -> Result<()> {
+        LasWriter::finish(*self)
+    }
+}
+
+impl Taker for CopcWriter {
+    fn take(&mut self, _points: u64, bytes: Vec<u8>) -> Result<()> {
+        self.write(&bytes)
+    }
+
+    fn finish(self: Box<Self>, progress: &dyn Progress) -> Result<()> {
+        CopcWriter::finish(*self, progress)
     }
 }
 
@@ -285,6 +306,15 @@ fn alike<'l>(las: &[&'l Las]) -> Option<&'l Layout> {
     };
     let first = las.first()?;
     las.iter().all(|other| key(other) == key(first)).then_some(&first.layout)
+}
+
+/// Returns the point format of LAS 1.4 that holds all fields of an older one.
+fn raised(format: u8) -> u8 {
+    match format {
+        0 | 1 => 6,
+        2 | 3 => 7,
+        modern => modern,
+    }
 }
 
 /// Returns the point format of LAS 1.4 that holds all attributes. Notes what it does not.
@@ -388,29 +418,38 @@ fn too_far() -> Error {
     )
 }
 
-/// Returns the record of a coordinate system that a header names by WKT or by its EPSG number.
-fn system(header: &Header) -> Option<Vlr> {
+fn is_wkt(vlr: &Vlr) -> bool {
+    vlr.user == PROJECTION && vlr.record == 2112
+}
+
+/// Returns a coordinate system as WKT: that of a header, or that of the EPSG code it states.
+fn wkt_of(header: &Header) -> Option<Vlr> {
     let system = header.system.as_ref().filter(|system| system.plane.is_none())?;
-    let is_wkt = |text: &&String| {
+    let is_wkt = |text: &str| {
         ["PROJCS", "GEOGCS", "GEOCCS", "COMPD_CS", "PROJCRS", "GEOGCRS", "GEODCRS", "COMPOUNDCRS"]
             .iter()
             .any(|word| text.starts_with(word))
     };
-    let wkt = header.facts.iter().map(|(_, text)| text).find(is_wkt);
-    let (record, data) = match wkt {
-        Some(text) => (2112, [text.as_bytes(), &[0]].concat()),
-        None => {
-            let (model, key) = match system.kind {
-                Kind::Projected => (1, 3072),
-                Kind::Geographic => (2, 2048),
-                Kind::Geocentric | Kind::Local => return None,
-            };
-            let code = u16::try_from(system.epsg?).ok()?;
-            // A directory of two keys: the model, and the code of the system.
-            let keys: [u16; 12] = [1, 1, 0, 2, 1024, 0, 1, model, key, 0, 1, code];
-            (34735, keys.iter().flat_map(|v| v.to_le_bytes()).collect())
-        }
-    };
-    let description = "coordinate system".into();
-    Some(Vlr { user: PROJECTION.into(), record, description, data })
+    let stated = header.facts.iter().map(|(_, text)| text.as_str()).find(|text| is_wkt(text));
+    let known = || Some(crs_definitions::from_code(system.epsg?.try_into().ok()?)?.wkt);
+    let data = [stated.or_else(known)?.as_bytes(), &[0]].concat();
+    Some(Vlr { user: PROJECTION.into(), record: 2112, description: DESCRIPTION.into(), data })
 }
+
+/// Returns a coordinate system as a directory of GeoTIFF keys.
+fn keys_of(header: &Header) -> Option<Vlr> {
+    let system = header.system.as_ref().filter(|system| system.plane.is_none())?;
+    let (model, key) = match system.kind {
+        Kind::Projected => (1, 3072),
+        Kind::Geographic => (2, 2048),
+        Kind::Geocentric | Kind::Local => return None,
+    };
+    let code = u16::try_from(system.epsg?).ok()?;
+    // Two keys: the model, and the code of the system.
+    let keys: [u16; 12] = [1, 1, 0, 2, 1024, 0, 1, model, key, 0, 1, code];
+    let data = keys.iter().flat_map(|v| v.to_le_bytes()).collect();
+    Some(Vlr { user: PROJECTION.into(), record: 34735, description: DESCRIPTION.into(), data })
+}
+
+/// Description of records of coordinate systems.
+const DESCRIPTION: &str = "coordinate system";

@@ -84,6 +84,7 @@ impl Selection {
 pub enum Format {
     Las,
     Laz,
+    Copc,
     Ply,
     Csv,
 }
@@ -97,17 +98,13 @@ impl Format {
         let name = path.file_name().unwrap_or_default().to_string_lossy().to_lowercase();
         let wrong =
             |why: &str| Err(Error::Request(format!("cannot write {}: {why}", path.display())));
-        if name.ends_with(".copc.laz") {
-            return wrong(
-                "COPC is not written; name it .laz, or make an index with `pointillist index`",
-            );
-        }
         match name.rsplit_once('.').map_or("", |(_, ending)| ending) {
+            "laz" if name.ends_with(".copc.laz") => Ok(Format::Copc),
             "las" => Ok(Format::Las),
             "laz" => Ok(Format::Laz),
             "ply" => Ok(Format::Ply),
             "csv" => Ok(Format::Csv),
-            _ => wrong("its name must end in .laz, .las, .ply or .csv"),
+            _ => wrong("its name must end in .copc.laz, .laz, .las, .ply or .csv"),
         }
     }
 }
@@ -131,7 +128,7 @@ trait Taker: Send {
     fn take(&mut self, points: u64, bytes: Vec<u8>) -> Result<()>;
 
     /// Completes the file.
-    fn finish(self: Box<Self>) -> Result<()>;
+    fn finish(self: Box<Self>, progress: &dyn Progress) -> Result<()>;
 }
 
 /// Outcome of an export.
@@ -162,10 +159,10 @@ pub fn export(
         has.iter().filter(|own| *own != height || added.has(height)).collect();
     let scalars = scalars.as_slice();
     let (sink, mut taker): (Box<dyn Sink + '_>, Box<dyn Taker>) = match format {
-        Format::Las | Format::Laz => {
-            let plan = las::Plan::new(input, format == Format::Laz, scalars, &mut notes)?;
+        Format::Las | Format::Laz | Format::Copc => {
+            let plan = las::Plan::new(input, format, scalars, &mut notes)?;
             let file = plan.create(output)?;
-            (Box::new(plan), Box::new(file))
+            (Box::new(plan), file)
         }
         Format::Ply => {
             let plan = ply::Plan::new(input, scalars, &mut notes);
@@ -203,7 +200,7 @@ pub fn export(
             _ => selection.leaves_none(input, progress),
         });
     }
-    taker.finish()?;
+    taker.finish(progress)?;
     Ok(Exported { points, of, notes })
 }
 

@@ -6,6 +6,7 @@ use super::table::ByteFile;
 use super::{Packed, Sink, Taker};
 use crate::cloud::{las, scalar};
 use crate::error::Result;
+use crate::progress::Progress;
 use std::io::{Seek, SeekFrom, Write};
 use std::path::Path;
 
@@ -111,7 +112,7 @@ impl Taker for PlyFile {
         self.0.take(points, bytes)
     }
 
-    fn finish(self: Box<Self>) -> Result<()> {
+    fn finish(self: Box<Self>, _progress: &dyn Progress) -> Result<()> {
         let count = counted(self.0.points);
         self.0.finish_with(|file| {
             file.seek(SeekFrom::Start(BEFORE_COUNT.len() as u64))?;

@@ -7,6 +7,7 @@ use crate::atomic_file::AtomicFile;
 use crate::cloud::digits::Digits;
 use crate::cloud::scalar::Scalar;
 use crate::error::{Error, Result};
+use crate::progress::Progress;
 use std::fs::File;
 use std::io::{BufWriter, Write};
 use std::path::Path;
@@ -89,7 +90,7 @@ impl Taker for ByteFile {
         self.file.write_all(&bytes).map_err(|error| Error::io("write", &self.path, error))
     }
 
-    fn finish(self: Box<Self>) -> Result<()> {
+    fn finish(self: Box<Self>, _progress: &dyn Progress) -> Result<()> {
         self.finish_with(|_| Ok(()))
     }
 }

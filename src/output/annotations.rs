@@ -58,6 +58,10 @@ impl Annotations {
 
     /// Returns what to draw over the whole picture of a view.
     pub fn overlay(&self, view: &View, shown: &Shown) -> Overlay {
+        self.overlay_beside(0.0, view, shown)
+    }
+
+    fn overlay_beside(&self, covered: f32, view: &View, shown: &Shown) -> Overlay {
         if self.is_empty() {
             return Overlay::default();
         }
@@ -70,7 +74,8 @@ impl Annotations {
             ..RawInput::default()
         };
         let output = context.run_ui(input, |ui| {
-            self.draw(&ui.ctx().layer_painter(LayerId::background()), rect, view, shown);
+            let painter = ui.ctx().layer_painter(LayerId::background());
+            self.draw(&painter, rect, covered, view, shown);
         });
         let mut overlay = Overlay::default();
         let text = output.textures_delta.set.iter().filter(|(id, _)| **id == TextureId::default());
@@ -91,17 +96,18 @@ impl Annotations {
         overlay
     }
 
-    /// Draws into a rectangle that shows a whole view.
-    pub fn draw(&self, painter: &Painter, rect: Rect, view: &View, shown: &Shown) {
+    /// Draws into a rectangle that shows a whole view, beside its left part that is `covered`.
+    pub fn draw(&self, painter: &Painter, rect: Rect, covered: f32, view: &View, shown: &Shown) {
         let line = (LINE * rect.height().min(1.5 * rect.width())).max(LEAST_LINE);
-        let sheet = Sheet { painter, rect, line, view, shown };
+        let left = rect.left() + covered;
+        let sheet = Sheet { painter, rect, left, line, view, shown };
         let edges = if self.axes { sheet.axes() } else { Vec2::ZERO };
         let inner = Rect::from_min_max(
-            pos2(rect.left() + edges.x + line, rect.top() + line),
+            pos2(left + edges.x + line, rect.top() + line),
             pos2(rect.right() - line, rect.bottom() - edges.y - line),
         );
         if let Some(title) = &self.title {
-            let at = pos2(rect.center().x, inner.top());
+            let at = pos2((left + rect.right()) / 2.0, inner.top());
             sheet.text(at, Align2::CENTER_TOP, title, 1.6 * line, true);
         }
         if self.north_arrow && shown.up == Up::Z {
@@ -138,6 +144,8 @@ fn take(overlay: &mut Overlay, delta: &ImageDelta) {
 struct Sheet<'s> {
     painter: &'s Painter,
     rect: Rect,
+    /// Where what is not covered begins.
+    left: f32,
     /// Height of a line of text.
     line: f32,
     view: &'s View,
@@ -364,8 +372,8 @@ impl Sheet<'_> {
         let (right, up) = (ticks(across), ticks(upward));
         let widest = up.iter().map(|(_, label)| self.width_of(label)).fold(0.0, f32::max);
         let room = vec2(widest + 1.2 * line, 1.9 * line);
-        let corner = pos2(rect.left() + room.x, rect.bottom() - room.y);
-        let left = Rect::from_min_max(rect.left_top(), pos2(corner.x, rect.bottom()));
+        let corner = pos2(self.left + room.x, rect.bottom() - room.y);
+        let left = Rect::from_min_max(pos2(self.left, rect.top()), pos2(corner.x, rect.bottom()));
         let below = Rect::from_min_max(corner, rect.right_bottom());
         for field in [left, below] {
             self.painter.rect_filled(field, 0.0, BEHIND);
@@ -447,9 +455,18 @@ mod tests {
 
     /// Returns the picture's pixels that annotations change.
     fn changed(annotations: &Annotations, size: [u32; 2], preset: Preset) -> Vec<[u32; 2]> {
+        changed_beside(0.0, annotations, size, preset)
+    }
+
+    fn changed_beside(
+        covered: f32,
+        annotations: &Annotations,
+        size: [u32; 2],
+        preset: Preset,
+    ) -> Vec<[u32; 2]> {
         let points = [DVec3::ZERO, DVec3::new(80.0, 50.0, 30.0)];
         let view = View::new(Camera::framing(preset, &points, size), size).unwrap();
-        let overlay = annotations.overlay(&view, &shown(Attribute::Elevation));
+        let overlay = annotations.overlay_beside(covered, &view, &shown(Attribute::Elevation));
         let mut pixels = vec![128; 3 * (size[0] * size[1]) as usize];
         overlay.blend(&mut pixels, size[0] as usize, 0);
         let changed = pixels.as_chunks::<3>().0.iter().enumerate();
@@ -457,6 +474,22 @@ mod tests {
             .filter(|(_, pixel)| **pixel != [128; 3])
             .map(|(i, _)| [i as u32 % size[0], i as u32 / size[0]])
             .collect()
+    }
+
+    #[test]
+    fn nothing_is_drawn_where_the_panel_is() {
+        let scale = Annotations { scale_bar: true, ..Annotations::default() };
+        let all = Annotations {
+            title: Some("Title".into()),
+            legend: true,
+            north_arrow: true,
+            axes: true,
+            ..scale.clone()
+        };
+        for (own, preset) in [(&scale, Preset::Fit), (&all, Preset::Fit), (&all, Preset::Top)] {
+            let drawn = changed_beside(200.0, own, [640, 480], preset);
+            assert!(!drawn.is_empty() && drawn.iter().all(|[x, _]| *x >= 200));
+        }
     }
 
     #[test]

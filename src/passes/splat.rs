@@ -119,6 +119,7 @@ impl super::Settings for Settings {
 
     fn grows_px(&self, spacing_px: f64) -> f64 {
         let by_size = match (self.pixels, self.metres) {
+            (0.0, 0.0) if spacing_px == 0.0 => f64::INFINITY,
             (0.0, 0.0) => self.cover * spacing_px + 0.5,
             (0.0, _) => f64::INFINITY,
             (pixels, _) => 0.5 * pixels,
@@ -147,7 +148,10 @@ pub fn record(
 ) -> GBuffer {
     let view = context.view;
     let perspective = view.camera.projection == Projection::Perspective;
-    let by_spacing = settings.pixels == 0.0 && settings.metres == 0.0;
+    let by_size = settings.pixels > 0.0 || settings.metres > 0.0;
+    // Points in a single place have no spacing.
+    let by_spacing = !by_size && context.sampling.spacing_m > 0.0;
+    let pixels = if by_size { settings.pixels } else { settings.largest };
     let largest = 0.5 * settings.largest as f32;
     let reach = largest as u32;
     let aside = gbuffer.aside.as_ref();
@@ -199,7 +203,7 @@ pub fn record(
                     px_per_m: view.focal_px() as f32,
                     cover: if by_spacing { settings.cover as f32 } else { 0.0 },
                     metres: if settings.pixels == 0.0 { 0.5 * settings.metres as f32 } else { 0.0 },
-                    pixels: 0.5 * settings.pixels as f32,
+                    pixels: 0.5 * pixels as f32,
                     largest,
                     bulge: if settings.shape == Shape::Disc { 0.0 } else { BULGE as f32 },
                 };

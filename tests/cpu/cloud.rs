@@ -6,9 +6,14 @@ use crate::commands::{self, run};
 use crate::made::{Las as Made, sheet};
 use crate::program::{failed, render, text};
 use crate::shared::shared;
+use e57::{
+    DateTime, E57Writer, Extension, Quaternion, Record, RecordDataType, RecordName, RecordValue,
+    Transform, Translation,
+};
 use glam::DVec3;
 use pointillist::cloud::point_lookup::{self, Extras, LookupQuery};
-use pointillist::cloud::{self, Cloud, ColumnSet, ReadOptions, spacing};
+use pointillist::cloud::scalar::{Scalar, Scalars};
+use pointillist::cloud::{self, Cloud, ColumnSet, Part, ReadOptions, spacing};
 use pointillist::error::{Error, Result};
 use pointillist::progress::{Progress, Silent};
 use proptest::prelude::*;
@@ -576,6 +581,83 @@ fn deep_xml_is_refused() {
     let nested = "<a>".repeat(200_000);
     let error = read_bytes("deep.e57", &e57_with_xml(&nested)).unwrap_err();
     assert!(error.to_string().contains("E57"), "{error}");
+}
+
+/// Times count from the start of the scan, returns from 0, and normals turn with the scan. Other
+/// fields are scalars.
+#[test]
+fn every_field_of_e57_points_is_read() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("fields.e57");
+    let integer = |min, max| RecordDataType::Integer { min, max };
+    let of = |namespace: &str, name: &str| RecordName::Unknown {
+        namespace: namespace.into(),
+        name: name.into(),
+    };
+    let prototype = [
+        (RecordName::CartesianX, RecordDataType::F64),
+        (RecordName::CartesianY, RecordDataType::F64),
+        (RecordName::CartesianZ, RecordDataType::F64),
+        (RecordName::RowIndex, integer(0, 100)),
+        (RecordName::ColumnIndex, integer(0, 100)),
+        (RecordName::ReturnIndex, integer(0, 3)),
+        (RecordName::ReturnCount, integer(1, 4)),
+        (RecordName::TimeStamp, RecordDataType::F64),
+        (RecordName::IsTimeStampInvalid, integer(0, 1)),
+        (of("nor", "normalX"), RecordDataType::F32),
+        (of("nor", "normalY"), RecordDataType::F32),
+        (of("nor", "normalZ"), RecordDataType::F32),
+        (of("ext", "reflectance"), RecordDataType::F32),
+    ];
+    let prototype = prototype.map(|(name, data_type)| Record { name, data_type }).to_vec();
+    let mut file = E57Writer::from_file(&path, "file").unwrap();
+    for namespace in ["nor", "ext"] {
+        file.register_extension(Extension::new(namespace, "http://example.org")).unwrap();
+    }
+    let mut scan = file.add_pointcloud("scan", prototype).unwrap();
+    scan.set_acquisition_start(Some(DateTime { gps_time: 1000.0, atomic_reference: false }));
+    let half = 0.5f64.sqrt();
+    scan.set_transform(Some(Transform {
+        // A quarter turn around z.
+        rotation: Quaternion { w: half, x: 0.0, y: 0.0, z: half },
+        translation: Translation { x: 0.0, y: 0.0, z: 0.0 },
+    }));
+    for i in 0..40 {
+        let (number, float) = (RecordValue::Integer, RecordValue::Double);
+        scan.add_point(vec![
+            float(i as f64),
+            float(0.0),
+            float((i % 7) as f64),
+            number(i),
+            number(i % 5),
+            number(i % 3),
+            number(3),
+            float(0.5 * i as f64),
+            number(i64::from(i == 9)),
+            RecordValue::Single(1.0),
+            RecordValue::Single(0.0),
+            RecordValue::Single(0.0),
+            RecordValue::Single(-0.25 * i as f32),
+        ])
+        .unwrap();
+    }
+    scan.finalize().unwrap();
+    file.finalize().unwrap();
+    let wanted = ColumnSet { scalars: Scalars::ALL, ..ColumnSet::ALL };
+    let options = ReadOptions::new(wanted, true);
+    let cloud = cloud::read(&[path], &options, &Silent).unwrap();
+    let Part { columns, header, .. } = &cloud.parts[0];
+    assert_eq!(header.scalars, ["extra:rowIndex", "extra:columnIndex", "extra:reflectance"]);
+    let numbers = |name: &str| columns.scalar(Scalar::extra(name)).unwrap();
+    for i in 0..40 {
+        assert_eq!(numbers("rowIndex")[i], i as f64);
+        assert_eq!(numbers("columnIndex")[i], (i % 5) as f64);
+        assert_eq!(numbers("reflectance")[i], -0.25 * i as f64);
+        assert_eq!(columns.returns.as_ref().unwrap()[i] as usize, (i % 3 + 1) | 3 << 4);
+        let time = columns.gps_time.as_ref().unwrap()[i];
+        assert!(if i == 9 { time.is_nan() } else { time == 1000.0 + 0.5 * i as f64 });
+        assert_eq!(columns.normal.as_ref().unwrap()[i], [0, 127, 0]);
+    }
 }
 
 #[test]

@@ -8,8 +8,10 @@ use crate::made::Las;
 use crate::shared::shared;
 use glam::DVec3;
 use pointillist::cloud::filter::{Condition, Filter};
+use pointillist::cloud::las::copc::CopcWriter;
+use pointillist::cloud::las::write::Head;
 use pointillist::cloud::scalar::Scalars;
-use pointillist::cloud::{self, Cloud, ColumnSet, Columns, ReadOptions};
+use pointillist::cloud::{self, Cloud, ColumnSet, Columns, Lattice, ReadOptions};
 use pointillist::error::{Error, Result};
 use pointillist::extract::input::Input;
 use pointillist::extract::{self, Exported, Selection, Thinning, count};
@@ -369,7 +371,7 @@ fn an_interrupted_export_leaves_nothing() {
     let folder = tempfile::tempdir().unwrap();
     let file = street(folder.path(), "street.laz");
     let input = Input::open(&[file], &options(), &Silent).unwrap();
-    for name in ["out.las", "out.laz", "out.ply", "out.csv"] {
+    for name in ["out.las", "out.laz", "out.copc.laz", "out.ply", "out.csv"] {
         let output = folder.path().join(name);
         let progress = Impatient(0.into());
         let (all, thinning) = (Selection::default(), Thinning::default());
@@ -378,6 +380,78 @@ fn an_interrupted_export_leaves_nothing() {
         assert!(matches!(interrupted, Err(Error::Interrupted)), "{name}");
         assert_eq!(names(folder.path()), ["street.laz"], "{name}");
     }
+}
+
+/// Returns records of format 6 on a rough slope, in no order.
+fn slope(points: usize) -> Vec<u8> {
+    let mut state = 7u64;
+    let mut random = |most: u64| {
+        state =
+            state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        ((state >> 33) % most) as i32
+    };
+    let mut records = Vec::with_capacity(30 * points);
+    for i in 0..points {
+        let [x, y] = [random(100_000), random(60_000)];
+        let z = x / 3 + random(500);
+        let start = records.len();
+        [x, y, z].iter().for_each(|v| records.extend(v.to_le_bytes()));
+        records.resize(start + 30, 0);
+        records[start + 14] = 0x11;
+        records[start + 22..].copy_from_slice(&(i as f64).to_le_bytes());
+    }
+    records
+}
+
+fn copc(path: &Path, records: &[u8], memory: usize, progress: &dyn Progress) -> Result<()> {
+    let head = Head {
+        minor: 4,
+        format: 6,
+        extra_bytes: 0,
+        compressed: true,
+        lattice: Lattice { step: DVec3::splat(0.01), offset: DVec3::new(5e5, 5e6, 0.0) },
+        file_source: 0,
+        global_encoding: 0,
+        system: String::new(),
+        records: Vec::new(),
+    };
+    let mut file = CopcWriter::create(path, head, memory)?;
+    records.chunks(30 * 10_000).try_for_each(|some| file.write(some))?;
+    file.finish(progress)
+}
+
+/// Points that go through files beside the output are in the same nodes as those in memory.
+#[test]
+fn a_copc_file_is_the_same_in_any_memory() {
+    let folder = tempfile::tempdir().unwrap();
+    let records = slope(400_000);
+    let written = |memory: usize| {
+        let path = folder.path().join("slope.copc.laz");
+        copc(&path, &records, memory, &Silent).unwrap();
+        assert_eq!(names(folder.path()), ["slope.copc.laz"]);
+        std::fs::read(&path).unwrap()
+    };
+    let whole = written(1 << 30);
+    assert!(whole == written(1 << 18) && whole == written(1));
+    let cloud = read(&folder.path().join("slope.copc.laz"));
+    assert_eq!(cloud.parts[0].header.format, "COPC 1.4 format 6");
+    let mut times = cloud.parts[0].columns.gps_time.clone().unwrap();
+    times.sort_by(f64::total_cmp);
+    assert!(times.iter().copied().eq((0..400_000).map(f64::from)));
+}
+
+#[test]
+fn an_interrupted_copc_file_leaves_nothing_and_points_in_one_place_are_one_node() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("out.copc.laz");
+    let records = slope(200_000);
+    for ticks in 0..4 {
+        let interrupted = copc(&path, &records, 1 << 18, &Impatient(ticks.into()));
+        assert!(matches!(interrupted, Err(Error::Interrupted)), "{ticks}");
+        assert_eq!(names(folder.path()), [""; 0]);
+    }
+    copc(&path, &records[..30].repeat(200_000), 1 << 18, &Silent).unwrap();
+    assert_eq!(read(&path).len(), 200_000);
 }
 
 /// The same bytes on any number of threads.

@@ -2,6 +2,7 @@
 
 use crate::png_file::{Png, read_png};
 use crate::program::{render, succeeded, text};
+use crate::shared::shared;
 use std::path::{Path, PathBuf};
 
 /// Writes points as an ASCII PLY file, grey where no colour is given.
@@ -37,6 +38,44 @@ fn draw(cloud: &Path, line: &str) -> (Png, String) {
 
 fn difference(a: &Png, b: &Png) -> usize {
     a.pixels.iter().zip(&b.pixels).filter(|(a, b)| a != b).count()
+}
+
+/// Returns the number of pixels that differ from the picture's corner, and the extent of these.
+fn covered(png: &Png) -> (usize, [u32; 2]) {
+    let [width, _] = png.size;
+    let is_drawn = |pixel: &[u8; 3]| *pixel != png.pixels[0];
+    let drawn = png.pixels.iter().enumerate().filter(|(_, pixel)| is_drawn(pixel));
+    let places: Vec<[u32; 2]> = drawn.map(|(i, _)| [i as u32 % width, i as u32 / width]).collect();
+    let extent = [0, 1].map(|axis| {
+        let own = places.iter().map(|place| place[axis]);
+        own.clone().max().unwrap_or(0) - own.min().unwrap_or(0)
+    });
+    (places.len(), extent)
+}
+
+#[test]
+fn a_single_point_is_a_round_point_in_the_middle() {
+    let folder = tempfile::tempdir().unwrap();
+    for count in [1, 5] {
+        let cloud = ply(folder.path(), "one.ply", &vec![([3.0, 4.0, 5.0], [200; 3]); count]);
+        let (png, _) = draw(&cloud, "");
+        let (pixels, [width, height]) = covered(&png);
+        assert!(width == height && width > 20, "{width} x {height}");
+        let disc = std::f64::consts::PI / 4.0 * (width as f64).powi(2);
+        assert!((pixels as f64 / disc - 1.0).abs() < 0.1, "{pixels} of {disc}");
+    }
+}
+
+/// Tops of trees are sparse, and no strays.
+#[test]
+fn trees_are_whole_in_the_picture() {
+    let Some(file) = shared("data/ground/pine_plot.laz") else { return };
+    let folder = tempfile::tempdir().unwrap();
+    let drawn = folder.path().join("pine.png");
+    succeeded(&render(&file, &format!("-o {} --size 320x240 --no-cache", drawn.display())));
+    let png = read_png(&drawn);
+    let rows = [&png.pixels[..320], &png.pixels[320 * 239..]].concat();
+    assert!(rows.iter().all(|pixel| *pixel == png.pixels[0]));
 }
 
 #[test]

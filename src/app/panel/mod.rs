@@ -152,7 +152,9 @@ impl Panel {
                 measure_overlay::show(ui, &state.measure, view);
                 if let Some(named) = state.named(scene).filter(|_| !state.annotations.is_empty()) {
                     let painter = ui.ctx().layer_painter(egui::LayerId::background());
-                    state.annotations.draw(&painter, ui.ctx().content_rect(), view, &named);
+                    let covered = if state.hidden { 0.0 } else { WIDTH };
+                    let rect = ui.ctx().content_rect();
+                    state.annotations.draw(&painter, rect, covered, view, &named);
                 }
             }
             if let Some(view) = view.filter(|_| !state.hidden) {

@@ -29,7 +29,11 @@ impl Record<'_> {
         let bare = record_bytes(without_waveform(self.format)) as usize;
         steps.iter().for_each(|v| out.extend(v.to_le_bytes()));
         out.extend_from_slice(&self.bytes[12..bare]);
-        out.extend_from_slice(&self.bytes[record_bytes(self.format) as usize..]);
+        out.extend_from_slice(self.extra_bytes());
+    }
+
+    pub fn extra_bytes(&self) -> &[u8] {
+        &self.bytes[record_bytes(self.format) as usize..]
     }
 
     pub fn user_data(&self) -> u8 {

@@ -45,10 +45,10 @@ enum Body {
 
 /// Statistics of the points written.
 #[derive(Default)]
-struct Count {
-    points: u64,
+pub(super) struct Count {
+    pub points: u64,
     by_return: [u64; 16],
-    bounds: Option<[[i32; 3]; 2]>,
+    pub bounds: Option<[[i32; 3]; 2]>,
 }
 
 const HEADER_BYTES: [u16; 5] = [227, 227, 227, 235, 375];
@@ -62,13 +62,10 @@ impl LasWriter {
             .map_err(|error| Error::io("create", path, error))?;
         let (mut head, mut laszip) = (head, None);
         if head.compressed {
-            let (vlr, own) = laszip_of(&head).map_err(|error| wrote(io_error(error)))?;
-            laszip = Some(vlr);
-            head.records.push(own);
+            laszip = Some(head.compress(false).map_err(|error| wrote(io_error(error)))?);
         }
         let count = Count::default();
-        file.write_all(&head.bytes(&count)).map_err(wrote)?;
-        head.records.iter().try_for_each(|vlr| file.write_all(&vlr.bytes())).map_err(wrote)?;
+        head.write(&count, 0, &mut file).map_err(wrote)?;
         let body = match laszip {
             None => Body::Plain(file),
             Some(laszip) => {
@@ -106,7 +103,7 @@ impl LasWriter {
         ended
             .and_then(|mut file| {
                 file.seek(SeekFrom::Start(0))?;
-                file.write_all(&head.bytes(&count))?;
+                file.write_all(&head.bytes(&count, 0))?;
                 file.flush()
             })
             .map_err(|error| Error::io("write", &path, error))?;
@@ -115,7 +112,7 @@ impl LasWriter {
 }
 
 impl Count {
-    fn add(&mut self, record: &[u8], return_bits: u8) {
+    pub fn add(&mut self, record: &[u8], return_bits: u8) {
         let steps = [0, 4, 8].map(|at| i32::from_le_bytes(array_at(record, at)));
         let [low, high] = self.bounds.unwrap_or([steps; 2]);
         let pick = |a: [i32; 3], pick: fn(i32, i32) -> i32| {
@@ -129,12 +126,37 @@ impl Count {
 
 impl Head {
     /// Returns the bytes of a record.
-    fn width(&self) -> u16 {
+    pub(super) fn width(&self) -> u16 {
         record_bytes(self.format) + self.extra_bytes
     }
 
-    /// Returns the header of this many points.
-    fn bytes(&self, count: &Count) -> Vec<u8> {
+    /// Adds the record that says how points are compressed, in chunks of one size or of any.
+    pub(super) fn compress(&mut self, varying: bool) -> laz::Result<LazVlr> {
+        let items =
+            LazItemRecordBuilder::default_for_point_format_id(self.format, self.extra_bytes)?;
+        let builder = LazVlrBuilder::new(items);
+        let laszip = if varying { builder.with_variable_chunk_size() } else { builder }.build();
+        let mut data = Vec::new();
+        laszip.write_to(&mut data)?;
+        let (user, record) = (LazVlr::USER_ID.into(), LazVlr::RECORD_ID);
+        let description = LazVlr::DESCRIPTION.into();
+        self.records.push(Vlr { user, record, description, data });
+        Ok(laszip)
+    }
+
+    /// Writes the header of this many points, and the records behind it.
+    pub(super) fn write(
+        &self,
+        count: &Count,
+        extended: u64,
+        to: &mut impl Write,
+    ) -> io::Result<()> {
+        to.write_all(&self.bytes(count, extended))?;
+        self.records.iter().try_for_each(|vlr| to.write_all(&vlr.bytes()))
+    }
+
+    /// Returns the header of this many points, with the place of an extended record, 0 for none.
+    fn bytes(&self, count: &Count, extended: u64) -> Vec<u8> {
         let length = HEADER_BYTES[self.minor as usize];
         let between: usize = self.records.iter().map(|vlr| vlr.bytes().len()).sum();
         let mut head = vec![0; length as usize];
@@ -171,6 +193,8 @@ impl Head {
             put(187 + 16 * axis, &low[axis].to_le_bytes());
         }
         if self.minor >= 4 {
+            put(235, &extended.to_le_bytes());
+            put(243, &u32::from(extended > 0).to_le_bytes());
             put(247, &count.points.to_le_bytes());
             returns
                 .iter()
@@ -196,24 +220,14 @@ impl Vlr {
 }
 
 /// Returns a text as a field of this width: what is ASCII of it, then zeros.
-fn field<const N: usize>(text: &str) -> [u8; N] {
+pub(super) fn field<const N: usize>(text: &str) -> [u8; N] {
     let mut field = [0; N];
     let ascii = text.bytes().filter(u8::is_ascii);
     field.iter_mut().zip(ascii).for_each(|(slot, byte)| *slot = byte);
     field
 }
 
-/// Returns the compression of a format, and the record that says so.
-fn laszip_of(head: &Head) -> laz::Result<(LazVlr, Vlr)> {
-    let items = LazItemRecordBuilder::default_for_point_format_id(head.format, head.extra_bytes)?;
-    let laszip = LazVlrBuilder::new(items).build();
-    let mut data = Vec::new();
-    laszip.write_to(&mut data)?;
-    let (user, record) = (LazVlr::USER_ID.into(), LazVlr::RECORD_ID);
-    Ok((laszip, Vlr { user, record, description: LazVlr::DESCRIPTION.into(), data }))
-}
-
-fn io_error(error: LasZipError) -> io::Error {
+pub(super) fn io_error(error: LasZipError) -> io::Error {
     match error {
         LasZipError::IoError(error) => error,
         other => io::Error::other(other.to_string()),
