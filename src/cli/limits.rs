@@ -112,7 +112,7 @@ impl Chosen {
             Load { points: cut.points, pixels: view.size[0] as u64 * view.size[1] as u64 }
         };
         let draw = |tuning: &Tuning| target.draw(tuning).map(|(_, load, ms)| (load, ms));
-        let choice = found.front.settle(limit, load, draw)?;
+        let choice = found.front.at_rest().settle(limit, load, draw)?;
         let choice = choice.ok_or_else(|| {
             Error::Request(format!(
                 "{limit}: {} has no settings; run `pointillist tune`",

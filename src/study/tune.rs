@@ -21,7 +21,6 @@ use crate::synth::SceneKind;
 use crate::tune::{KNOBS, Limit, Load, Tuning};
 use crate::view::{Camera, View};
 use glam::DMat3;
-use std::time::Duration;
 
 pub const SUMMARY: &str =
     "times and errors that were asked for, on scenes that a front was not measured on";
@@ -73,20 +72,17 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
     let plan = &Plan { size: plan.size.map(|side| side.min(MOST_SIDE)), ..plan.clone() };
     let rounds = plan.repeat.min(3);
     let effort = Effort {
-        // A time that follows the size of the study, so that small ones stay short.
-        search: Duration::from_secs(5 * plan.repeat as u64).min(Effort::FULL.search),
         rounds: plan.repeat.min(5),
-        most: Effort::FULL.most,
         points: plan.points,
         size: plan.size,
-        street: Effort::FULL.street,
+        ..Effort::FULL
     };
     let settings = RenderSettings::default();
     let cut = LodOptions::default();
     let front = {
         let subjects = tuner::scenes(gpu, &effort, plan.seed, progress)?;
         let mut tuner = Tuner::new(gpu, subjects, settings.clone(), cut, progress)?;
-        tuner.search(&effort, progress)?
+        tuner.search(&effort, progress)?.at_rest()
     };
     let subjects = held_out(gpu, plan, progress)?;
     let mut tuner = Tuner::new(gpu, subjects, settings, cut, progress)?;

@@ -1,17 +1,17 @@
 //! Measures the tunings of a device: their errors against the finest one, and their times.
 //!
 //! ```text
-//!     the default, and each other value of each knob -> chains of the moves that cost least
-//!     -> neighbours of what is on the front -> the front, timed again in turn
+//!     the default, and each other value of each knob -> combinations that no other is expected
+//!     to beat -> their front, timed again in turn
 //! ```
+//!
+//! What each value adds to the default's error and time is added up, so that all combinations are
+//! known from as many pictures as there are values. (A divisor of the resolution multiplies times.)
+//! Combinations that no other beats follow from those of fewer knobs, one knob after the other.
 //!
 //! Other programs slow a device down for a while. Times are therefore taken as parts of the default's,
 //! which is drawn again after every few pictures, and made milliseconds by the median of all of its
 //! times.
-//!
-//! The third step is Pareto local search (Paquete, Chiarandini and Stützle 2004): the neighbours of
-//! a tuning differ in one knob by one value, and the tuning beside the widest gap of the front is
-//! next. It ends when its time is over.
 
 use super::chart::{Chart, LARGE, Mark, Panel};
 use super::{lod, metrics, scan::Scan, sweep};
@@ -26,15 +26,15 @@ use crate::render::source::{self, GpuCloud, Source};
 use crate::select::lod::LodOptions;
 use crate::synth::SceneKind;
 use crate::tune::error::{Errors, Pixels};
+use crate::tune::governor::divided;
 use crate::tune::{Front, KNOBS, Load, Tuned, Tuning, split};
 use crate::view::View;
-use std::time::{Duration, Instant};
 
 /// How long and how thoroughly tunings are measured.
 #[derive(Clone, Copy, Debug)]
 pub struct Effort {
-    /// Time of the search; the front is timed again after it.
-    pub search: Duration,
+    /// Rounds that the times of single values are medians of.
+    pub singles: usize,
     /// Rounds that the times of the front are medians of.
     pub rounds: usize,
     /// Most tunings of a front.
@@ -43,26 +43,32 @@ pub struct Effort {
     pub points: u64,
     /// Size of the pictures `[px]`.
     pub size: [u32; 2],
-    /// Views of the simulated street.
-    pub street: &'static [&'static str],
+    /// Simulated scenes with their views, of few points a pixel and of many.
+    pub scenes: &'static [(&'static str, SceneKind, &'static [&'static str])],
 }
 
 impl Effort {
     pub const FULL: Effort = Effort {
-        search: Duration::from_secs(45),
+        singles: 1,
         rounds: 5,
-        most: 16,
+        most: 24,
         points: 1_000_000,
         size: [512, 288],
-        street: &["near", "close-up"],
+        scenes: &[
+            ("street", SceneKind::Street, &["far", "near", "close-up"]),
+            ("terrain", SceneKind::Terrain, &["near", "close-up"]),
+        ],
     };
     pub const QUICK: Effort = Effort {
-        search: Duration::from_secs(5),
+        singles: 1,
         rounds: 2,
         most: 12,
         points: 300_000,
-        size: [384, 216],
-        street: &["close-up"],
+        size: [256, 144],
+        scenes: &[
+            ("street", SceneKind::Street, &["near", "close-up"]),
+            ("terrain", SceneKind::Terrain, &["close-up"]),
+        ],
     };
 }
 
@@ -71,6 +77,28 @@ const WORTH: f64 = 0.02;
 
 /// Pictures between two of the default.
 const REFERENCE_EVERY: usize = 4;
+
+/// A combination with what is expected of it.
+#[derive(Clone, Copy, Debug)]
+struct Expected {
+    tuning: Tuning,
+    /// Time of a picture `[ms]`.
+    ms: f64,
+    /// Mean error `[px]`.
+    px: f64,
+}
+
+/// Returns some combinations, evenly by the logarithm of their times.
+fn spread(expected: &[Expected], most: usize) -> Vec<Tuning> {
+    let log = |own: &Expected| own.ms.max(1e-3).ln();
+    let (Some(first), Some(last)) = (expected.first(), expected.last()) else { return Vec::new() };
+    let place = |k: usize| log(first) + (log(last) - log(first)) * k as f64 / most.max(2) as f64;
+    let nearest = |k: usize| {
+        let off = |own: &&Expected| (log(own) - place(k)).abs();
+        expected.iter().min_by(|a, b| off(a).total_cmp(&off(b))).map(|own| own.tuning)
+    };
+    (0..=most).filter_map(nearest).collect()
+}
 
 /// A cloud with the views that it is drawn in.
 pub struct Subject {
@@ -114,13 +142,10 @@ pub fn scenes(
     seed: u64,
     progress: &dyn Progress,
 ) -> Result<Vec<Subject>> {
-    let chosen = [
-        ("street", SceneKind::Street, effort.street),
-        ("terrain", SceneKind::Terrain, &["close-up"]),
-    ];
-    chosen
-        .into_iter()
-        .map(|(name, kind, views)| {
+    effort
+        .scenes
+        .iter()
+        .map(|&(name, kind, views)| {
             let scan = Scan::new(kind, |world| world.step, effort.points, seed, progress)?;
             let cameras = lod::cameras(&scan.world).into_iter();
             let views = cameras.filter(|(name, _)| views.contains(name));
@@ -274,132 +299,84 @@ impl<'t> Tuner<'t> {
 
     /// Searches for the tunings that no other beats. Returns their front.
     pub fn search(&mut self, effort: &Effort, progress: &dyn Progress) -> Result<Front> {
-        let began = Instant::now();
         let usual = Tuning::usual();
-        let knobs = self.knobs(progress)?;
-        let single = |knob: &usize| {
-            let knob = *knob;
-            (0..KNOBS[knob].values.len()).map(move |value| (knob, usual.with(knob, value)))
-        };
-        let moves: Vec<(usize, Tuning)> =
-            knobs.iter().flat_map(single).filter(|(_, tuning)| *tuning != usual).collect();
-        let mut sweep = vec![usual, Tuning::finest()];
-        sweep.extend(moves.iter().map(|(_, tuning)| *tuning));
-        self.measure(&sweep, 0, progress)?;
-        // Values that change nothing are passed over.
-        let mut values: Vec<Vec<usize>> =
-            KNOBS.iter().map(|knob| vec![knob.usual as usize]).collect();
-        for (knob, tuning) in &moves {
-            if self.differs(*knob, tuning) {
-                values[*knob].push(tuning.value(*knob));
-            }
+        let mut singles = vec![usual, Tuning::finest()];
+        for knob in self.knobs(progress)? {
+            let values = (0..KNOBS[knob].values.len()).map(|value| usual.with(knob, value));
+            singles.extend(values.filter(|tuning| *tuning != usual));
         }
-        values.iter_mut().for_each(|values| values.sort_unstable());
-        let is_other = |knob: usize, tuning: &Tuning| values[knob].contains(&tuning.value(knob));
-        let (moves, same): (Vec<_>, Vec<_>) =
-            moves.into_iter().partition(|(knob, tuning)| is_other(*knob, tuning));
-        self.found.retain(|found| !same.iter().any(|(_, tuning)| *tuning == found.tuning));
-        let chains = self.chains(&moves);
-        self.measure(&chains, 0, progress)?;
-        let mut expanded = vec![usual];
-        while began.elapsed() < effort.search {
-            let Some(next) = self.at_widest_gap(&expanded) else { break };
-            expanded.push(next);
-            let beside = self.neighbours(&next, &values);
-            self.measure(&beside, 0, progress)?;
+        self.measure(&singles, effort.singles, progress)?;
+        // Of moving pictures, and of those at rest.
+        let mut tunings = Vec::new();
+        for knobs in [KNOBS.len(), KNOBS.len() - 1] {
+            let expected = self.expected(&singles, knobs);
+            tunings.extend(spread(&expected, 2 * effort.most));
         }
-        // What one lucky time put on the front is told from the rest.
-        let left = self.front(&self.tunings(), 2 * effort.most);
-        self.measure(&left, 1, progress)?;
-        let left = self.front(&left, effort.most);
+        tunings.retain(|tuning| self.get(tuning).is_none());
+        tunings.sort_by_key(Tuning::words);
+        tunings.dedup();
+        self.measure(&tunings, 1, progress)?;
+        let left = self.fronts(&self.tunings(), effort.most);
         self.measure(&left, effort.rounds, progress)?;
-        let left = self.front(&left, effort.most);
+        let left = self.fronts(&left, effort.most);
         Ok(self.summary(&left, effort.rounds))
     }
 
-    /// Tests whether a value of a knob draws something else than the default, or in another way.
-    fn differs(&self, knob: usize, tuning: &Tuning) -> bool {
-        let seen = |tuning: &Tuning| {
-            let views = self.get(tuning).into_iter().flat_map(|found| &found.views);
-            views.map(|view| (view.errors, view.load)).collect::<Vec<_>>()
-        };
-        KNOBS[knob].effect().is_some() || seen(tuning) != seen(&Tuning::usual())
-    }
-
-    /// Returns combinations of single moves: those that save the most time for their error one by
-    /// one, then those that save the most error for their time.
-    fn chains(&self, moves: &[(usize, Tuning)]) -> Vec<Tuning> {
-        let usual = self.get(&Tuning::usual()).expect("measured first");
-        let rate = |tuning: &Tuning| {
+    /// Returns the combinations of values of the first knobs that no other is expected to beat, the
+    /// fastest first.
+    fn expected(&self, singles: &[Tuning], knobs: usize) -> Vec<Expected> {
+        let of = |tuning: &Tuning| {
             let found = self.get(tuning).expect("measured");
-            let (slower, worse) =
-                (self.ms(found)[1] - self.ms(usual)[1], errors(found)[0].px - errors(usual)[0].px);
-            (slower, worse)
+            Expected { tuning: *tuning, ms: self.ms(found)[1], px: errors(found)[0].px }
         };
-        let mut chains = Vec::new();
-        for cheaper in [true, false] {
-            let mut sorted: Vec<(f64, usize, Tuning)> = moves
-                .iter()
-                .filter_map(|&(knob, tuning)| {
-                    let (slower, worse) = rate(&tuning);
-                    match cheaper {
-                        true if slower < 0.0 => Some((worse.max(0.0) / -slower, knob, tuning)),
-                        false if worse < 0.0 => Some((slower.max(0.0) / -worse, knob, tuning)),
-                        _ => None,
-                    }
-                })
-                .collect();
-            sorted.sort_by(|a, b| a.0.total_cmp(&b.0));
-            let mut chain = Tuning::usual();
-            for (_, knob, tuning) in sorted {
-                let (old, new) = (chain.value(knob), tuning.value(knob));
-                // A knob goes on in its direction.
-                if if cheaper { new > old } else { new < old } {
-                    chain = chain.with(knob, new);
-                    chains.push(chain);
-                }
+        let usual = of(&Tuning::usual());
+        let mut sums = vec![usual];
+        for knob in 0..knobs {
+            let differs = |own: &&Tuning| own.value(knob) != usual.tuning.value(knob);
+            let values = singles[2..].iter().filter(differs).map(&of);
+            // Values that gain nothing are passed over: noise is no gain.
+            let gains = |own: &Expected| {
+                own.ms < usual.ms * (1.0 - WORTH) || own.px < usual.px * (1.0 - WORTH)
+            };
+            for own in values.filter(gains).collect::<Vec<_>>() {
+                let value = own.tuning.value(knob);
+                let with = |sum: &Expected| Expected {
+                    tuning: sum.tuning.with(knob, value),
+                    ms: match KNOBS[knob].name {
+                        "resolution" => sum.ms * own.ms / usual.ms,
+                        _ => sum.ms + own.ms - usual.ms,
+                    },
+                    px: sum.px + own.px - usual.px,
+                };
+                let of_others = sums.iter().filter(|sum| {
+                    sum.tuning.value(knob) == usual.tuning.value(knob)
+                });
+                let with: Vec<Expected> = of_others.map(with).collect();
+                sums.extend(with);
             }
+            sums.sort_by(|a, b| a.ms.total_cmp(&b.ms).then(a.px.total_cmp(&b.px)));
+            let mut best = f64::INFINITY;
+            sums.retain(|sum| {
+                let is_better = sum.px < best;
+                best = best.min(sum.px);
+                is_better
+            });
         }
-        chains.retain(|chain| self.get(chain).is_none());
-        chains
-    }
-
-    /// Returns the tuning beside the widest gap of the front that is not yet expanded.
-    fn at_widest_gap(&self, expanded: &[Tuning]) -> Option<Tuning> {
-        let front = self.front(&self.tunings(), usize::MAX);
-        let time = |tuning: &Tuning| self.get(tuning).map_or(1.0, |found| self.ms(found)[1]).ln();
-        let gap = |k: usize| {
-            let own = time(&front[k]);
-            let beside = [k.checked_sub(1), Some(k + 1).filter(|k| *k < front.len())];
-            // An end of the front has an endless gap beside it, which comes after the first ones.
-            beside
-                .into_iter()
-                .map(|k| k.map_or(0.5, |k| (time(&front[k]) - own).abs()))
-                .fold(0.0, f64::max)
-        };
-        (0..front.len())
-            .filter(|&k| !expanded.contains(&front[k]))
-            .max_by(|a, b| gap(*a).total_cmp(&gap(*b)))
-            .map(|k| front[k])
-    }
-
-    /// Returns the tunings that differ in one knob by one value, and are not measured yet.
-    fn neighbours(&self, tuning: &Tuning, values: &[Vec<usize>]) -> Vec<Tuning> {
-        let mut found = Vec::new();
-        for (knob, values) in values.iter().enumerate() {
-            let own = values.iter().position(|value| *value == tuning.value(knob)).unwrap_or(0);
-            for place in [own.checked_sub(1), Some(own + 1)].into_iter().flatten() {
-                if let Some(value) = values.get(place) {
-                    found.push(tuning.with(knob, *value));
-                }
-            }
-        }
-        found.retain(|tuning| self.get(tuning).is_none());
-        found
+        sums
     }
 
     fn tunings(&self) -> Vec<Tuning> {
         self.found.iter().map(|found| found.tuning).collect()
+    }
+
+    /// Returns the fronts of moving pictures and of those at rest.
+    fn fronts(&self, of: &[Tuning], most: usize) -> Vec<Tuning> {
+        let at_rest = |tuning: &&Tuning| tuning.divisor() == 1;
+        let mut front = self.front(of, most);
+        front.extend(self.front(&of.iter().filter(at_rest).copied().collect::<Vec<_>>(), most));
+        front.sort_by_key(Tuning::words);
+        front.dedup();
+        front
     }
 
     /// Returns those tunings that no other beats in pixels or in depth by what is worth it, and the
@@ -505,7 +482,7 @@ pub struct Drawn {
     pub ms: [f64; 2],
 }
 
-/// Draws a view with a tuning, as `render` does.
+/// Draws a view with a tuning, as `render` does; in fewer pixels as the window does while it moves.
 pub fn draw(
     gpu: &mut Gpu,
     cloud: &mut GpuCloud,
@@ -515,18 +492,22 @@ pub fn draw(
     layers: bool,
     progress: &dyn Progress,
 ) -> Result<Drawn> {
+    let divisor = tuning.divisor();
+    let (full, view) = (view, &View::new(view.camera, divided(view.size, divisor))?);
     let (settings, cut) = tuning.applied(settings, cut, view.size);
     cloud.wait_until_resident(gpu, view, &cut.of(view.size), progress)?;
-    let config = FrameConfig::new(&settings, view, cloud.resident());
+    let mut config = FrameConfig::new(&settings, full, cloud.resident());
+    if divisor > 1 {
+        config = config.interactive(divisor).for_view(view, cloud.resident());
+    }
     let mut g = Graph::new(gpu);
     let outcome = frame::record(&mut g, view, cloud.resident(), &config)?;
     let picture = encode::download(&mut g, &outcome.picture)?;
     let depth = layers.then(|| g.download(&outcome.gbuffer.depth));
     let frame = g.submit_and_wait(&[])?;
-    let pixels = depth.map(|depth| Pixels {
-        size: view.size,
-        depth: frame.read(&depth).to_vec(),
-        rgb: picture.read(&frame).concat(),
+    let pixels = depth.map(|depth| {
+        let (depth, rgb) = (frame.read(&depth).to_vec(), picture.read(&frame).concat());
+        Pixels { size: view.size, depth, rgb }.enlarged(full.size)
     });
     let load = Load {
         points: outcome.statistics.points_drawn,

@@ -100,7 +100,7 @@ pub fn split(passes: &[(String, f64)]) -> [f64; 2] {
 const NOISE: f64 = 1.05;
 
 /// Most tunings that are tried, twice each, to settle a choice.
-const TRIES: usize = 4;
+const TRIES: usize = 6;
 
 /// Least share of the predicted time that each part must have to be corrected by its own factor.
 const LEAST_SHARE: f64 = 0.02;
@@ -267,6 +267,12 @@ impl Front {
         let fits = tried.iter().filter(|(_, ms)| ms * NOISE <= most).min_by(by_error);
         let found = fits.or_else(|| tried.iter().min_by(|a, b| a.1.total_cmp(&b.1)));
         Ok(found.map(|(choice, ms)| Choice { ms: *ms, keeps: *ms <= most, ..choice.clone() }))
+    }
+
+    /// Returns the front of pictures at rest, which have all their pixels.
+    pub fn at_rest(mut self) -> Front {
+        self.tuned.retain(|tuned| tuned.tuning().is_some_and(|tuning| tuning.divisor() == 1));
+        self
     }
 
     /// Returns the place of a tuning.
