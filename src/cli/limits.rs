@@ -19,8 +19,8 @@ use std::path::PathBuf;
 #[derive(clap::Args, Clone, Debug, Default)]
 #[command(next_help_heading = "Accuracy against time")]
 pub struct LimitOptions {
-    /// Most time of the device for the picture: draw the most accurate one that fits, by the front
-    /// of `pointillist tune`
+    /// Most time of the device for a picture: draw the most accurate one that fits, by the front of
+    /// `pointillist tune`; in the window, while it moves
     #[arg(long, value_name = "MILLISECONDS", value_parser = Limit::time, conflicts_with_all = ["error", "lod", "point_budget"])]
     pub time: Option<Limit>,
     /// Largest mean error against the finest picture: draw the fastest one that holds it

@@ -49,7 +49,7 @@ pub struct Effort {
 
 impl Effort {
     pub const FULL: Effort = Effort {
-        singles: 1,
+        singles: 2,
         rounds: 5,
         most: 24,
         points: 1_000_000,
@@ -111,9 +111,13 @@ pub struct Subject {
 #[derive(Clone, Debug)]
 pub struct InView {
     pub errors: Errors,
+    /// Errors against the default's picture, which a window settles on.
+    pub moving: Errors,
     pub load: Load,
     /// Times of points and of pixels, by rounds, in parts of the default's.
     pub parts: Vec<[f64; 2]>,
+    /// Least time of a picture `[ms]`: of few pictures it tells more than their median.
+    least: f64,
 }
 
 /// A tuning with all that was measured of it.
@@ -130,6 +134,8 @@ pub struct Tuner<'t> {
     settings: RenderSettings,
     cut: LodOptions,
     references: Vec<Pixels>,
+    /// Pictures of the default.
+    settled: Vec<Pixels>,
     /// Times of the default, by views `[ms]`.
     usual_ms: Vec<Vec<f64>>,
     pub found: Vec<Measured>,
@@ -174,13 +180,15 @@ impl<'t> Tuner<'t> {
         cut: LodOptions,
         progress: &dyn Progress,
     ) -> Result<Tuner<'t>> {
-        let (references, usual_ms, found) = (Vec::new(), Vec::new(), Vec::new());
-        let mut tuner = Tuner { gpu, subjects, settings, cut, references, usual_ms, found };
+        let [references, settled] = [Vec::new(), Vec::new()];
+        let (usual_ms, found) = (Vec::new(), Vec::new());
+        let mut tuner = Tuner { gpu, subjects, settings, cut, references, settled, usual_ms, found };
         for view in 0..tuner.views() {
             let drawn = tuner.draw(view, &Tuning::finest(), true, progress)?;
             tuner.references.push(drawn.pixels);
             // The first one also takes memory into use.
-            tuner.draw(view, &Tuning::usual(), false, progress)?;
+            let drawn = tuner.draw(view, &Tuning::usual(), true, progress)?;
+            tuner.settled.push(drawn.pixels);
             tuner.usual_ms.push(Vec::new());
             tuner.time_usual(view, progress)?;
         }
@@ -201,8 +209,9 @@ impl<'t> Tuner<'t> {
     ) -> Result<()> {
         for view in 0..self.views() {
             let known: Vec<bool> = tunings.iter().map(|own| self.in_view(own, view)).collect();
-            let mut first: Vec<Option<(Errors, Load, [f64; 2])>> = vec![None; tunings.len()];
+            let mut first: Vec<Option<([Errors; 2], Load, [f64; 2])>> = vec![None; tunings.len()];
             let numbers: Vec<usize> = (0..tunings.len()).collect();
+            let mut least = vec![f64::INFINITY; tunings.len()];
             let (mut usual, mut since) = (1.0, REFERENCE_EVERY);
             let times = sweep::interleaved(&numbers, rounds, |&number| {
                 if since == REFERENCE_EVERY {
@@ -213,13 +222,17 @@ impl<'t> Tuner<'t> {
                 let layers = !known[number] && first[number].is_none();
                 let drawn = self.draw(view, &tunings[number], layers, progress)?;
                 let parts = drawn.ms.map(|ms| ms / usual);
+                least[number] = least[number].min(drawn.ms.iter().sum());
                 if layers {
-                    let errors = drawn.pixels.errors(&self.references[view]);
+                    let errors = [&self.references[view], &self.settled[view]]
+                        .map(|reference| drawn.pixels.errors(reference));
                     first[number] = Some((errors, drawn.load, parts));
                 }
                 Ok(parts)
             })?;
-            for ((tuning, first), parts) in tunings.iter().zip(first).zip(times) {
+            for (((tuning, first), parts), least) in
+                tunings.iter().zip(first).zip(times).zip(least)
+            {
                 let place = self.found.iter().position(|found| found.tuning == *tuning);
                 let place = place.unwrap_or_else(|| {
                     self.found.push(Measured { tuning: *tuning, views: Vec::new() });
@@ -227,9 +240,9 @@ impl<'t> Tuner<'t> {
                 });
                 let views = &mut self.found[place].views;
                 match first {
-                    Some((errors, load, own)) => {
+                    Some(([errors, moving], load, own)) => {
                         let parts = if rounds == 0 { vec![own] } else { parts };
-                        views.push(InView { errors, load, parts });
+                        views.push(InView { errors, moving, load, parts, least });
                     }
                     None => views[view].parts.extend(parts),
                 }
@@ -308,9 +321,8 @@ impl<'t> Tuner<'t> {
         self.measure(&singles, effort.singles, progress)?;
         // Of moving pictures, and of those at rest.
         let mut tunings = Vec::new();
-        for knobs in [KNOBS.len(), KNOBS.len() - 1] {
-            let expected = self.expected(&singles, knobs);
-            tunings.extend(spread(&expected, 2 * effort.most));
+        for moves in [true, false] {
+            tunings.extend(spread(&self.expected(&singles, moves), 2 * effort.most));
         }
         tunings.retain(|tuning| self.get(tuning).is_none());
         tunings.sort_by_key(Tuning::words);
@@ -322,18 +334,25 @@ impl<'t> Tuner<'t> {
         Ok(self.summary(&left, effort.rounds))
     }
 
-    /// Returns the combinations of values of the first knobs that no other is expected to beat, the
-    /// fastest first.
-    fn expected(&self, singles: &[Tuning], knobs: usize) -> Vec<Expected> {
+    /// Returns the combinations of values that no other is expected to beat, the fastest first: of
+    /// pictures at rest against the finest one, or of moving ones, which are no finer than the
+    /// default, against that.
+    fn expected(&self, singles: &[Tuning], moves: bool) -> Vec<Expected> {
         let of = |tuning: &Tuning| {
             let found = self.get(tuning).expect("measured");
-            Expected { tuning: *tuning, ms: self.ms(found)[1], px: errors(found)[0].px }
+            let px = mean(found, moves).px;
+            let ms = metrics::mean(found.views.iter().map(|view| view.least));
+            Expected { tuning: *tuning, ms, px }
         };
         let usual = of(&Tuning::usual());
         let mut sums = vec![usual];
-        for knob in 0..knobs {
-            let differs = |own: &&Tuning| own.value(knob) != usual.tuning.value(knob);
-            let values = singles[2..].iter().filter(differs).map(&of);
+        for knob in 0..KNOBS.len() {
+            let own = usual.tuning.value(knob);
+            let is_other = |tuning: &&Tuning| match moves {
+                true => tuning.value(knob) > own,
+                false => tuning.value(knob) != own && tuning.divisor() == 1,
+            };
+            let values = singles[2..].iter().filter(is_other).map(&of);
             // Values that gain nothing are passed over: noise is no gain.
             let gains = |own: &Expected| {
                 own.ms < usual.ms * (1.0 - WORTH) || own.px < usual.px * (1.0 - WORTH)
@@ -348,9 +367,7 @@ impl<'t> Tuner<'t> {
                     },
                     px: sum.px + own.px - usual.px,
                 };
-                let of_others = sums.iter().filter(|sum| {
-                    sum.tuning.value(knob) == usual.tuning.value(knob)
-                });
+                let of_others = sums.iter().filter(|sum| sum.tuning.value(knob) == usual.tuning.value(knob));
                 let with: Vec<Expected> = of_others.map(with).collect();
                 sums.extend(with);
             }
@@ -371,24 +388,27 @@ impl<'t> Tuner<'t> {
 
     /// Returns the fronts of moving pictures and of those at rest.
     fn fronts(&self, of: &[Tuning], most: usize) -> Vec<Tuning> {
-        let at_rest = |tuning: &&Tuning| tuning.divisor() == 1;
-        let mut front = self.front(of, most);
-        front.extend(self.front(&of.iter().filter(at_rest).copied().collect::<Vec<_>>(), most));
-        front.sort_by_key(Tuning::words);
-        front.dedup();
-        front
+        let mut fronts: Vec<Tuning> =
+            [true, false].into_iter().flat_map(|moves| self.front(of, most, moves)).collect();
+        fronts.sort_by_key(Tuning::words);
+        fronts.dedup();
+        fronts
     }
 
     /// Returns those tunings that no other beats in pixels or in depth by what is worth it, and the
     /// default and the finest one; the fastest first.
-    fn front(&self, of: &[Tuning], most: usize) -> Vec<Tuning> {
-        let mut sorted: Vec<&Measured> = of.iter().filter_map(|tuning| self.get(tuning)).collect();
+    fn front(&self, of: &[Tuning], most: usize, moves: bool) -> Vec<Tuning> {
+        let mut sorted: Vec<&Measured> = of
+            .iter()
+            .filter(|tuning| if moves { tuning.is_no_finer() } else { tuning.divisor() == 1 })
+            .filter_map(|tuning| self.get(tuning))
+            .collect();
         sorted.sort_by(|a, b| self.ms(a)[1].total_cmp(&self.ms(b)[1]));
         let mut best = Errors { px: f64::MAX, depth: f64::MAX };
         let always = [Tuning::usual(), Tuning::finest()];
         let mut gains: Vec<(f64, Tuning)> = Vec::new();
         for found in sorted {
-            let own = errors(found)[0];
+            let own = mean(found, moves);
             let better = |own: f64, best: f64| {
                 if own < best * (1.0 - WORTH) {
                     (best.max(1e-12) / own.max(1e-12)).ln()
@@ -437,11 +457,11 @@ impl<'t> Tuner<'t> {
             found.views.iter().map(|view| load(&view.load) as f64).sum::<f64>().max(1.0) / 1e6
         };
         let sum = |k: usize| medians.iter().map(|ms| ms[k]).sum::<f64>();
-        let [mean, most] = errors(found);
         let mut tuned = Tuned {
             values: found.tuning.words(),
-            mean,
-            most,
+            mean: mean(found, false),
+            most: found.views.iter().map(|view| view.errors).fold(Errors::default(), Errors::worst),
+            moving: mean(found, true),
             ms: self.ms(found),
             point_ms: sum(0) / whole(&|load| load.points),
             pixel_ms: sum(1) / whole(&|load| load.pixels),
@@ -516,14 +536,13 @@ pub fn draw(
     Ok(Drawn { pixels: pixels.unwrap_or_default(), load, ms: split(&frame.passes) })
 }
 
-/// Returns mean and largest errors of the views.
-fn errors(found: &Measured) -> [Errors; 2] {
-    let all = || found.views.iter().map(|view| view.errors);
-    let mean = Errors {
+/// Returns the mean errors of the views, against the finest picture or, if it moves, the default's.
+fn mean(found: &Measured, moves: bool) -> Errors {
+    let all = || found.views.iter().map(|view| if moves { view.moving } else { view.errors });
+    Errors {
         px: metrics::mean(all().map(|errors| errors.px)),
         depth: metrics::mean(all().map(|errors| errors.depth)),
-    };
-    [mean, all().fold(Errors::default(), Errors::worst)]
+    }
 }
 
 /// Formats a front as a table.

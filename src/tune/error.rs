@@ -45,6 +45,16 @@ impl Errors {
 }
 
 impl Pixels {
+    /// Returns the picture of a screen's first words, one a pixel, whose lowest byte is red, or blue.
+    pub fn of_screen(size: [u32; 2], words: &[u32], blue_first: bool, depth: Vec<f32>) -> Pixels {
+        let bytes = |word: &u32| {
+            let [a, green, b, _] = word.to_le_bytes();
+            if blue_first { [b, green, a] } else { [a, green, b] }
+        };
+        let rgb = words[..depth.len()].iter().flat_map(bytes).collect();
+        Pixels { size, depth, rgb }
+    }
+
     /// Returns the errors against a reference of the same size.
     pub fn errors(&self, reference: &Pixels) -> Errors {
         assert_eq!(self.size, reference.size, "pictures of one size");
@@ -185,6 +195,26 @@ mod tests {
         let errors = empty.errors(&wall(5.0, 8));
         assert!((errors.px - MOST_PX).abs() < 1e-9);
         assert!((errors.depth - MOST_PX * DEPTH_A_PIXEL).abs() < 1e-9);
+    }
+
+    #[test]
+    fn a_screen_has_the_errors_of_a_file_to_the_last_bit() {
+        let (own, reference) = (wall(5.01, 10), wall(5.0, 8));
+        let screen = |picture: &Pixels, blue_first: bool| {
+            let word = |rgb: &[u8]| {
+                let [a, b] = if blue_first { [rgb[2], rgb[0]] } else { [rgb[0], rgb[2]] };
+                u32::from_le_bytes([a, rgb[1], b, 255])
+            };
+            // A screen may have more words than the picture.
+            let words: Vec<u32> = picture.rgb.chunks(3).map(word).chain([7; 3]).collect();
+            Pixels::of_screen(picture.size, &words, blue_first, picture.depth.clone())
+        };
+        for blue_first in [false, true] {
+            let errors = screen(&own, blue_first).errors(&screen(&reference, blue_first));
+            let file = own.errors(&reference);
+            assert_eq!(errors.px.to_bits(), file.px.to_bits());
+            assert_eq!(errors.depth.to_bits(), file.depth.to_bits());
+        }
     }
 
     #[test]

@@ -31,6 +31,8 @@ pub struct Tuned {
     pub mean: Errors,
     /// Largest errors of a view.
     pub most: Errors,
+    /// Mean errors against the default's picture, which a window settles on.
+    pub moving: Errors,
     /// Lower quartile, median and upper quartile of the time of one picture of each view, divided by
     /// their number `[ms]`.
     pub ms: [f64; 3],
@@ -291,6 +293,7 @@ mod tests {
             values: tuning.words(),
             mean: errors,
             most: Errors { px: 1.5 * px, depth: px / 500.0 },
+            moving: errors,
             ms: [ms[0] + ms[1]; 3],
             point_ms: ms[0],
             pixel_ms: ms[1],

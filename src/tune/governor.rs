@@ -37,7 +37,7 @@ pub struct Step {
     pub tuning: Tuning,
     /// Time, as the front has it `[ms]`.
     pub ms: f64,
-    /// Mean errors, as the front has them.
+    /// Mean errors against the picture at rest, as the front has them.
     pub errors: Errors,
     /// Factor on its time beside the load.
     own: f64,
@@ -64,9 +64,9 @@ impl Governor {
     pub fn new(front: &Front, limit: Limit) -> Governor {
         let mut steps: Vec<Step> = Vec::new();
         for tuned in &front.tuned {
-            let Some(tuning) = tuned.tuning() else { continue };
-            if steps.last().is_none_or(|last| tuned.mean.px < last.errors.px) {
-                steps.push(Step { tuning, ms: tuned.ms[1], errors: tuned.mean, own: 1.0 });
+            let Some(tuning) = tuned.tuning().filter(Tuning::is_no_finer) else { continue };
+            if steps.last().is_none_or(|last| tuned.moving.px < last.errors.px) {
+                steps.push(Step { tuning, ms: tuned.ms[1], errors: tuned.moving, own: 1.0 });
             }
         }
         if steps.is_empty() {
@@ -227,6 +227,7 @@ mod tests {
                 values: Vec::new(),
                 mean: errors,
                 most: errors,
+                moving: errors,
                 ms: [2.0 * 1.15f64.powi(k); 3],
                 point_ms: 1.0,
                 pixel_ms: 1.0,

@@ -152,6 +152,12 @@ impl Tuning {
         self.0.last().map_or(1, |value| *value as u32 + 1)
     }
 
+    /// Tests whether no value is finer than the default: so are those of moving pictures, since a
+    /// picture at rest has the defaults.
+    pub fn is_no_finer(&self) -> bool {
+        KNOBS.iter().zip(self.0).all(|(knob, value)| value >= knob.usual)
+    }
+
     /// Returns the values that differ from the defaults.
     pub fn words(&self) -> Vec<String> {
         let values = KNOBS.iter().zip(self.0).filter(|(knob, value)| knob.usual != *value);
