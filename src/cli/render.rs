@@ -138,11 +138,6 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
         ));
     }
     if arguments.path.is_some() || arguments.turntable.is_some() {
-        if arguments.limits.limit().is_some() {
-            return Err(Error::Request(
-                "--time and --error are for one picture, without --path and --turntable".into(),
-            ));
-        }
         if to_output > 0 {
             return Err(Error::Request("frames and films are files; name one with -o".into()));
         }
@@ -154,13 +149,6 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
         ));
     }
     let picture = arguments.picture.with_scene()?;
-    if arguments.limits.limit().is_some()
-        && (arguments.resolution.is_some() || arguments.piece.is_some())
-    {
-        return Err(Error::Request(
-            "--time and --error are for pictures that are drawn in one piece, without --resolution and --piece".into(),
-        ));
-    }
     arguments.check_map()?;
     let endings: &[&str] = if arguments.resolution.is_some() { &MAPS } else { &["png"] };
     for (output, endings) in [(&arguments.output, endings), (&arguments.exr, &["exr"])] {
@@ -214,14 +202,18 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
         || arguments.tile.is_some()
         || tiled::needs_pieces(&renderer.gpu, view.size, arguments.piece)
     {
-        if limit.is_some() {
-            return Err(Error::Request(
-                "--time and --error are for pictures that are drawn in one piece; make --size smaller".into(),
-            ));
+        let mut lod = picture.detail.lod();
+        if let Some((limit, index)) = limit.zip(index) {
+            let mut target =
+                Target { renderer: &mut renderer, cloud, view: &view, picture: &picture, progress };
+            let chosen =
+                Chosen::settle_pieces(limit, &mut target, &arguments.files, &index)?;
+            streams::note(chosen.line(None));
+            lod = chosen.cut;
         }
         let wanted = PictureRequest {
             view,
-            lod: picture.detail.lod(),
+            lod,
             piece: arguments.piece,
             tile: arguments.tile,
             over,
@@ -280,7 +272,7 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
             let mut target =
                 Target { renderer: &mut renderer, cloud, view: &view, picture: &picture, progress };
             let got = chosen.got(&mut target, &frame.passes, asked)?;
-            streams::note(chosen.line(&got));
+            streams::note(chosen.line(Some(got.ms)));
             Some((chosen, got))
         }
     };

@@ -108,6 +108,11 @@ impl Governor {
         &self.steps
     }
 
+    /// Returns the tuning of the next frame.
+    pub fn tuning(&self) -> Tuning {
+        self.steps[self.place].tuning
+    }
+
     /// Returns the place of the next frame among them.
     pub fn place(&self) -> usize {
         self.place
