@@ -51,7 +51,7 @@ impl Effort {
     pub const FULL: Effort = Effort {
         singles: 2,
         rounds: 5,
-        most: 24,
+        most: 20,
         points: 1_000_000,
         size: [512, 288],
         scenes: &[
@@ -75,6 +75,9 @@ impl Effort {
 /// A share of the time or the error by which a tuning must be better than the next one.
 const WORTH: f64 = 0.02;
 
+/// Least part of the default's time that is left if the savings of values are added up.
+const LEAST: f64 = 0.1;
+
 /// Pictures between two of the default.
 const REFERENCE_EVERY: usize = 4;
 
@@ -90,7 +93,7 @@ struct Expected {
 
 /// Returns some combinations, evenly by the logarithm of their times.
 fn spread(expected: &[Expected], most: usize) -> Vec<Tuning> {
-    let log = |own: &Expected| own.ms.max(1e-3).ln();
+    let log = |own: &Expected| own.ms.ln();
     let (Some(first), Some(last)) = (expected.first(), expected.last()) else { return Vec::new() };
     let place = |k: usize| log(first) + (log(last) - log(first)) * k as f64 / most.max(2) as f64;
     let nearest = |k: usize| {
@@ -182,7 +185,8 @@ impl<'t> Tuner<'t> {
     ) -> Result<Tuner<'t>> {
         let [references, settled] = [Vec::new(), Vec::new()];
         let (usual_ms, found) = (Vec::new(), Vec::new());
-        let mut tuner = Tuner { gpu, subjects, settings, cut, references, settled, usual_ms, found };
+        let mut tuner =
+            Tuner { gpu, subjects, settings, cut, references, settled, usual_ms, found };
         for view in 0..tuner.views() {
             let drawn = tuner.draw(view, &Tuning::finest(), true, progress)?;
             tuner.references.push(drawn.pixels);
@@ -230,8 +234,7 @@ impl<'t> Tuner<'t> {
                 }
                 Ok(parts)
             })?;
-            for (((tuning, first), parts), least) in
-                tunings.iter().zip(first).zip(times).zip(least)
+            for (((tuning, first), parts), least) in tunings.iter().zip(first).zip(times).zip(least)
             {
                 let place = self.found.iter().position(|found| found.tuning == *tuning);
                 let place = place.unwrap_or_else(|| {
@@ -363,11 +366,12 @@ impl<'t> Tuner<'t> {
                     tuning: sum.tuning.with(knob, value),
                     ms: match KNOBS[knob].name {
                         "resolution" => sum.ms * own.ms / usual.ms,
-                        _ => sum.ms + own.ms - usual.ms,
+                        _ => (sum.ms + own.ms - usual.ms).max(LEAST * usual.ms),
                     },
                     px: sum.px + own.px - usual.px,
                 };
-                let of_others = sums.iter().filter(|sum| sum.tuning.value(knob) == usual.tuning.value(knob));
+                let of_others =
+                    sums.iter().filter(|sum| sum.tuning.value(knob) == usual.tuning.value(knob));
                 let with: Vec<Expected> = of_others.map(with).collect();
                 sums.extend(with);
             }

@@ -147,7 +147,8 @@ impl Governor {
         let Limit::Time(most) = self.limit else { return };
         if self.expected(self.place) > LONGEST * most {
             self.go(self.fitting(most, self.load).unwrap_or(0));
-        } else if is_sure && let Some(finer) = self.fitting(SPARE * most, slowest)
+        } else if is_sure
+            && let Some(finer) = self.fitting(SPARE * most, slowest)
             && finer > self.place
         {
             self.go(finer);

@@ -111,6 +111,19 @@ fn without_a_front_of_the_device_the_programs_own_is_used_and_said() {
 }
 
 #[test]
+fn every_effect_has_a_price() {
+    let place = Place::new(20_000);
+    let said = succeeded(&place.run("render street.las -o a.png --size 160x90 --explain=prices"));
+    let prices = said.split("prices:\n").nth(1).expect("a table");
+    let of = |name: &str| {
+        let line = prices.lines().find(|line| line.trim_start().starts_with(name));
+        line.unwrap_or_else(|| panic!("no price of {name} in {prices}")).to_string()
+    };
+    assert!(of("shape").contains("costs") && of("visibility").contains("costs"), "{prices}");
+    assert!(of("ao").contains("saves"), "{prices}");
+}
+
+#[test]
 fn films_and_pictures_in_pieces_keep_a_time_too() {
     let place = Place::new(20_000);
     for (more, files) in [
@@ -140,10 +153,9 @@ fn limits_that_make_no_sense_are_refused() {
         let said = failed(&place.run(&format!("render street.las -o a.png {wrong}")), 2);
         assert!(said.contains(names), "{wrong}: {said}");
     }
-    for (wrong, names) in [
-        ("tune --camera cam.json", "name its files"),
-        ("tune street.las -o a.txt", "a.txt"),
-    ] {
+    for (wrong, names) in
+        [("tune --camera cam.json", "name its files"), ("tune street.las -o a.txt", "a.txt")]
+    {
         let said = failed(&place.run(wrong), 1);
         assert!(said.contains(names), "{wrong}: {said}");
     }
