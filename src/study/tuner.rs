@@ -48,6 +48,15 @@ pub struct Effort {
 }
 
 impl Effort {
+    /// Returns the effort on a device: a GPU draws larger pictures of more points, since small ones
+    /// take it no time.
+    pub fn on(self, is_cpu: bool) -> Effort {
+        if is_cpu {
+            return self;
+        }
+        Effort { points: 4 * self.points, size: self.size.map(|side| side * 5 / 2), ..self }
+    }
+
     pub const FULL: Effort = Effort {
         singles: 2,
         rounds: 5,
