@@ -12,6 +12,7 @@ use crate::error::{Error, Result};
 use crate::output::export::Downloads;
 use crate::output::film::{self, Film};
 use crate::progress::{Progress, Whole};
+use crate::render::settings::FrameConfig;
 use crate::render::source::Source;
 use crate::tune::split;
 use crate::view::camera_path::CameraPath;
@@ -198,7 +199,10 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
             say(note);
         }
         let config = renderer.config(cloud, &view)?;
-        config.warnings(renderer.cloud(cloud)?.1.resident()).into_iter().for_each(&mut say);
+        // Warnings concern what was asked for, not what a front has chosen.
+        let asked = FrameConfig { effects: options.settings()?.effects, ..config.clone() };
+        let asked = if chosen.is_some() { asked } else { config.clone() };
+        asked.warnings(renderer.cloud(cloud)?.1.resident()).into_iter().for_each(&mut say);
         let [picture, layers] = [&arguments.output, &arguments.exr].map(Option::is_some);
         let done = renderer.draw(cloud, &view, &config, &frames, |g, outcome| {
             Downloads::ask(g, outcome, picture, layers)

@@ -4,9 +4,9 @@
 //! the effect's: their time is its cost, or what skipping it has saved.
 
 use crate::error::{Error, Result};
-use crate::passes::Effect;
+use crate::passes::{Effect, encode};
 use crate::progress::Progress;
-use crate::render::settings::{FrameConfig, RenderSettings};
+use crate::render::settings::FrameConfig;
 use crate::renderer::{CloudId, Renderer};
 use crate::view::View;
 use std::collections::HashSet;
@@ -43,7 +43,7 @@ pub fn of(
         };
         prices.push(Price { effect: *effect, runs: reason.runs, ms });
     }
-    renderer.set_settings(RenderSettings { ..asked });
+    renderer.set_settings(asked);
     Ok(prices)
 }
 
@@ -59,16 +59,22 @@ fn drawn(
     if config.decisions.runs(effect) != runs {
         return Ok(None);
     }
+    // Passes that nothing reads do not run.
+    let mut draw = || {
+        renderer.draw(cloud, view, &config, progress, |g, outcome| {
+            encode::download(g, &outcome.picture)
+        })
+    };
     // The first picture also compiles kernels and takes memory into use.
-    renderer.draw(cloud, view, &config, progress, |_, _| Ok(()))?;
-    let done = renderer.draw(cloud, view, &config, progress, |_, _| Ok(()))?;
-    Ok(Some(done.frame.passes.clone()))
+    draw()?;
+    Ok(Some(draw()?.frame.passes.clone()))
 }
 
 /// Returns the time of passes that another picture does not have `[ms]`.
 fn alone(passes: &[(String, f64)], other: &[(String, f64)]) -> f64 {
     let others: HashSet<&str> = other.iter().map(|(name, _)| &name[..]).collect();
-    passes.iter().filter(|(name, _)| !others.contains(&name[..])).map(|(_, ms)| ms).sum()
+    let own = passes.iter().filter(|(name, _)| !others.contains(&name[..]));
+    own.fold(0.0, |sum, (_, ms)| sum + ms)
 }
 
 /// Formats prices as lines.

@@ -39,7 +39,8 @@ pub fn show(ui: &mut Ui, pace: &mut Pace, actions: &mut Vec<Action>) {
     };
     curve(ui, moving, ms);
     let expected = moving.curve[moving.place][1];
-    let measured = pace.measured.map_or("at rest".into(), |errors| format!("{:.3} px", errors.px));
+    let measured =
+        pace.measured.map_or("known at rest".into(), |errors| format!("{:.3} px", errors.px));
     let said =
         format!("{:.1} ms of {:.1} expected; error {measured}", moving.ms, moving.expected_ms);
     let all = format!(
