@@ -71,8 +71,15 @@ const MOST_SIDE: u32 = 512;
 pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Section> {
     let plan = &Plan { size: plan.size.map(|side| side.min(MOST_SIDE)), ..plan.clone() };
     let rounds = plan.repeat.min(3);
-    let effort =
-        Effort { rounds: plan.repeat.min(5), points: plan.points, size: plan.size, ..Effort::FULL };
+    let effort = Effort {
+        // Small studies stay short.
+        singles: plan.repeat.min(Effort::FULL.singles),
+        most: (6 * plan.repeat).min(Effort::FULL.most),
+        rounds: plan.repeat.min(5),
+        points: plan.points,
+        size: plan.size,
+        ..Effort::FULL
+    };
     let settings = RenderSettings::default();
     let cut = LodOptions::default();
     let front = {

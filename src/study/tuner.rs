@@ -27,6 +27,7 @@ use crate::select::lod::LodOptions;
 use crate::synth::SceneKind;
 use crate::tune::error::{Errors, Pixels};
 use crate::tune::governor::divided;
+use crate::tune::knobs::Knob;
 use crate::tune::{Front, KNOBS, Load, Tuned, Tuning, split};
 use crate::view::View;
 
@@ -212,8 +213,7 @@ impl<'t> Tuner<'t> {
         self.subjects.iter().map(|subject| subject.views.len()).sum()
     }
 
-    /// Measures tunings in all views, in turn; times are added to those known. Without rounds a new
-    /// tuning has the time of the picture that tells its errors.
+    /// Measures tunings in all views, in turn; times are added to those known.
     pub fn measure(
         &mut self,
         tunings: &[Tuning],
@@ -222,9 +222,8 @@ impl<'t> Tuner<'t> {
     ) -> Result<()> {
         for view in 0..self.views() {
             let known: Vec<bool> = tunings.iter().map(|own| self.in_view(own, view)).collect();
-            let mut first: Vec<Option<([Errors; 2], Load, [f64; 2])>> = vec![None; tunings.len()];
+            let mut first: Vec<Option<InView>> = vec![None; tunings.len()];
             let numbers: Vec<usize> = (0..tunings.len()).collect();
-            let mut least = vec![f64::INFINITY; tunings.len()];
             let (mut usual, mut since) = (1.0, REFERENCE_EVERY);
             let times = sweep::interleaved(&numbers, rounds, |&number| {
                 if since == REFERENCE_EVERY {
@@ -235,29 +234,26 @@ impl<'t> Tuner<'t> {
                 let layers = !known[number] && first[number].is_none();
                 let drawn = self.draw(view, &tunings[number], layers, progress)?;
                 let parts = drawn.ms.map(|ms| ms / usual);
-                least[number] = least[number].min(drawn.ms.iter().sum());
+                let least = drawn.ms.iter().sum();
                 if layers {
-                    let errors = [&self.references[view], &self.settled[view]]
+                    let [errors, moving] = [&self.references[view], &self.settled[view]]
                         .map(|reference| drawn.pixels.errors(reference));
-                    first[number] = Some((errors, drawn.load, parts));
+                    let (load, parts) = (drawn.load, Vec::new());
+                    first[number] = Some(InView { errors, moving, load, parts, least });
+                } else if let Some(first) = &mut first[number] {
+                    first.least = first.least.min(least);
                 }
                 Ok(parts)
             })?;
-            for (((tuning, first), parts), least) in tunings.iter().zip(first).zip(times).zip(least)
-            {
+            for ((tuning, first), parts) in tunings.iter().zip(first).zip(times) {
                 let place = self.found.iter().position(|found| found.tuning == *tuning);
                 let place = place.unwrap_or_else(|| {
                     self.found.push(Measured { tuning: *tuning, views: Vec::new() });
                     self.found.len() - 1
                 });
                 let views = &mut self.found[place].views;
-                match first {
-                    Some(([errors, moving], load, own)) => {
-                        let parts = if rounds == 0 { vec![own] } else { parts };
-                        views.push(InView { errors, moving, load, parts, least });
-                    }
-                    None => views[view].parts.extend(parts),
-                }
+                views.extend(first);
+                views[view].parts.extend(parts);
             }
         }
         Ok(())
@@ -358,7 +354,7 @@ impl<'t> Tuner<'t> {
         };
         let usual = of(&Tuning::usual());
         let mut sums = vec![usual];
-        for knob in 0..KNOBS.len() {
+        for (knob, Knob { name, .. }) in KNOBS.iter().enumerate() {
             let own = usual.tuning.value(knob);
             let is_other = |tuning: &&Tuning| match moves {
                 true => tuning.value(knob) > own,
@@ -373,7 +369,7 @@ impl<'t> Tuner<'t> {
                 let value = own.tuning.value(knob);
                 let with = |sum: &Expected| Expected {
                     tuning: sum.tuning.with(knob, value),
-                    ms: match KNOBS[knob].name {
+                    ms: match *name {
                         "resolution" => sum.ms * own.ms / usual.ms,
                         _ => (sum.ms + own.ms - usual.ms).max(LEAST * usual.ms),
                     },
