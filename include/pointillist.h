@@ -299,7 +299,7 @@ enum PointillistResult pointillist_state(struct PointillistRenderer *renderer,
                                          enum PointillistCloudState *state,
                                          struct PointillistError *error);
 
-// Sets style, effect, light, background, layer, opacity or clip, as on the command line.
+// Sets style, effect, light, background, layer, opacity, clip, time or error, as on the command line.
 enum PointillistResult pointillist_set(struct PointillistRenderer *renderer,
                                        const char *name,
                                        const char *value,

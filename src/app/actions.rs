@@ -9,6 +9,7 @@ use crate::atomic_file::write_atomically;
 use crate::error::{Error, Result};
 use crate::render::scene::Scene;
 use crate::select::slab::Slab;
+use crate::tune::Limit;
 use crate::view::View;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -40,6 +41,8 @@ pub enum Action {
     ForgetPath,
     /// Starts or stops flying along the camera path.
     Play,
+    /// Sets what moving pictures keep.
+    Limit(Limit),
     FullScreen,
     /// Asks for files to open.
     Open,
@@ -127,6 +130,7 @@ impl App {
             Action::AddKey => self.ui.path.add(self.navigation.camera),
             Action::ForgetPath => self.ui.path.keys.clear(),
             Action::Play => self.play(),
+            Action::Limit(limit) => self.post(Message::Limit(limit)),
             Action::FullScreen => self.full_screen(),
             Action::Open => self.ask_for_files(),
             Action::OpenRecent(number) => {

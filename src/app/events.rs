@@ -8,8 +8,11 @@ use super::scripted_flight::ScriptedFlight;
 use super::{App, Event};
 use crate::error::{Error, Result};
 use crate::gpu::DeviceOptions;
+use crate::index::cache;
 use crate::present::Present;
 use crate::renderer::{Renderer, RendererOptions};
+use crate::tune::Governor;
+use crate::tune::store::{self, Found, Subject};
 use glam::DVec2;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -51,7 +54,18 @@ impl App {
         let proxy = self.events.clone();
         // If the window is gone, its events are dropped.
         let report = move |event| drop(proxy.send_event(Event::Render(event)));
-        self.render_thread = Some(RenderThread::start(renderer, present, report)?);
+        let front = Subject {
+            device: gpu.device.name.clone(),
+            driver: gpu.device.driver.clone(),
+            is_cpu: gpu.device.is_cpu,
+            switches: store::switches(&self.options.scene.settings.effects),
+            cloud: cache::key_of_files(&self.load.files).ok(),
+        };
+        let Found { front, origin } = front.find(&self.options.fronts)?;
+        let limit = self.ui.pace.limit.unwrap_or(self.options.limit);
+        (self.ui.pace.limit, self.ui.pace.origin) = (Some(limit), origin);
+        let governor = Governor::new(&front, limit);
+        self.render_thread = Some(RenderThread::start(renderer, present, governor, report)?);
         self.resized(size);
         self.open()
     }

@@ -12,7 +12,6 @@ pub mod actions;
 mod animation;
 pub mod cancel;
 mod clip_box_widget;
-pub mod dynamic_resolution;
 mod events;
 mod files;
 pub mod frame_stats;

@@ -4,9 +4,11 @@ use super::navigation::NavigationStyle;
 use super::panel::SaveSize;
 use crate::cloud::attribute::ExtraAttributes;
 use crate::gpu::DeviceOptions;
+use crate::index::cache::CacheLocation;
 use crate::output::annotations::Annotations;
 use crate::render::scene::Scene;
 use crate::render::source::OpenOptions;
+use crate::tune::Limit;
 use crate::view::camera_path::CameraPath;
 use crate::view::{Camera, Preset};
 use std::path::PathBuf;
@@ -33,6 +35,10 @@ pub struct Options {
     pub save_size: SaveSize,
     pub device_options: DeviceOptions,
     pub pool_bytes: u64,
+    /// What moving pictures keep.
+    pub limit: Limit,
+    /// Place of fronts.
+    pub fronts: CacheLocation,
     /// Camera path to play.
     pub path: CameraPath,
     /// Length of a scripted flight: along the path, or ahead if there is none; then the window

@@ -18,6 +18,7 @@ impl App {
             // The frame is not done yet, so the title stays.
             RenderEvent::FrameStarted => return self.move_on(),
             RenderEvent::FrameDone(report) => return self.frame_done(*report),
+            RenderEvent::Measured(errors) => self.ui.pace.measured = Some(errors),
             RenderEvent::Counted(points) => (self.ui.drawn, self.ui.at_most) = (points, false),
             RenderEvent::Uploaded(info, token) => self.uploaded(*info, &token),
             RenderEvent::Picked { point, adds } => self.picked(point, adds),
@@ -70,6 +71,9 @@ impl App {
         }
         (self.ui.drawn, self.ui.at_most) = (report.statistics.points_drawn, report.leaves_out);
         self.ui.loading = report.loading;
+        if report.moving.is_some() {
+            (self.ui.pace.moving, self.ui.pace.measured) = (report.moving, None);
+        }
         self.ui.bytes_read += report.loading.map_or(0, |loading| loading.bytes_read);
         (self.ui.latency, self.ui.took) = (report.latency, report.took);
         self.ui.passes = report.passes;

@@ -3,8 +3,8 @@
 //! The window's thread never waits for the device; it sends messages and goes on. This thread
 //! handles all messages that have come, keeps the newest state, and then takes one step:
 //!
-//! - It draws if the frame would differ from the last one: smaller while the scene keeps changing
-//!   ([`super::dynamic_resolution`]), and in full resolution once it has stopped; again while nodes
+//! - It draws if the frame would differ from the last one: faster while the scene keeps changing
+//!   ([`crate::tune::governor`]), and as it was asked for once it has stopped; again while nodes
 //!   of an index arrive, and while a picture at rest is refined ([`FrameConfig::progressive`]).
 //! - It uploads a loaded cloud, a few milliseconds at a time, while the old one is still drawn.
 //! - It saves pictures, tile by tile, when there is nothing to draw.
@@ -26,7 +26,6 @@ mod draw_frame;
 mod messages;
 mod saving;
 
-use super::dynamic_resolution::ResolutionScale;
 use super::load_thread::{CloudInfo, ProgressReporter};
 use super::profile::Profile;
 use crate::error::{Error, Result};
@@ -37,9 +36,10 @@ use crate::render::scene::Scene;
 #[cfg(doc)]
 use crate::render::settings::FrameConfig;
 use crate::renderer::{CloudId, Renderer};
+use crate::tune::Governor;
 use crate::view::View;
-use draw_frame::Superseded;
-pub use messages::{FrameReport, FrameTimes, Loading, Message, RenderEvent, Upload};
+use draw_frame::{Moved, Superseded};
+pub use messages::{FrameReport, FrameTimes, Loading, Message, Moving, RenderEvent, Upload};
 use saving::SaveQueue;
 use std::collections::VecDeque;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -64,6 +64,7 @@ impl RenderThread {
     pub fn start(
         renderer: Renderer,
         present: Present,
+        governor: Governor,
         report: impl Fn(RenderEvent) + Send + Sync + 'static,
     ) -> Result<RenderThread> {
         let (sender, messages) = channel();
@@ -80,12 +81,13 @@ impl RenderThread {
                 urgent: urgent.clone(),
                 urgent_handled: 0,
             },
-            report: Box::new(report),
+            report: Arc::new(report),
             uploading: None,
             cloud: None,
             scene: None,
             schedule: Schedule::new(Instant::now()),
-            scale: ResolutionScale::default(),
+            governor,
+            moved: None,
             last_drawn: Vec::new(),
             saves: SaveQueue::default(),
         };
@@ -220,12 +222,14 @@ struct RenderLoop {
     /// Size of the window `[px]`, as last reported.
     window: [u32; 2],
     inbox: Inbox,
-    report: Box<dyn Fn(RenderEvent) + Send + Sync>,
+    report: Arc<dyn Fn(RenderEvent) + Send + Sync>,
     uploading: Option<Uploading>,
     cloud: Option<CloudId>,
     scene: Option<Scene>,
     schedule: Schedule,
-    scale: ResolutionScale,
+    governor: Governor,
+    /// The last moving frame.
+    moved: Option<Moved>,
     /// Nodes of the last frame ([`crate::resident::Resident::identity`]).
     last_drawn: Vec<u64>,
     saves: SaveQueue,
@@ -317,6 +321,7 @@ impl RenderLoop {
                 self.window = size;
                 self.schedule.change(Instant::now());
             }
+            Message::Limit(limit) => self.governor.set_limit(limit),
             Message::Panel { overlay, .. } => {
                 self.present
                     .as_mut()

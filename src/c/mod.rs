@@ -732,7 +732,7 @@ pub unsafe extern "C" fn pointillist_state(
     result
 }
 
-/// Sets style, effect, light, background, layer, opacity or clip, as on the command line.
+/// Sets style, effect, light, background, layer, opacity, clip, time or error, as on the command line.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn pointillist_set(
     renderer: *mut PointillistRenderer,

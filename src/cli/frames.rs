@@ -4,14 +4,17 @@
 //! Every file is complete or absent. Existing ones are drawn again unless `--resume` keeps them.
 
 use super::files::{check_extension, refuse_to_overwrite};
+use super::limits::{Chosen, Target};
 use super::render::Arguments;
-use super::streams;
+use super::{streams, tune};
 use crate::atomic_file::AtomicFile;
 use crate::error::{Error, Result};
 use crate::output::export::Downloads;
 use crate::output::film::{self, Film};
 use crate::progress::{Progress, Whole};
+use crate::render::settings::FrameConfig;
 use crate::render::source::Source;
+use crate::tune::split;
 use crate::view::camera_path::CameraPath;
 use crate::view::{Camera, View};
 use glam::DVec3;
@@ -19,6 +22,9 @@ use std::path::{Path, PathBuf};
 
 /// Digits of a frame's number at least, so that names sort like numbers.
 const DIGITS: usize = 4;
+
+/// Frames that tell the settings for a time or an error, evenly along the path.
+const TRIED_FRAMES: usize = 3;
 
 /// Most frames: nine hours at 30 a second.
 const MOST_FRAMES: u64 = 1_000_000;
@@ -139,7 +145,12 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
     let mut film = film.map(create).transpose()?;
     // Wrong numbers are refused before anything is read.
     options.settings()?;
-    let source = Source::open(&arguments.files, &options.opening(arguments.strict), progress)?;
+    let limit = arguments.limits.limit();
+    let opening = match limit {
+        None => options.opening(arguments.strict),
+        Some(_) => tune::opening(&options, arguments.strict),
+    };
+    let source = Source::open(&arguments.files, &opening, progress)?;
     let notes = source.notes(options.further()).into_iter();
     notes.chain(source.clipped_away(&options.clips())).for_each(streams::note);
     let (shown, _) = options.shown(&source)?;
@@ -148,13 +159,28 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
         Cameras::Path(path) => path.frame(0),
         Cameras::Turntable(_) => options.view(&source)?.camera,
     };
+    let index = if let Source::Index(index) = &source { Some(index.clone()) } else { None };
     let mut renderer = options.renderer(&arguments.device)?;
     let cloud = renderer.add_source(source, shown, progress)?;
+    let view = |number: u64| {
+        View::new(cameras.camera(number, &first, DVec3::AXES[named.up.index()]), size)
+            .map_err(|error| Error::Request(format!("frame {}: {error}", number + 1)))
+    };
+    let (mut lod, mut chosen) = (options.detail.lod(), None);
+    if let Some((limit, index)) = limit.zip(index) {
+        let places = (0..TRIED_FRAMES).map(|k| missing[k * missing.len() / TRIED_FRAMES]);
+        let views = places.map(view).collect::<Result<Vec<_>>>()?;
+        let mut target =
+            Target { renderer: &mut renderer, cloud, view: &views[0], picture: &options, progress };
+        let own = Chosen::settle_all(limit, &mut target, &views, &arguments.files, &index)?;
+        (lod, chosen) = (own.cut, Some(own));
+    }
+    // Largest time of a frame `[ms]`.
+    let mut longest = 0.0f64;
     let mut said = Vec::new();
     for number in missing {
         let frames = Whole { progress, doing: "drawing frames", done: number, total };
-        let view = View::new(cameras.camera(number, &first, DVec3::AXES[named.up.index()]), size)
-            .map_err(|error| Error::Request(format!("frame {}: {error}", number + 1)))?;
+        let view = view(number)?;
         // Every note once, for the first frame that it concerns.
         let mut say = |note: String| {
             if !said.contains(&note) {
@@ -163,7 +189,7 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
             }
         };
         for note in renderer
-            .load(cloud, &view, &options.detail.lod().of(size), &frames)?
+            .load(cloud, &view, &lod.of(size), &frames)?
             .into_iter()
             .flat_map(|taken| taken.notes)
         {
@@ -173,12 +199,16 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
             say(note);
         }
         let config = renderer.config(cloud, &view)?;
-        config.warnings(renderer.cloud(cloud)?.1.resident()).into_iter().for_each(&mut say);
+        // Warnings concern what was asked for, not what a front has chosen.
+        let asked = FrameConfig { effects: options.settings()?.effects, ..config.clone() };
+        let asked = if chosen.is_some() { asked } else { config.clone() };
+        asked.warnings(renderer.cloud(cloud)?.1.resident()).into_iter().for_each(&mut say);
         let [picture, layers] = [&arguments.output, &arguments.exr].map(Option::is_some);
         let done = renderer.draw(cloud, &view, &config, &frames, |g, outcome| {
             Downloads::ask(g, outcome, picture, layers)
         })?;
         done.notes.into_iter().for_each(&mut say);
+        longest = longest.max(split(&done.frame.passes).iter().sum());
         let (png, exr) = (png(number), exr(number));
         let over = annotations.overlay(&view, &named);
         if let Some(film) = &mut film {
@@ -189,6 +219,9 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
         done.asked.write(&done.frame, size, png.as_deref(), exr.as_deref(), over)?;
     }
     progress.tick("drawing frames", total, total)?;
+    if let Some(chosen) = chosen {
+        streams::note(format_args!("{} at most", chosen.line(Some(longest))));
+    }
     if let Some(film) = film {
         film.finish(progress)?;
     }

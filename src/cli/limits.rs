@@ -10,6 +10,7 @@ use crate::progress::Progress;
 use crate::renderer::{CloudId, Renderer};
 use crate::select::lod::{self, LodOptions};
 use crate::tune::error::{Errors, Pixels};
+use crate::tune::governor::divided;
 use crate::tune::{Choice, Limit, Load, Tuning, split};
 use crate::view::View;
 use std::collections::HashSet;
@@ -19,8 +20,8 @@ use std::path::PathBuf;
 #[derive(clap::Args, Clone, Debug, Default)]
 #[command(next_help_heading = "Accuracy against time")]
 pub struct LimitOptions {
-    /// Most time of the device for the picture: draw the most accurate one that fits, by the front
-    /// of `pointillist tune`
+    /// Most time of the device for a picture: draw the most accurate one that fits, by the front of
+    /// `pointillist tune`; in the window, while it moves
     #[arg(long, value_name = "MILLISECONDS", value_parser = Limit::time, conflicts_with_all = ["error", "lod", "point_budget"])]
     pub time: Option<Limit>,
     /// Largest mean error against the finest picture: draw the fastest one that holds it
@@ -59,7 +60,15 @@ pub struct Target<'t> {
     pub progress: &'t dyn Progress,
 }
 
+/// Most pixels of a picture that tells what one in pieces takes.
+const MOST_TRIED: f64 = 2e6;
+
 impl Target<'_> {
+    fn again(&mut self) -> Target<'_> {
+        let Target { renderer, cloud, view, picture, progress } = self;
+        Target { renderer, cloud: *cloud, view, picture, progress: *progress }
+    }
+
     /// Gives the renderer the settings of a tuning. Returns the limits of its cut.
     fn set(&mut self, tuning: &Tuning) -> Result<LodOptions> {
         let (settings, cut) =
@@ -102,18 +111,35 @@ impl Chosen {
         files: &[PathBuf],
         index: &Index,
     ) -> Result<Chosen> {
+        Chosen::settle_all(limit, target, &[*target.view], files, index)
+    }
+
+    /// Chooses one tuning for all of some views, so that nothing flickers between the frames of a
+    /// film: the fastest of their own.
+    pub fn settle_all(
+        limit: Limit,
+        target: &mut Target,
+        views: &[View],
+        files: &[PathBuf],
+        index: &Index,
+    ) -> Result<Chosen> {
         let picture = target.picture;
         let subject = tune::subject(&target.renderer.gpu, picture, files)?;
         let found = subject.find(&tune::place(picture)?)?;
-        let (view, clips) = (*target.view, picture.clips());
-        let load = |tuning: &Tuning| {
-            let (_, cut) = tuning.applied(&Default::default(), picture.detail.lod(), view.size);
-            let cut = lod::choose(index, &[view], &clips, &cut.of(view.size), &HashSet::new());
-            Load { points: cut.points, pixels: view.size[0] as u64 * view.size[1] as u64 }
-        };
-        let draw = |tuning: &Tuning| target.draw(tuning).map(|(_, load, ms)| (load, ms));
-        let choice = found.front.settle(limit, load, draw)?;
-        let choice = choice.ok_or_else(|| {
+        let (front, clips) = (found.front.at_rest(), picture.clips());
+        let mut fastest: Option<Choice> = None;
+        for view in views {
+            let load = |tuning: &Tuning| {
+                let (_, cut) = tuning.applied(&Default::default(), picture.detail.lod(), view.size);
+                let cut = lod::choose(index, &[*view], &clips, &cut.of(view.size), &HashSet::new());
+                Load { points: cut.points, pixels: view.size[0] as u64 * view.size[1] as u64 }
+            };
+            let mut target = Target { view, ..target.again() };
+            let draw = |tuning: &Tuning| target.draw(tuning).map(|(_, load, ms)| (load, ms));
+            let choice = front.settle(limit, load, draw)?;
+            fastest = [fastest, choice].into_iter().flatten().min_by_key(|choice| choice.place);
+        }
+        let choice = fastest.ok_or_else(|| {
             Error::Request(format!(
                 "{limit}: {} has no settings; run `pointillist tune`",
                 found.origin
@@ -130,12 +156,36 @@ impl Chosen {
         Ok(Got { ms, errors })
     }
 
-    /// Returns one line: what was chosen, expected and got.
-    pub fn line(&self, got: &Got) -> String {
+    /// Chooses a tuning for a picture that is drawn in pieces, by a smaller picture of the same view
+    /// with its share of the time.
+    pub fn settle_pieces(
+        limit: Limit,
+        target: &mut Target,
+        files: &[PathBuf],
+        index: &Index,
+    ) -> Result<Chosen> {
+        let whole = target.view;
+        let pixels = |size: [u32; 2]| size[0] as f64 * size[1] as f64;
+        let divisor = (pixels(whole.size) / MOST_TRIED).sqrt().ceil().max(1.0) as u32;
+        let small = View::new(whole.camera, divided(whole.size, divisor))?;
+        let share = pixels(small.size) / pixels(whole.size);
+        let part = match limit {
+            Limit::Time(ms) => Limit::Time(ms * share),
+            other => other,
+        };
+        let mut chosen = Chosen::settle_all(part, target, &[small], files, index)?;
+        (chosen.limit, chosen.choice.ms) = (limit, chosen.choice.ms / share);
+        chosen.cut = target.set(&chosen.choice.tuning)?;
+        Ok(chosen)
+    }
+
+    /// Returns one line: what was chosen and expected, and what it took if that is known.
+    pub fn line(&self, took_ms: Option<f64>) -> String {
         let Choice { tuning, ms, expected, keeps, .. } = &self.choice;
+        let took = took_ms.map_or(String::new(), |took| format!(", took {took:.1} ms"));
         let text = format!(
-            "{}: {tuning}, by {}; expected {ms:.1} ms and {:.3} px, took {:.1} ms",
-            self.limit, self.origin, expected.px, got.ms
+            "{}: {tuning}, by {}; expected {ms:.1} ms and {:.3} px{took}",
+            self.limit, self.origin, expected.px
         );
         match keeps {
             true => text,

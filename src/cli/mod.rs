@@ -11,6 +11,7 @@ pub mod indexed_info;
 pub mod info;
 mod limits;
 pub mod options;
+mod prices;
 pub mod profile;
 pub mod raster;
 pub mod renamed;

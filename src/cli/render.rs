@@ -4,6 +4,7 @@ use super::files::{check_extension, refuse_to_overwrite};
 use super::frames;
 use super::limits::{Chosen, LimitOptions, Target};
 use super::options::{DeviceOptions, PictureOptions};
+use super::prices;
 use super::raster::note_system;
 use super::streams;
 use super::tune;
@@ -102,8 +103,9 @@ pub struct Arguments {
     pub limits: LimitOptions,
     #[command(flatten)]
     pub device: DeviceOptions,
-    /// Print which passes run and why: to standard error, or as JSON to standard output
-    #[arg(long, value_name = "json", num_args = 0..=1, require_equals = true, default_missing_value = "text", value_parser = ["text", "json"])]
+    /// Print which passes run and why: to standard error, or as JSON to standard output. `prices`
+    /// also measures what each effect costs or would cost, by pictures without and with it
+    #[arg(long, value_name = "json|prices", num_args = 0..=1, require_equals = true, default_missing_value = "text", value_parser = ["text", "json", "prices"])]
     pub explain: Option<String>,
     /// Print how long every stage and pass took, in ms
     #[arg(long)]
@@ -138,11 +140,6 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
         ));
     }
     if arguments.path.is_some() || arguments.turntable.is_some() {
-        if arguments.limits.limit().is_some() {
-            return Err(Error::Request(
-                "--time and --error are for one picture, without --path and --turntable".into(),
-            ));
-        }
         if to_output > 0 {
             return Err(Error::Request("frames and films are files; name one with -o".into()));
         }
@@ -154,13 +151,6 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
         ));
     }
     let picture = arguments.picture.with_scene()?;
-    if arguments.limits.limit().is_some()
-        && (arguments.resolution.is_some() || arguments.piece.is_some())
-    {
-        return Err(Error::Request(
-            "--time and --error are for pictures that are drawn in one piece, without --resolution and --piece".into(),
-        ));
-    }
     arguments.check_map()?;
     let endings: &[&str] = if arguments.resolution.is_some() { &MAPS } else { &["png"] };
     for (output, endings) in [(&arguments.output, endings), (&arguments.exr, &["exr"])] {
@@ -214,18 +204,16 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
         || arguments.tile.is_some()
         || tiled::needs_pieces(&renderer.gpu, view.size, arguments.piece)
     {
-        if limit.is_some() {
-            return Err(Error::Request(
-                "--time and --error are for pictures that are drawn in one piece; make --size smaller".into(),
-            ));
+        let mut lod = picture.detail.lod();
+        if let Some((limit, index)) = limit.zip(index) {
+            let mut target =
+                Target { renderer: &mut renderer, cloud, view: &view, picture: &picture, progress };
+            let chosen = Chosen::settle_pieces(limit, &mut target, &arguments.files, &index)?;
+            streams::note(chosen.line(None));
+            lod = chosen.cut;
         }
-        let wanted = PictureRequest {
-            view,
-            lod: picture.detail.lod(),
-            piece: arguments.piece,
-            tile: arguments.tile,
-            over,
-        };
+        let wanted =
+            PictureRequest { view, lod, piece: arguments.piece, tile: arguments.tile, over };
         return in_pieces(arguments, wanted, placed, &mut renderer, cloud, progress);
     }
     let chosen = match limit.zip(index) {
@@ -280,7 +268,7 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
             let mut target =
                 Target { renderer: &mut renderer, cloud, view: &view, picture: &picture, progress };
             let got = chosen.got(&mut target, &frame.passes, asked)?;
-            streams::note(chosen.line(&got));
+            streams::note(chosen.line(Some(got.ms)));
             Some((chosen, got))
         }
     };
@@ -302,6 +290,10 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
                 streams::say(columns.chain([text]).collect::<String>().trim_end())
             }
         }
+    }
+    if arguments.explain.as_deref() == Some("prices") {
+        let prices = prices::of(&mut renderer, cloud, &view, &config, &frame.passes, progress)?;
+        streams::say(prices::table(&prices).trim_end());
     }
     if arguments.timings {
         stages.print(&frame);

@@ -87,8 +87,9 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
     }
     let settings = picture.settings()?;
     let place = place(&picture)?;
-    let effort = if arguments.quick { Effort::QUICK } else { Effort::FULL };
     let mut gpu = Gpu::open(&arguments.device.to_options())?;
+    let effort = if arguments.quick { Effort::QUICK } else { Effort::FULL };
+    let effort = effort.on(gpu.device.is_cpu);
     let subjects = if arguments.files.is_empty() {
         tuner::scenes(&mut gpu, &effort, arguments.seed, progress)?
     } else {

@@ -1,6 +1,8 @@
 //! `pointillist view`: point clouds in a window.
 
+use super::limits::LimitOptions;
 use super::options::{DeviceOptions, PictureOptions};
+use super::tune;
 use super::units::Size;
 use crate::app::navigation::{Mode, NavigationStyle};
 use crate::app::panel::SaveSize;
@@ -10,6 +12,8 @@ use crate::index::fault_injection::Fault;
 use crate::progress::Progress;
 use crate::render::scene::Scene;
 use crate::render::source::OpenOptions;
+use crate::tune::Limit;
+use crate::tune::governor::TARGET;
 use crate::view::Camera;
 use crate::view::camera_path::CameraPath;
 use std::io::Write;
@@ -20,6 +24,7 @@ const EXAMPLES: &str = "\
 Examples:
   pointillist view scan.laz
   pointillist view north.laz south.laz --color source --navigation blender
+  pointillist view scan.laz --time 16ms                     moving pictures in 16 ms; see `tune`
   pointillist view site.pnti --effect edl=on                an index opens at once
   pointillist view site.pnti --path tour.json --flight 20 --timings    measures a scripted flight";
 
@@ -31,6 +36,8 @@ pub struct Arguments {
     pub files: Vec<PathBuf>,
     #[command(flatten)]
     pub picture: PictureOptions,
+    #[command(flatten)]
+    pub limits: LimitOptions,
     #[command(flatten)]
     pub device: DeviceOptions,
     /// Mouse buttons as in this program
@@ -119,6 +126,8 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
             options
         },
         pool_bytes: picture.detail.pool_bytes(),
+        limit: arguments.limits.limit().unwrap_or(Limit::Time(TARGET.as_secs_f64() * 1e3)),
+        fronts: tune::place(&picture)?,
         path: arguments.path.as_deref().map(CameraPath::read).transpose()?.unwrap_or_default(),
         flight: arguments.flight.map(|seconds| Duration::from_secs(seconds as u64)),
         began,

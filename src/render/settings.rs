@@ -244,6 +244,15 @@ impl FrameConfig {
         }
     }
 
+    /// Returns the configuration for a view of fewer pixels. Effects stay as decided for the full
+    /// size: a smaller picture has more points per pixel, and would call for others.
+    pub fn for_view(mut self, view: &View, resident: &Resident) -> FrameConfig {
+        if !self.overlap.is_everywhere() {
+            self.overlap = Arc::new(resident.overlap(view));
+        }
+        self
+    }
+
     /// Returns the configuration while the camera moves, for a picture `smaller` times smaller:
     /// only the nearest of overlapping strokes, softened; less occlusion; fewer levels of shape.
     pub fn interactive(&self, smaller: u32) -> FrameConfig {

@@ -13,7 +13,7 @@ use crate::index::attributes::strokes::StrokeCache;
 use crate::progress::Progress;
 use crate::render::source::{GpuCloud, OpenOptions, PreparedCloud, Source};
 use crate::resident::Resident;
-use crate::select::lod::Detail;
+use crate::select::lod::{Detail, LodOptions};
 use crate::view::View;
 use glam::{DMat4, DVec3};
 use std::path::PathBuf;
@@ -315,17 +315,16 @@ impl Entry {
         &mut self,
         gpu: &mut Gpu,
         views: &[View],
-        point_budget: Option<u64>,
+        limits: &impl Fn([u32; 2]) -> LodOptions,
     ) -> Result<Vec<String>> {
         let Stage::Ready(GpuCloud::Parts(residency)) = &mut self.stage else {
             return Ok(Vec::new());
         };
-        let details = views.iter().map(|view| Detail::of(view.size));
-        let Some(mut detail) = details.reduce(|a, b| Detail { budget: a.budget + b.budget, ..a })
+        let details = views.iter().map(|view| limits(view.size).of(view.size));
+        let Some(detail) = details.reduce(|a, b| Detail { budget: a.budget + b.budget, ..a })
         else {
             return Ok(Vec::new());
         };
-        detail.budget = point_budget.unwrap_or(detail.budget);
         let update = residency.update_views(gpu, views, &detail)?;
         self.missing = update.missing + update.coarse;
         Ok(update.errors)

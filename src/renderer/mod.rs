@@ -23,6 +23,7 @@
 mod clouds;
 mod compose;
 mod device_points;
+mod governed;
 mod host;
 mod own_queue;
 mod picture;
@@ -44,12 +45,14 @@ pub use crate::error::{Error, Result};
 pub use crate::render::settings::RenderSettings;
 pub use crate::select::clip::Clips;
 pub use crate::select::opacity::Opacities;
+pub use crate::tune::Limit;
 pub use crate::view::{Camera, Preset, Projection};
 
 use crate::gpu::memory::{Block, RawBuffer, RawImage};
 use crate::gpu::{ImageDesc, TestOverrides};
 use crate::graph::Gpu;
 use crate::passes::Switch;
+use crate::tune::Governor;
 use crate::view::View;
 use ash::vk::{self, Handle as _};
 use clouds::Entry;
@@ -165,6 +168,8 @@ impl Default for RendererOptions {
 struct HeldFrame {
     number: u64,
     pictures: Vec<Arc<RecordedPicture>>,
+    /// Place on the front that it was drawn with.
+    place: usize,
     _removed: Vec<Entry>,
     _block: Option<Block>,
 }
@@ -186,6 +191,8 @@ pub struct Renderer {
     clips: Clips,
     scale: ColorScale,
     options: RendererOptions,
+    /// The choice of settings for a time or an error; None without one.
+    governor: Option<Governor>,
     clouds: Vec<Entry>,
     removed: Vec<Entry>,
     held: VecDeque<HeldFrame>,
@@ -224,6 +231,7 @@ impl Renderer {
             clips: Clips::default(),
             scale: ColorScale::default(),
             options,
+            governor: None,
             clouds: Vec::new(),
             removed: Vec::new(),
             held: VecDeque::new(),
@@ -420,6 +428,7 @@ impl Renderer {
         let mut held = HeldFrame {
             number: frame.number,
             pictures: Vec::new(),
+            place: self.governor.as_ref().map_or(0, Governor::place),
             _removed: std::mem::take(&mut self.removed),
             _block: block,
         };
@@ -449,7 +458,8 @@ impl Renderer {
 
     /// Loads what the views call for of each cloud, unless all of it is in pictures already.
     fn update_clouds(&mut self, views: &[FrameView], report: &mut FrameReport) -> Result<()> {
-        let Renderer { gpu, clouds, options, latest, revision, wanted_picks, .. } = self;
+        let limits = self.limits();
+        let Renderer { gpu, clouds, latest, revision, wanted_picks, .. } = self;
         for cloud in clouds.iter_mut().filter(|cloud| cloud.shown().is_some()) {
             let is_shown = |view: &FrameView| {
                 let shows = |key: &Key| key.shows(cloud.id, view, *revision);
@@ -463,7 +473,7 @@ impl Renderer {
             };
             // Views that cannot be drawn are named when they are recorded.
             let views: Vec<View> = views.iter().filter_map(own).collect();
-            match cloud.update(gpu, &views, options.point_budget) {
+            match cloud.update(gpu, &views, &limits) {
                 Ok(errors) => report.errors.extend(errors),
                 Err(Error::Request(why)) => {
                     report.errors.push(format!("cloud {}: {why}", cloud.id.0));
@@ -516,7 +526,8 @@ impl Renderer {
         held: &mut HeldFrame,
         report: &mut FrameReport,
     ) -> Result<()> {
-        let Renderer { gpu, clouds, settings, buckets, latest, revision, .. } = self;
+        let settings = &self.governed(view.area.size).0;
+        let Renderer { gpu, clouds, buckets, latest, revision, .. } = self;
         let clears = frame.targets.color.clear;
         let mut place = Placement {
             area: view.area,
@@ -593,7 +604,8 @@ impl Renderer {
         while self.held.front().is_some_and(|held| held.number <= safe) {
             let held = self.held.pop_front().expect("just seen");
             let drawn = || held.pictures.iter().filter(|picture| picture.frame == held.number);
-            if drawn().next().is_some() {
+            let is_drawn = drawn().next().is_some();
+            if is_drawn {
                 self.times.clear();
             }
             // Distance in the host's world, and the point.
@@ -620,6 +632,10 @@ impl Renderer {
                 }
             }
             self.answers.extend(nearest.into_iter().map(|(pick, _, found)| (pick, found)));
+            if is_drawn {
+                let ms = self.times.iter().map(|time| time.milliseconds).sum();
+                self.took(held.place, ms);
+            }
         }
         Ok(())
     }

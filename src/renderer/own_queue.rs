@@ -16,6 +16,7 @@ use crate::render::scene::Scene;
 use crate::render::settings::FrameConfig;
 use crate::render::source::{GpuCloud, PreparedCloud, SelectionReport, Source};
 use crate::select::lod::Detail;
+use crate::tune::Governor;
 use crate::view::View;
 use std::time::Duration;
 
@@ -65,11 +66,15 @@ impl Renderer {
     /// pixels: red, green and blue as in a file, row by row from the top left.
     pub fn picture(&mut self, cloud: CloudId, camera: Camera, size: [u32; 2]) -> Result<Vec<u8>> {
         let view = View::new(camera, size)?;
-        self.load(cloud, &view, &Detail::of(size), &Silent)?;
-        let config = self.config(cloud, &view)?;
+        let (settings, limits) = self.governed(size);
+        let place = self.governor.as_ref().map_or(0, Governor::place);
+        self.load(cloud, &view, &limits.of(size), &Silent)?;
+        let (_, own) = self.cloud(cloud)?;
+        let config = picture::config(&settings, &view, own.resident());
         let done = self.draw(cloud, &view, &config, &Silent, |g, outcome| {
             encode::download(g, &outcome.picture)
         })?;
+        self.took(place, done.frame.passes.iter().map(|(_, ms)| ms).sum());
         Ok(done.asked.read(&done.frame).concat())
     }
 }

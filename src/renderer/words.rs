@@ -1,6 +1,6 @@
 //! Settings as words: those of the command line and of scene files.
 
-use super::{Error, Renderer, Result};
+use super::{Error, Limit, Renderer, Result};
 use crate::passes::Effects;
 use crate::render::settings::{Background, Style};
 use crate::select::clip::{Clip, Clips};
@@ -17,6 +17,8 @@ impl Renderer {
     /// - `background`: `RRGGBB` in hexadecimal digits
     /// - `layer`: distance below which surfaces count as one `[m]`; 0 is automatic
     /// - `opacity` and `clip`: rules and boxes, separated by `;`, which replace those before
+    /// - `time`: most time of a frame's pictures such as `50ms`, and `error`: the largest such as
+    ///   `0.5px` ([`Renderer::set_limit`]); `none` for neither
     ///
     /// Errors name what is wrong, and leave everything as it was.
     pub fn set(&mut self, name: &str, value: &str) -> Result<()> {
@@ -52,9 +54,12 @@ impl Renderer {
                     items().map(str::parse).collect();
                 self.clips = Clips(boxes.map_err(refused)?);
             }
+            "time" | "error" if value == "none" => self.set_limit(None)?,
+            "time" => self.set_limit(Some(Limit::time(value).map_err(refused)?))?,
+            "error" => self.set_limit(Some(value.parse().map_err(refused)?))?,
             _ => {
                 return Err(refused(
-                    "there is no such setting; there are: style, effect, light, background, layer, opacity, clip".into(),
+                    "there is no such setting; there are: style, effect, light, background, layer, opacity, clip, time, error".into(),
                 ));
             }
         }

@@ -1,17 +1,17 @@
 //! Measures the tunings of a device: their errors against the finest one, and their times.
 //!
 //! ```text
-//!     the default, and each other value of each knob -> chains of the moves that cost least
-//!     -> neighbours of what is on the front -> the front, timed again in turn
+//!     the default, and each other value of each knob -> combinations that no other is expected
+//!     to beat -> their front, timed again in turn
 //! ```
+//!
+//! What each value adds to the default's error and time is added up, so that all combinations are
+//! known from as many pictures as there are values. (A divisor of the resolution multiplies times.)
+//! Combinations that no other beats follow from those of fewer knobs, one knob after the other.
 //!
 //! Other programs slow a device down for a while. Times are therefore taken as parts of the default's,
 //! which is drawn again after every few pictures, and made milliseconds by the median of all of its
 //! times.
-//!
-//! The third step is Pareto local search (Paquete, Chiarandini and Stützle 2004): the neighbours of
-//! a tuning differ in one knob by one value, and the tuning beside the widest gap of the front is
-//! next. It ends when its time is over.
 
 use super::chart::{Chart, LARGE, Mark, Panel};
 use super::{lod, metrics, scan::Scan, sweep};
@@ -26,15 +26,16 @@ use crate::render::source::{self, GpuCloud, Source};
 use crate::select::lod::LodOptions;
 use crate::synth::SceneKind;
 use crate::tune::error::{Errors, Pixels};
+use crate::tune::governor::divided;
+use crate::tune::knobs::Knob;
 use crate::tune::{Front, KNOBS, Load, Tuned, Tuning, split};
 use crate::view::View;
-use std::time::{Duration, Instant};
 
 /// How long and how thoroughly tunings are measured.
 #[derive(Clone, Copy, Debug)]
 pub struct Effort {
-    /// Time of the search; the front is timed again after it.
-    pub search: Duration,
+    /// Rounds that the times of single values are medians of.
+    pub singles: usize,
     /// Rounds that the times of the front are medians of.
     pub rounds: usize,
     /// Most tunings of a front.
@@ -43,34 +44,74 @@ pub struct Effort {
     pub points: u64,
     /// Size of the pictures `[px]`.
     pub size: [u32; 2],
-    /// Views of the simulated street.
-    pub street: &'static [&'static str],
+    /// Simulated scenes with their views, of few points a pixel and of many.
+    pub scenes: &'static [(&'static str, SceneKind, &'static [&'static str])],
 }
 
 impl Effort {
+    /// Returns the effort on a device: a GPU draws larger pictures of more points, since small ones
+    /// take it no time.
+    pub fn on(self, is_cpu: bool) -> Effort {
+        if is_cpu {
+            return self;
+        }
+        Effort { points: 4 * self.points, size: self.size.map(|side| side * 5 / 2), ..self }
+    }
+
     pub const FULL: Effort = Effort {
-        search: Duration::from_secs(45),
+        singles: 2,
         rounds: 5,
-        most: 16,
+        most: 20,
         points: 1_000_000,
         size: [512, 288],
-        street: &["near", "close-up"],
+        scenes: &[
+            ("street", SceneKind::Street, &["far", "near", "close-up"]),
+            ("terrain", SceneKind::Terrain, &["near", "close-up"]),
+        ],
     };
     pub const QUICK: Effort = Effort {
-        search: Duration::from_secs(5),
+        singles: 1,
         rounds: 2,
         most: 12,
         points: 300_000,
-        size: [384, 216],
-        street: &["close-up"],
+        size: [256, 144],
+        scenes: &[
+            ("street", SceneKind::Street, &["near", "close-up"]),
+            ("terrain", SceneKind::Terrain, &["close-up"]),
+        ],
     };
 }
 
 /// A share of the time or the error by which a tuning must be better than the next one.
 const WORTH: f64 = 0.02;
 
+/// Least part of the default's time that is left if the savings of values are added up.
+const LEAST: f64 = 0.1;
+
 /// Pictures between two of the default.
 const REFERENCE_EVERY: usize = 4;
+
+/// A combination with what is expected of it.
+#[derive(Clone, Copy, Debug)]
+struct Expected {
+    tuning: Tuning,
+    /// Time of a picture `[ms]`.
+    ms: f64,
+    /// Mean error `[px]`.
+    px: f64,
+}
+
+/// Returns some combinations, evenly by the logarithm of their times.
+fn spread(expected: &[Expected], most: usize) -> Vec<Tuning> {
+    let log = |own: &Expected| own.ms.ln();
+    let (Some(first), Some(last)) = (expected.first(), expected.last()) else { return Vec::new() };
+    let place = |k: usize| log(first) + (log(last) - log(first)) * k as f64 / most.max(2) as f64;
+    let nearest = |k: usize| {
+        let off = |own: &&Expected| (log(own) - place(k)).abs();
+        expected.iter().min_by(|a, b| off(a).total_cmp(&off(b))).map(|own| own.tuning)
+    };
+    (0..=most).filter_map(nearest).collect()
+}
 
 /// A cloud with the views that it is drawn in.
 pub struct Subject {
@@ -83,9 +124,13 @@ pub struct Subject {
 #[derive(Clone, Debug)]
 pub struct InView {
     pub errors: Errors,
+    /// Errors against the default's picture, which a window settles on.
+    pub moving: Errors,
     pub load: Load,
     /// Times of points and of pixels, by rounds, in parts of the default's.
     pub parts: Vec<[f64; 2]>,
+    /// Least time of a picture `[ms]`: of few pictures it tells more than their median.
+    least: f64,
 }
 
 /// A tuning with all that was measured of it.
@@ -102,6 +147,8 @@ pub struct Tuner<'t> {
     settings: RenderSettings,
     cut: LodOptions,
     references: Vec<Pixels>,
+    /// Pictures of the default.
+    settled: Vec<Pixels>,
     /// Times of the default, by views `[ms]`.
     usual_ms: Vec<Vec<f64>>,
     pub found: Vec<Measured>,
@@ -114,13 +161,10 @@ pub fn scenes(
     seed: u64,
     progress: &dyn Progress,
 ) -> Result<Vec<Subject>> {
-    let chosen = [
-        ("street", SceneKind::Street, effort.street),
-        ("terrain", SceneKind::Terrain, &["close-up"]),
-    ];
-    chosen
-        .into_iter()
-        .map(|(name, kind, views)| {
+    effort
+        .scenes
+        .iter()
+        .map(|&(name, kind, views)| {
             let scan = Scan::new(kind, |world| world.step, effort.points, seed, progress)?;
             let cameras = lod::cameras(&scan.world).into_iter();
             let views = cameras.filter(|(name, _)| views.contains(name));
@@ -149,13 +193,16 @@ impl<'t> Tuner<'t> {
         cut: LodOptions,
         progress: &dyn Progress,
     ) -> Result<Tuner<'t>> {
-        let (references, usual_ms, found) = (Vec::new(), Vec::new(), Vec::new());
-        let mut tuner = Tuner { gpu, subjects, settings, cut, references, usual_ms, found };
+        let [references, settled] = [Vec::new(), Vec::new()];
+        let (usual_ms, found) = (Vec::new(), Vec::new());
+        let mut tuner =
+            Tuner { gpu, subjects, settings, cut, references, settled, usual_ms, found };
         for view in 0..tuner.views() {
             let drawn = tuner.draw(view, &Tuning::finest(), true, progress)?;
             tuner.references.push(drawn.pixels);
             // The first one also takes memory into use.
-            tuner.draw(view, &Tuning::usual(), false, progress)?;
+            let drawn = tuner.draw(view, &Tuning::usual(), true, progress)?;
+            tuner.settled.push(drawn.pixels);
             tuner.usual_ms.push(Vec::new());
             tuner.time_usual(view, progress)?;
         }
@@ -166,8 +213,7 @@ impl<'t> Tuner<'t> {
         self.subjects.iter().map(|subject| subject.views.len()).sum()
     }
 
-    /// Measures tunings in all views, in turn; times are added to those known. Without rounds a new
-    /// tuning has the time of the picture that tells its errors.
+    /// Measures tunings in all views, in turn; times are added to those known.
     pub fn measure(
         &mut self,
         tunings: &[Tuning],
@@ -176,7 +222,7 @@ impl<'t> Tuner<'t> {
     ) -> Result<()> {
         for view in 0..self.views() {
             let known: Vec<bool> = tunings.iter().map(|own| self.in_view(own, view)).collect();
-            let mut first: Vec<Option<(Errors, Load, [f64; 2])>> = vec![None; tunings.len()];
+            let mut first: Vec<Option<InView>> = vec![None; tunings.len()];
             let numbers: Vec<usize> = (0..tunings.len()).collect();
             let (mut usual, mut since) = (1.0, REFERENCE_EVERY);
             let times = sweep::interleaved(&numbers, rounds, |&number| {
@@ -188,9 +234,14 @@ impl<'t> Tuner<'t> {
                 let layers = !known[number] && first[number].is_none();
                 let drawn = self.draw(view, &tunings[number], layers, progress)?;
                 let parts = drawn.ms.map(|ms| ms / usual);
+                let least = drawn.ms.iter().sum();
                 if layers {
-                    let errors = drawn.pixels.errors(&self.references[view]);
-                    first[number] = Some((errors, drawn.load, parts));
+                    let [errors, moving] = [&self.references[view], &self.settled[view]]
+                        .map(|reference| drawn.pixels.errors(reference));
+                    let (load, parts) = (drawn.load, Vec::new());
+                    first[number] = Some(InView { errors, moving, load, parts, least });
+                } else if let Some(first) = &mut first[number] {
+                    first.least = first.least.min(least);
                 }
                 Ok(parts)
             })?;
@@ -201,13 +252,8 @@ impl<'t> Tuner<'t> {
                     self.found.len() - 1
                 });
                 let views = &mut self.found[place].views;
-                match first {
-                    Some((errors, load, own)) => {
-                        let parts = if rounds == 0 { vec![own] } else { parts };
-                        views.push(InView { errors, load, parts });
-                    }
-                    None => views[view].parts.extend(parts),
-                }
+                views.extend(first);
+                views[view].parts.extend(parts);
             }
         }
         Ok(())
@@ -274,144 +320,104 @@ impl<'t> Tuner<'t> {
 
     /// Searches for the tunings that no other beats. Returns their front.
     pub fn search(&mut self, effort: &Effort, progress: &dyn Progress) -> Result<Front> {
-        let began = Instant::now();
         let usual = Tuning::usual();
-        let knobs = self.knobs(progress)?;
-        let single = |knob: &usize| {
-            let knob = *knob;
-            (0..KNOBS[knob].values.len()).map(move |value| (knob, usual.with(knob, value)))
-        };
-        let moves: Vec<(usize, Tuning)> =
-            knobs.iter().flat_map(single).filter(|(_, tuning)| *tuning != usual).collect();
-        let mut sweep = vec![usual, Tuning::finest()];
-        sweep.extend(moves.iter().map(|(_, tuning)| *tuning));
-        self.measure(&sweep, 0, progress)?;
-        // Values that change nothing are passed over.
-        let mut values: Vec<Vec<usize>> =
-            KNOBS.iter().map(|knob| vec![knob.usual as usize]).collect();
-        for (knob, tuning) in &moves {
-            if self.differs(*knob, tuning) {
-                values[*knob].push(tuning.value(*knob));
-            }
+        let mut singles = vec![usual, Tuning::finest()];
+        for knob in self.knobs(progress)? {
+            let values = (0..KNOBS[knob].values.len()).map(|value| usual.with(knob, value));
+            singles.extend(values.filter(|tuning| *tuning != usual));
         }
-        values.iter_mut().for_each(|values| values.sort_unstable());
-        let is_other = |knob: usize, tuning: &Tuning| values[knob].contains(&tuning.value(knob));
-        let (moves, same): (Vec<_>, Vec<_>) =
-            moves.into_iter().partition(|(knob, tuning)| is_other(*knob, tuning));
-        self.found.retain(|found| !same.iter().any(|(_, tuning)| *tuning == found.tuning));
-        let chains = self.chains(&moves);
-        self.measure(&chains, 0, progress)?;
-        let mut expanded = vec![usual];
-        while began.elapsed() < effort.search {
-            let Some(next) = self.at_widest_gap(&expanded) else { break };
-            expanded.push(next);
-            let beside = self.neighbours(&next, &values);
-            self.measure(&beside, 0, progress)?;
+        self.measure(&singles, effort.singles, progress)?;
+        // Of moving pictures, and of those at rest.
+        let mut tunings = Vec::new();
+        for moves in [true, false] {
+            tunings.extend(spread(&self.expected(&singles, moves), 2 * effort.most));
         }
-        // What one lucky time put on the front is told from the rest.
-        let left = self.front(&self.tunings(), 2 * effort.most);
-        self.measure(&left, 1, progress)?;
-        let left = self.front(&left, effort.most);
+        tunings.retain(|tuning| self.get(tuning).is_none());
+        tunings.sort_by_key(Tuning::words);
+        tunings.dedup();
+        self.measure(&tunings, 1, progress)?;
+        let left = self.fronts(&self.tunings(), effort.most);
         self.measure(&left, effort.rounds, progress)?;
-        let left = self.front(&left, effort.most);
+        let left = self.fronts(&left, effort.most);
         Ok(self.summary(&left, effort.rounds))
     }
 
-    /// Tests whether a value of a knob draws something else than the default, or in another way.
-    fn differs(&self, knob: usize, tuning: &Tuning) -> bool {
-        let seen = |tuning: &Tuning| {
-            let views = self.get(tuning).into_iter().flat_map(|found| &found.views);
-            views.map(|view| (view.errors, view.load)).collect::<Vec<_>>()
-        };
-        KNOBS[knob].effect().is_some() || seen(tuning) != seen(&Tuning::usual())
-    }
-
-    /// Returns combinations of single moves: those that save the most time for their error one by
-    /// one, then those that save the most error for their time.
-    fn chains(&self, moves: &[(usize, Tuning)]) -> Vec<Tuning> {
-        let usual = self.get(&Tuning::usual()).expect("measured first");
-        let rate = |tuning: &Tuning| {
+    /// Returns the combinations of values that no other is expected to beat, the fastest first: of
+    /// pictures at rest against the finest one, or of moving ones, which are no finer than the
+    /// default, against that.
+    fn expected(&self, singles: &[Tuning], moves: bool) -> Vec<Expected> {
+        let of = |tuning: &Tuning| {
             let found = self.get(tuning).expect("measured");
-            let (slower, worse) =
-                (self.ms(found)[1] - self.ms(usual)[1], errors(found)[0].px - errors(usual)[0].px);
-            (slower, worse)
+            let px = mean(found, moves).px;
+            let ms = metrics::mean(found.views.iter().map(|view| view.least));
+            Expected { tuning: *tuning, ms, px }
         };
-        let mut chains = Vec::new();
-        for cheaper in [true, false] {
-            let mut sorted: Vec<(f64, usize, Tuning)> = moves
-                .iter()
-                .filter_map(|&(knob, tuning)| {
-                    let (slower, worse) = rate(&tuning);
-                    match cheaper {
-                        true if slower < 0.0 => Some((worse.max(0.0) / -slower, knob, tuning)),
-                        false if worse < 0.0 => Some((slower.max(0.0) / -worse, knob, tuning)),
-                        _ => None,
-                    }
-                })
-                .collect();
-            sorted.sort_by(|a, b| a.0.total_cmp(&b.0));
-            let mut chain = Tuning::usual();
-            for (_, knob, tuning) in sorted {
-                let (old, new) = (chain.value(knob), tuning.value(knob));
-                // A knob goes on in its direction.
-                if if cheaper { new > old } else { new < old } {
-                    chain = chain.with(knob, new);
-                    chains.push(chain);
-                }
+        let usual = of(&Tuning::usual());
+        let mut sums = vec![usual];
+        for (knob, Knob { name, .. }) in KNOBS.iter().enumerate() {
+            let own = usual.tuning.value(knob);
+            let is_other = |tuning: &&Tuning| match moves {
+                true => tuning.value(knob) > own,
+                false => tuning.value(knob) != own && tuning.divisor() == 1,
+            };
+            let values = singles[2..].iter().filter(is_other).map(&of);
+            // Values that gain nothing are passed over: noise is no gain.
+            let gains = |own: &Expected| {
+                own.ms < usual.ms * (1.0 - WORTH) || own.px < usual.px * (1.0 - WORTH)
+            };
+            for own in values.filter(gains).collect::<Vec<_>>() {
+                let value = own.tuning.value(knob);
+                let with = |sum: &Expected| Expected {
+                    tuning: sum.tuning.with(knob, value),
+                    ms: match *name {
+                        "resolution" => sum.ms * own.ms / usual.ms,
+                        _ => (sum.ms + own.ms - usual.ms).max(LEAST * usual.ms),
+                    },
+                    px: sum.px + own.px - usual.px,
+                };
+                let of_others =
+                    sums.iter().filter(|sum| sum.tuning.value(knob) == usual.tuning.value(knob));
+                let with: Vec<Expected> = of_others.map(with).collect();
+                sums.extend(with);
             }
+            sums.sort_by(|a, b| a.ms.total_cmp(&b.ms).then(a.px.total_cmp(&b.px)));
+            let mut best = f64::INFINITY;
+            sums.retain(|sum| {
+                let is_better = sum.px < best;
+                best = best.min(sum.px);
+                is_better
+            });
         }
-        chains.retain(|chain| self.get(chain).is_none());
-        chains
-    }
-
-    /// Returns the tuning beside the widest gap of the front that is not yet expanded.
-    fn at_widest_gap(&self, expanded: &[Tuning]) -> Option<Tuning> {
-        let front = self.front(&self.tunings(), usize::MAX);
-        let time = |tuning: &Tuning| self.get(tuning).map_or(1.0, |found| self.ms(found)[1]).ln();
-        let gap = |k: usize| {
-            let own = time(&front[k]);
-            let beside = [k.checked_sub(1), Some(k + 1).filter(|k| *k < front.len())];
-            // An end of the front has an endless gap beside it, which comes after the first ones.
-            beside
-                .into_iter()
-                .map(|k| k.map_or(0.5, |k| (time(&front[k]) - own).abs()))
-                .fold(0.0, f64::max)
-        };
-        (0..front.len())
-            .filter(|&k| !expanded.contains(&front[k]))
-            .max_by(|a, b| gap(*a).total_cmp(&gap(*b)))
-            .map(|k| front[k])
-    }
-
-    /// Returns the tunings that differ in one knob by one value, and are not measured yet.
-    fn neighbours(&self, tuning: &Tuning, values: &[Vec<usize>]) -> Vec<Tuning> {
-        let mut found = Vec::new();
-        for (knob, values) in values.iter().enumerate() {
-            let own = values.iter().position(|value| *value == tuning.value(knob)).unwrap_or(0);
-            for place in [own.checked_sub(1), Some(own + 1)].into_iter().flatten() {
-                if let Some(value) = values.get(place) {
-                    found.push(tuning.with(knob, *value));
-                }
-            }
-        }
-        found.retain(|tuning| self.get(tuning).is_none());
-        found
+        sums
     }
 
     fn tunings(&self) -> Vec<Tuning> {
         self.found.iter().map(|found| found.tuning).collect()
     }
 
+    /// Returns the fronts of moving pictures and of those at rest.
+    fn fronts(&self, of: &[Tuning], most: usize) -> Vec<Tuning> {
+        let mut fronts: Vec<Tuning> =
+            [true, false].into_iter().flat_map(|moves| self.front(of, most, moves)).collect();
+        fronts.sort_by_key(Tuning::words);
+        fronts.dedup();
+        fronts
+    }
+
     /// Returns those tunings that no other beats in pixels or in depth by what is worth it, and the
     /// default and the finest one; the fastest first.
-    fn front(&self, of: &[Tuning], most: usize) -> Vec<Tuning> {
-        let mut sorted: Vec<&Measured> = of.iter().filter_map(|tuning| self.get(tuning)).collect();
+    fn front(&self, of: &[Tuning], most: usize, moves: bool) -> Vec<Tuning> {
+        let mut sorted: Vec<&Measured> = of
+            .iter()
+            .filter(|tuning| if moves { tuning.is_no_finer() } else { tuning.divisor() == 1 })
+            .filter_map(|tuning| self.get(tuning))
+            .collect();
         sorted.sort_by(|a, b| self.ms(a)[1].total_cmp(&self.ms(b)[1]));
         let mut best = Errors { px: f64::MAX, depth: f64::MAX };
         let always = [Tuning::usual(), Tuning::finest()];
         let mut gains: Vec<(f64, Tuning)> = Vec::new();
         for found in sorted {
-            let own = errors(found)[0];
+            let own = mean(found, moves);
             let better = |own: f64, best: f64| {
                 if own < best * (1.0 - WORTH) {
                     (best.max(1e-12) / own.max(1e-12)).ln()
@@ -460,11 +466,11 @@ impl<'t> Tuner<'t> {
             found.views.iter().map(|view| load(&view.load) as f64).sum::<f64>().max(1.0) / 1e6
         };
         let sum = |k: usize| medians.iter().map(|ms| ms[k]).sum::<f64>();
-        let [mean, most] = errors(found);
         let mut tuned = Tuned {
             values: found.tuning.words(),
-            mean,
-            most,
+            mean: mean(found, false),
+            most: found.views.iter().map(|view| view.errors).fold(Errors::default(), Errors::worst),
+            moving: mean(found, true),
             ms: self.ms(found),
             point_ms: sum(0) / whole(&|load| load.points),
             pixel_ms: sum(1) / whole(&|load| load.pixels),
@@ -505,7 +511,7 @@ pub struct Drawn {
     pub ms: [f64; 2],
 }
 
-/// Draws a view with a tuning, as `render` does.
+/// Draws a view with a tuning, as `render` does; in fewer pixels as the window does while it moves.
 pub fn draw(
     gpu: &mut Gpu,
     cloud: &mut GpuCloud,
@@ -515,18 +521,22 @@ pub fn draw(
     layers: bool,
     progress: &dyn Progress,
 ) -> Result<Drawn> {
+    let divisor = tuning.divisor();
+    let (full, view) = (view, &View::new(view.camera, divided(view.size, divisor))?);
     let (settings, cut) = tuning.applied(settings, cut, view.size);
     cloud.wait_until_resident(gpu, view, &cut.of(view.size), progress)?;
-    let config = FrameConfig::new(&settings, view, cloud.resident());
+    let mut config = FrameConfig::new(&settings, full, cloud.resident());
+    if divisor > 1 {
+        config = config.interactive(divisor).for_view(view, cloud.resident());
+    }
     let mut g = Graph::new(gpu);
     let outcome = frame::record(&mut g, view, cloud.resident(), &config)?;
     let picture = encode::download(&mut g, &outcome.picture)?;
     let depth = layers.then(|| g.download(&outcome.gbuffer.depth));
     let frame = g.submit_and_wait(&[])?;
-    let pixels = depth.map(|depth| Pixels {
-        size: view.size,
-        depth: frame.read(&depth).to_vec(),
-        rgb: picture.read(&frame).concat(),
+    let pixels = depth.map(|depth| {
+        let (depth, rgb) = (frame.read(&depth).to_vec(), picture.read(&frame).concat());
+        Pixels { size: view.size, depth, rgb }.enlarged(full.size)
     });
     let load = Load {
         points: outcome.statistics.points_drawn,
@@ -535,14 +545,13 @@ pub fn draw(
     Ok(Drawn { pixels: pixels.unwrap_or_default(), load, ms: split(&frame.passes) })
 }
 
-/// Returns mean and largest errors of the views.
-fn errors(found: &Measured) -> [Errors; 2] {
-    let all = || found.views.iter().map(|view| view.errors);
-    let mean = Errors {
+/// Returns the mean errors of the views, against the finest picture or, if it moves, the default's.
+fn mean(found: &Measured, moves: bool) -> Errors {
+    let all = || found.views.iter().map(|view| if moves { view.moving } else { view.errors });
+    Errors {
         px: metrics::mean(all().map(|errors| errors.px)),
         depth: metrics::mean(all().map(|errors| errors.depth)),
-    };
-    [mean, all().fold(Errors::default(), Errors::worst)]
+    }
 }
 
 /// Formats a front as a table.

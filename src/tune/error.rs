@@ -45,6 +45,16 @@ impl Errors {
 }
 
 impl Pixels {
+    /// Returns the picture of a screen's first words, one a pixel, whose lowest byte is red, or blue.
+    pub fn of_screen(size: [u32; 2], words: &[u32], blue_first: bool, depth: Vec<f32>) -> Pixels {
+        let bytes = |word: &u32| {
+            let [a, green, b, _] = word.to_le_bytes();
+            if blue_first { [b, green, a] } else { [a, green, b] }
+        };
+        let rgb = words[..depth.len()].iter().flat_map(bytes).collect();
+        Pixels { size, depth, rgb }
+    }
+
     /// Returns the errors against a reference of the same size.
     pub fn errors(&self, reference: &Pixels) -> Errors {
         assert_eq!(self.size, reference.size, "pictures of one size");
@@ -67,6 +77,39 @@ impl Pixels {
         let [count, px, depth] =
             rows.into_iter().fold([0.0; 3], |sums, row| std::array::from_fn(|k| sums[k] + row[k]));
         Errors { px: px / count.max(1.0), depth: depth / count.max(1.0) }
+    }
+
+    /// Returns the picture as a window shows it in more pixels: colours by linear filtering of their
+    /// sRGB values, depths of the nearest pixel.
+    pub fn enlarged(&self, size: [u32; 2]) -> Pixels {
+        if size == self.size {
+            return self.clone();
+        }
+        let [own, wide] = [self.size, size].map(|size| size.map(|side| side as usize));
+        // The two nearest pixels of an axis, with the weight of the second, and the nearest one.
+        let places = |axis: usize| {
+            let place = |k: usize| {
+                let at = (k as f64 + 0.5) * own[axis] as f64 / wide[axis] as f64;
+                let (low, last) = ((at - 0.5).max(0.0), own[axis] - 1);
+                let first = (low as usize).min(last);
+                (first, (first + 1).min(last), low - first as f64, (at as usize).min(last))
+            };
+            (0..wide[axis]).map(place).collect::<Vec<_>>()
+        };
+        let (columns, rows) = (places(0), places(1));
+        let mut larger = Pixels { size, ..Pixels::default() };
+        for &(top, bottom, down, row) in &rows {
+            for &(left, right, across, column) in &columns {
+                larger.depth.push(self.depth[row * own[0] + column]);
+                for c in 0..3 {
+                    let value = |y: usize, x: usize| self.rgb[3 * (y * own[0] + x) + c] as f64;
+                    let mix = |y| value(y, left) * (1.0 - across) + value(y, right) * across;
+                    let mixed = mix(top) * (1.0 - down) + mix(bottom) * down;
+                    larger.rgb.push(mixed.round() as u8);
+                }
+            }
+        }
+        larger
     }
 
     /// Returns the error of every pixel `[px]`; 0 where neither picture has a surface.
@@ -152,6 +195,36 @@ mod tests {
         let errors = empty.errors(&wall(5.0, 8));
         assert!((errors.px - MOST_PX).abs() < 1e-9);
         assert!((errors.depth - MOST_PX * DEPTH_A_PIXEL).abs() < 1e-9);
+    }
+
+    #[test]
+    fn a_screen_has_the_errors_of_a_file_to_the_last_bit() {
+        let (own, reference) = (wall(5.01, 10), wall(5.0, 8));
+        let screen = |picture: &Pixels, blue_first: bool| {
+            let word = |rgb: &[u8]| {
+                let [a, b] = if blue_first { [rgb[2], rgb[0]] } else { [rgb[0], rgb[2]] };
+                u32::from_le_bytes([a, rgb[1], b, 255])
+            };
+            // A screen may have more words than the picture.
+            let words: Vec<u32> = picture.rgb.chunks(3).map(word).chain([7; 3]).collect();
+            Pixels::of_screen(picture.size, &words, blue_first, picture.depth.clone())
+        };
+        for blue_first in [false, true] {
+            let errors = screen(&own, blue_first).errors(&screen(&reference, blue_first));
+            let file = own.errors(&reference);
+            assert_eq!(errors.px.to_bits(), file.px.to_bits());
+            assert_eq!(errors.depth.to_bits(), file.depth.to_bits());
+        }
+    }
+
+    #[test]
+    fn a_larger_picture_has_colours_between_and_depths_of_its_pixels() {
+        let small = Pixels { size: [2, 1], depth: vec![1.0, 2.0], rgb: vec![0, 0, 0, 200, 100, 0] };
+        let large = small.enlarged([4, 2]);
+        assert_eq!(large.depth, [1.0, 1.0, 2.0, 2.0, 1.0, 1.0, 2.0, 2.0]);
+        let red: Vec<u8> = large.rgb.iter().step_by(3).copied().collect();
+        assert_eq!(red, [0, 50, 150, 200, 0, 50, 150, 200]);
+        assert_eq!(small.enlarged([2, 1]), small);
     }
 
     #[test]

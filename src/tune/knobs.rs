@@ -8,7 +8,7 @@ use crate::select::lod::LodOptions;
 pub struct Knob {
     pub name: &'static str,
     /// Values, the most accurate first: as after `--effect`, or `lod` in pixels, or `budget` in
-    /// points a pixel.
+    /// points a pixel, or `resolution`, the divisor of both sides.
     pub values: &'static [&'static str],
     /// Place of the default among them.
     pub usual: u8,
@@ -16,7 +16,7 @@ pub struct Knob {
 
 /// All of them. Visibility and filling have no values finer than their defaults, which `study
 /// visibility` and `study fill` chose by the truth. A value names all that its knob sets, so that it replaces any other.
-pub const KNOBS: [Knob; 13] = [
+pub const KNOBS: [Knob; 14] = [
     Knob {
         name: "lod",
         values: &["lod=0", "lod=0.5", "lod=1", "lod=2", "lod=4", "lod=8"],
@@ -114,6 +114,11 @@ pub const KNOBS: [Knob; 13] = [
         ],
         usual: 1,
     },
+    Knob {
+        name: "resolution",
+        values: &["resolution=1", "resolution=2", "resolution=3", "resolution=4"],
+        usual: 0,
+    },
 ];
 
 /// A value of every knob.
@@ -142,6 +147,17 @@ impl Tuning {
         self
     }
 
+    /// Returns the divisor of a moving picture's sides. A picture at rest has all its pixels.
+    pub fn divisor(&self) -> u32 {
+        self.0.last().map_or(1, |value| *value as u32 + 1)
+    }
+
+    /// Tests whether no value is finer than the default: so are those of moving pictures, since a
+    /// picture at rest has the defaults.
+    pub fn is_no_finer(&self) -> bool {
+        KNOBS.iter().zip(self.0).all(|(knob, value)| value >= knob.usual)
+    }
+
     /// Returns the values that differ from the defaults.
     pub fn words(&self) -> Vec<String> {
         let values = KNOBS.iter().zip(self.0).filter(|(knob, value)| knob.usual != *value);
@@ -159,7 +175,7 @@ impl Tuning {
     }
 
     /// Returns settings and limits of the cut with these values in place of defaults. What a user
-    /// has set otherwise stays.
+    /// has set otherwise stays. `size` is that of the picture that is drawn `[px]`.
     pub fn applied(
         &self,
         asked: &RenderSettings,
@@ -178,6 +194,7 @@ impl Tuning {
                     let points = |each: f64| (each * pixels).ceil() as u64;
                     lod.budget = cut.budget.or(Some(each.parse().map_or(u64::MAX, points)));
                 }
+                Some(("resolution", _)) => {}
                 _ if !is_usual(&asked.effects, knob) => {}
                 _ => settings.effects.set_any(text).expect("a value of a knob"),
             }
@@ -187,10 +204,10 @@ impl Tuning {
 }
 
 impl Knob {
-    /// Returns the name of the effect that it sets; `None` if it sets the cut.
+    /// Returns the name of the effect that it sets; `None` if it sets the cut or the resolution.
     pub fn effect(&self) -> Option<&'static str> {
         let name = self.values[0].split('=').next()?;
-        (!matches!(name, "lod" | "budget")).then_some(name)
+        (!matches!(name, "lod" | "budget" | "resolution")).then_some(name)
     }
 }
 
@@ -238,6 +255,8 @@ mod tests {
             assert_eq!(Tuning::of(&tuning.words()), Some(tuning));
         }
         assert_eq!(Tuning::of(&["shape=auto,levels=3".into()]), None);
+        let small = Tuning::of(&["resolution=3".into()]).unwrap();
+        assert_eq!((small.divisor(), Tuning::finest().divisor()), (3, 1));
     }
 
     #[test]

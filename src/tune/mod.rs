@@ -12,9 +12,11 @@
 
 pub mod error;
 pub mod front;
+pub mod governor;
 pub mod knobs;
 pub mod store;
 
 pub use error::Errors;
 pub use front::{Choice, Correction, Front, Limit, Load, Tuned, split};
+pub use governor::Governor;
 pub use knobs::{KNOBS, Tuning};

@@ -29,7 +29,7 @@ const EDGES: &[(&str, &[&str])] = &[
         "renderer",
         &[
             "cloud", "gpu", "graph", "index", "passes", "render", "resident", "select", "shader",
-            "view",
+            "tune", "view",
         ],
     ),
     ("c", &["renderer"]),
@@ -38,7 +38,7 @@ const EDGES: &[(&str, &[&str])] = &[
         "app",
         &[
             "cloud", "gpu", "graph", "index", "output", "passes", "present", "render", "renderer",
-            "resident", "select", "view",
+            "resident", "select", "tune", "view",
         ],
     ),
     (

@@ -13,9 +13,9 @@ use pointillist::render::frame;
 use pointillist::render::settings::{FrameConfig, RenderSettings, Style};
 use pointillist::render::source::{OpenOptions, Source};
 use pointillist::renderer::{
-    Access, Area, Camera, CloudState, Frame, FrameReport, FrameView, Host, Matrices, NO_POINT,
-    OpenSettings, Picked, PointBuffer, Points, Positions, Preset, Renderer, RendererOptions,
-    Target, Targets, ViewCamera,
+    Access, Area, Camera, CloudState, Frame, FrameReport, FrameView, Host, Limit, Matrices,
+    NO_POINT, OpenSettings, Picked, PointBuffer, Points, Positions, Preset, Renderer,
+    RendererOptions, Target, Targets, ViewCamera,
 };
 use pointillist::resident::Resident;
 use pointillist::view::View;
@@ -471,6 +471,29 @@ fn a_renderer_with_a_device_of_its_own_draws_the_same_and_refuses_frames_of_host
     assert!(refused.to_string().contains("host's device"), "{refused}");
     let missing = renderer.open(&[folder.path().join("missing.las")], &OpenSettings::default());
     assert!(renderer.wait(missing.unwrap()).unwrap_err().to_string().contains("missing.las"));
+}
+
+#[test]
+fn a_limit_changes_pictures_as_far_as_it_asks_and_none_changes_nothing() {
+    let folder = tempfile::tempdir().unwrap();
+    let (path, camera) = scan(folder.path());
+    let options = DeviceOptions { validate: true, ..DeviceOptions::default() };
+    let mut renderer = Renderer::open_device(&options, RendererOptions::default()).unwrap();
+    let cloud = renderer.open(std::slice::from_ref(&path), &OpenSettings::default()).unwrap();
+    renderer.wait(cloud).unwrap();
+    let plain = renderer.picture(cloud, camera, SIZE).unwrap();
+    // The fastest settings of all; the most accurate, which are the renderer's own.
+    renderer.set_limit(Some(Limit::Pixels(100.0))).unwrap();
+    assert_ne!(renderer.picture(cloud, camera, SIZE).unwrap(), plain);
+    renderer.set("error", "0.000000001px").unwrap();
+    assert!(renderer.set("time", "soon").unwrap_err().to_string().contains("not a time"));
+    assert_eq!(renderer.picture(cloud, camera, SIZE).unwrap(), plain);
+    // Whatever a minute is enough for, after some pictures.
+    renderer.set_limit(Some(Limit::Time(60_000.0))).unwrap();
+    let mut pictures = (0..12).map(|_| renderer.picture(cloud, camera, SIZE).unwrap());
+    assert_eq!(pictures.next_back().unwrap(), plain);
+    renderer.set_limit(None).unwrap();
+    assert_eq!(renderer.picture(cloud, camera, SIZE).unwrap(), plain);
 }
 
 fn without_alpha(color: &[u8]) -> Vec<u8> {

@@ -3,7 +3,7 @@
 use super::state::UiState;
 use super::text::{self, spaced_hyphens, weak};
 use super::theme;
-use super::{camera_path, color, effects, light};
+use super::{camera_path, color, effects, light, pace};
 use crate::app::actions::Action;
 use crate::output::annotations::Annotations;
 use crate::passes::Effects;
@@ -22,6 +22,7 @@ pub fn show(ui: &mut Ui, state: &mut UiState, scene: &mut Scene, actions: &mut V
     effects::show(ui, &mut scene.settings, &state.decisions);
     in_the_picture(ui, &mut state.annotations, &mut scene.settings.background);
     camera_path::show(ui, state, actions);
+    pace::show(ui, &mut state.pace, actions);
     CollapsingHeader::new("what runs, and why").show(ui, |ui| reasons(ui, state));
     CollapsingHeader::new(format!("picture, {:.1} ms", state.took.as_secs_f64() * 1e3))
         .id_salt("passes")

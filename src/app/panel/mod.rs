@@ -21,6 +21,7 @@ mod light;
 mod look;
 mod measure_overlay;
 mod measures;
+mod pace;
 mod ramp;
 mod state;
 mod text;

@@ -4,13 +4,14 @@ use crate::app::load_thread::Categories;
 use crate::app::measure::Measure;
 use crate::app::navigation::{Mode, NavigationStyle};
 use crate::app::profile::Profile;
-use crate::app::render_thread::Loading;
+use crate::app::render_thread::{Loading, Moving};
 use crate::cloud::attribute::DisplayAttribute;
 use crate::cloud::filter::Filter;
 use crate::cloud::histograms::Histograms;
 use crate::output::annotations::{Annotations, Shown};
 use crate::passes::EffectDecisions;
 use crate::render::scene::Scene;
+use crate::tune::{Errors, Limit};
 use crate::view::camera_path::CameraPath;
 use std::path::PathBuf;
 use std::time::Duration;
@@ -55,6 +56,8 @@ pub struct UiState {
     pub notes: Vec<String>,
     /// Settings that have no effect on the last frame, and other notes on it.
     pub picture_notes: Vec<String>,
+    /// What moving pictures are drawn with.
+    pub pace: Pace,
     /// Loading of an index; None for files.
     pub loading: Option<Loading>,
     /// Bytes read of the index.
@@ -81,6 +84,19 @@ pub struct UiState {
     pub help: bool,
     /// Whether the panel is hidden.
     pub hidden: bool,
+}
+
+/// What moving pictures are drawn with, and what that costs.
+#[derive(Default)]
+pub struct Pace {
+    /// What they keep; None before there is a device.
+    pub limit: Option<Limit>,
+    /// Where the front is from.
+    pub origin: String,
+    /// The last moving frame.
+    pub moving: Option<Moving>,
+    /// Its errors against the picture that the window has settled on, once it has.
+    pub measured: Option<Errors>,
 }
 
 /// Filters as text, while they are typed.

@@ -1,9 +1,8 @@
 //! Drawing of one frame.
 
 use super::{
-    FrameReport, FrameTimes, Inbox, Loading, Message, Redraw, RenderEvent, RenderLoop, SLOW,
+    FrameReport, FrameTimes, Inbox, Loading, Message, Moving, Redraw, RenderEvent, RenderLoop, SLOW,
 };
-use crate::app::dynamic_resolution::divided;
 use crate::app::pick_buffer::PickBuffer;
 use crate::config;
 use crate::error::{Error, Result};
@@ -18,6 +17,9 @@ use crate::render::settings::FrameConfig;
 use crate::render::source::GpuCloud;
 use crate::resident::Resident;
 use crate::resident::streaming::Update;
+use crate::tune::error::Pixels;
+use crate::tune::governor::divided;
+use crate::tune::{Errors, Tuning};
 use crate::view::View;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
@@ -32,6 +34,25 @@ pub(super) struct Superseded<'t> {
 impl Progress for Superseded<'_> {
     fn tick(&self, _doing: &str, _done: u64, _total: u64) -> Result<()> {
         if self.posted.load(Relaxed) > self.handled { Err(Error::Interrupted) } else { Ok(()) }
+    }
+}
+
+/// A moving frame, to be compared with the picture that the window settles on.
+pub(super) struct Moved {
+    pick_buffer: Arc<PickBuffer>,
+    screen: Vec<u32>,
+}
+
+impl Moved {
+    /// Returns the errors of a frame against another one of the same camera in the window's size;
+    /// the same function tells those of `tune`.
+    fn errors(&self, settled: &Moved, blue_first: bool) -> Errors {
+        let pixels = |moved: &Moved| {
+            let PickBuffer { view, depth, .. } = &*moved.pick_buffer;
+            Pixels::of_screen(view.size, &moved.screen, blue_first, depth.clone())
+        };
+        let settled = pixels(settled);
+        pixels(self).enlarged(settled.size).errors(&settled)
     }
 }
 
@@ -136,13 +157,17 @@ impl RenderLoop {
         self.renderer.set_scene(scene);
         self.saves.scene_replaced = false;
         times.fitting = fitting.elapsed();
-        let divisor = if self.schedule.redraw == Redraw::Changed { self.scale.divisor } else { 1 };
+        let moves = self.schedule.redraw == Redraw::Changed;
+        let place = self.governor.place();
+        let tuning = if moves { self.governor.steps()[place].tuning } else { Tuning::usual() };
+        let (expected_ms, divisor) = (self.governor.expected(place), tuning.divisor());
         let size = divided(present.size(), divisor);
+        let (settings, lod) = tuning.applied(&scene.settings, scene.lod, size);
         let view = View::new(scene.camera, size)?;
         let (mut loading, taking_in) = (None, Instant::now());
         let (gpu, cloud) = self.renderer.cloud(id)?;
         if let GpuCloud::Parts(residency) = cloud {
-            let detail = scene.lod.of(size);
+            let detail = lod.of(size);
             let update = match self.schedule.redraw {
                 Redraw::Changed => residency.update_moving(gpu, &view, &detail)?,
                 _ => residency.update(gpu, &view, &detail)?,
@@ -173,22 +198,24 @@ impl RenderLoop {
             return Ok(false);
         }
         // A refinement of the same picture can be interrupted; another picture is finished.
-        let interruptible = self.schedule.redraw != Redraw::Changed;
+        let interruptible = !moves;
         // Effects are decided for the full size: a smaller picture has more points per pixel, and
         // would call for others.
         let full = View::new(scene.camera, present.size())?;
         let mut config = self.renderer.config(id, &full)?;
+        self.renderer.set_settings(settings);
+        let tuned = self.renderer.config(id, &full)?;
         let (gpu, cloud) = self.renderer.cloud(id)?;
         let resident = cloud.resident();
         if scene.settings.effects.strokes.switch == Switch::On && resident.shown.strokes().is_none()
         {
             config.decisions.explain(Effect::Strokes, "strokes are still being computed");
         }
-        let mut drawn =
-            if interruptible { config.progressive() } else { config.interactive(divisor) };
-        if divisor > 1 && !drawn.overlap.is_everywhere() {
-            drawn.overlap = Arc::new(resident.overlap(&view));
-        }
+        let drawn = match moves {
+            false => config.progressive(),
+            true if divisor > 1 => tuned.interactive(divisor).for_view(&view, resident),
+            true => tuned.interactive(1),
+        };
         if interruptible {
             refine_shadows(gpu, &view, resident, &config, &self.inbox.superseded())?;
         }
@@ -216,6 +243,7 @@ impl RenderLoop {
         };
         encode::record(&mut g, &outcome.picture, &mut screen)?;
         let warned = Warned::ask(&mut g, &drawn.effects, &outcome.gbuffer);
+        let words = g.download_buffer(&screen.words);
         let [depth, index] =
             [&outcome.gbuffer.depth, &outcome.gbuffer.index].map(|layer| g.download(layer));
         times.recording = recording.elapsed();
@@ -262,7 +290,6 @@ impl RenderLoop {
                 .into_iter()
                 .chain(outcome.strokes.as_ref().and_then(|painted| painted.facts.note())),
         );
-        self.scale = self.scale.after(divisor, took);
         self.schedule.took = took;
         self.last_drawn = identity;
         let lit = outcome
@@ -270,7 +297,26 @@ impl RenderLoop {
             .light_visibility
             .as_ref()
             .is_none_or(|visibility| visibility.facts.cast == visibility.facts.samples);
-        let finest = divisor == 1 && drawn.effects == config.effects && lit && ordered;
+        let is_whole = divisor == 1 && lod == scene.lod;
+        let finest = is_whole && drawn.effects == config.effects && lit && ordered;
+        let shown = Moved { pick_buffer: pick_buffer.clone(), screen: frame.read(&words).to_vec() };
+        let mut moving = None;
+        if moves {
+            let ms = took.as_secs_f64() * 1e3;
+            self.governor.after(place, took);
+            let steps = self.governor.steps().iter().enumerate();
+            let curve = steps.map(|(k, step)| [self.governor.expected(k), step.errors.px]);
+            moving = Some(Moving { tuning, curve: curve.collect(), place, expected_ms, ms });
+            self.moved = Some(shown);
+        } else if finest
+            && complete
+            && let Some(moved) = self.moved.take()
+            && moved.pick_buffer.view.camera == view.camera
+        {
+            let (report, blue_first) = (self.report.clone(), screen.blue_first);
+            let errors = move || report(RenderEvent::Measured(moved.errors(&shown, blue_first)));
+            drop(std::thread::Builder::new().name("errors".into()).spawn(errors));
+        }
         self.schedule.redraw = match (finest, complete) {
             (true, true) => Redraw::Nothing,
             (true, false) => Redraw::NodesArriving,
@@ -303,6 +349,7 @@ impl RenderLoop {
             passes,
             whole,
             loading,
+            moving,
             times,
             latency,
             took,

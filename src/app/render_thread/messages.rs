@@ -13,6 +13,7 @@ use crate::render::scene::Scene;
 use crate::render::source::PreparedCloud;
 use crate::resident::Point;
 use crate::select::slab::Slab;
+use crate::tune::{Errors, Limit, Tuning};
 use glam::DVec2;
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -34,6 +35,8 @@ pub enum Message {
     },
     /// The window has another size `[px]`, or was uncovered.
     Exposed([u32; 2]),
+    /// Sets what moving pictures keep.
+    Limit(Limit),
     /// Sets what is drawn over the picture.
     Panel {
         overlay: Box<Overlay>,
@@ -64,12 +67,12 @@ pub enum Message {
 impl Message {
     /// Returns whether it changes the picture, so that a frame in progress is superseded.
     pub fn changes_picture(&self) -> bool {
-        !matches!(self, Message::Panel { .. })
+        !matches!(self, Message::Panel { .. } | Message::Limit(_))
     }
 
     /// Returns whether a refinement of the picture is interrupted for it.
     pub fn is_urgent(&self) -> bool {
-        !matches!(self, Message::Panel { answers: false, .. })
+        !matches!(self, Message::Panel { answers: false, .. } | Message::Limit(_))
     }
 }
 
@@ -78,6 +81,8 @@ pub enum RenderEvent {
     /// A frame has started: animations may take their next step.
     FrameStarted,
     FrameDone(Box<FrameReport>),
+    /// Errors of the last moving frame against the picture that the window has settled on.
+    Measured(Errors),
     /// Number of points in the last frame, if filters or clip boxes leave some out.
     Counted(u64),
     /// A cloud is on the device.
@@ -119,6 +124,8 @@ pub struct FrameReport {
     pub whole: bool,
     /// Loading of an index; None for files.
     pub loading: Option<Loading>,
+    /// What a moving frame was drawn with; None at rest.
+    pub moving: Option<Moving>,
     /// Times of the steps until it was on the screen.
     pub times: FrameTimes,
     /// Time from its request until it was done.
@@ -146,6 +153,20 @@ pub struct Loading {
     pub bytes_read: u64,
     /// Processor time of the loader thread until the frame was on the screen.
     pub worked: Duration,
+}
+
+/// The tuning of a moving frame, among those that no other beats.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Moving {
+    pub tuning: Tuning,
+    /// Expected times `[ms]` and errors `[px]` of all, the fastest first.
+    pub curve: Vec<[f64; 2]>,
+    /// Place of the frame's tuning among them.
+    pub place: usize,
+    /// Expected time of the frame `[ms]`.
+    pub expected_ms: f64,
+    /// Its time `[ms]`.
+    pub ms: f64,
 }
 
 /// Times of the steps of a frame.
