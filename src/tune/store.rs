@@ -12,7 +12,8 @@ use crate::passes::{Effects, Switch};
 use std::path::{Path, PathBuf};
 
 /// The program's own fronts: `pointillist tune` wrote them with `-o FILE.json`.
-const SHIPPED: [&str; 1] = [include_str!("shipped/software.json")];
+const SHIPPED: [&str; 2] =
+    [include_str!("shipped/software.json"), include_str!("shipped/gpu.json")];
 
 /// Returns the program's own front of a kind of device, or else of another kind.
 fn shipped(is_cpu: bool) -> Result<Front> {

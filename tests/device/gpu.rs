@@ -6,7 +6,7 @@ use glam::DVec3;
 use pointillist::cloud::attribute::{Attribute, DisplayAttribute};
 use pointillist::cloud::{Cloud, Columns, Header, Lattice, Part};
 use pointillist::config::NO_POINT;
-use pointillist::gpu::{DeviceOptions, TestOverrides};
+use pointillist::gpu::{Device, DeviceOptions, TestOverrides};
 use pointillist::graph::{Buffer, CompletedSubmission, Gpu, Graph};
 use pointillist::index::format::scatter::{Clump, POINTS_PER_CLUMP, SCATTERED};
 use pointillist::passes;
@@ -58,6 +58,12 @@ pub fn with<T>(way: Way, work: impl FnOnce(&mut Gpu) -> T) -> T {
     // A test that failed while holding the device left no work in flight: submissions are waited
     // for.
     work(&mut device.lock().unwrap_or_else(|poisoned| poisoned.into_inner()))
+}
+
+/// Returns the largest relative error of a division in a shader. Software devices round correctly;
+/// Vulkan grants others 2.5 ulp ("Precision of Individual Operations").
+pub fn division_error(device: &Device) -> f32 {
+    if device.is_cpu { 0.0 } else { 2.5 * f32::EPSILON }
 }
 
 /// All outputs of a frame.

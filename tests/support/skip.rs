@@ -9,7 +9,9 @@ pub fn skip(why: &str) {
     let thread = std::thread::current();
     let line = format!("skipped: {}: {why}\n", thread.name().unwrap_or("a test"));
     print!("{line}");
-    let list = Path::new(env!("CARGO_TARGET_TMPDIR")).join("skipped");
-    let file = std::fs::OpenOptions::new().create(true).append(true).open(list);
-    file.and_then(|mut file| file.write_all(line.as_bytes())).expect("list a skipped test");
+    let folder = Path::new(env!("CARGO_TARGET_TMPDIR"));
+    let list = std::fs::create_dir_all(folder).and_then(|()| {
+        std::fs::OpenOptions::new().create(true).append(true).open(folder.join("skipped"))
+    });
+    list.and_then(|mut file| file.write_all(line.as_bytes())).expect("list a skipped test");
 }
