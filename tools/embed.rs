@@ -194,6 +194,8 @@ impl Vulkan {
             has_int64_atomics: false,
             has_debug_utils: false,
             allocation_callbacks: std::ptr::null(),
+            allocate_memory: std::ptr::null(),
+            free_memory: std::ptr::null(),
         }
     }
 

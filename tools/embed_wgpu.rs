@@ -112,6 +112,8 @@ unsafe fn open() -> Outcome<(wgpu::Device, wgpu::Queue, renderer::Host)> {
             has_int64_atomics: false,
             has_debug_utils: false,
             allocation_callbacks: std::ptr::null(),
+            allocate_memory: std::ptr::null(),
+            free_memory: std::ptr::null(),
         };
         let (features, limits) = (wanted.required_features, &wanted.required_limits);
         let hints = &wanted.memory_hints;

@@ -70,6 +70,11 @@ pub struct PointillistHost {
     /// VkAllocationCallbacks for the CPU memory of all objects that are made here, on any thread, or
     /// null. They are copied. Device memory is allocated without them.
     pub allocation_callbacks: *const c_void,
+    /// Functions that are called, on any thread, in place of vkAllocateMemory and
+    /// vkFreeMemory, for blocks of many buffers and images; both null if there are none. They may
+    /// refuse with VK_ERROR_OUT_OF_DEVICE_MEMORY.
+    pub allocate_memory: *const c_void,
+    pub free_memory: *const c_void,
 }
 
 /// How an image was used, or will be: Vulkan's numbers.
@@ -395,6 +400,8 @@ pub extern "C" fn pointillist_host_default() -> PointillistHost {
         memory_budget: 0,
         point_budget: 0,
         allocation_callbacks: std::ptr::null(),
+        allocate_memory: std::ptr::null(),
+        free_memory: std::ptr::null(),
     }
 }
 
@@ -529,6 +536,8 @@ pub unsafe extern "C" fn pointillist_new(
                 has_int64_atomics: flag(host.has_int64_atomics, "has_int64_atomics")?,
                 has_debug_utils: flag(host.has_debug_utils, "has_debug_utils")?,
                 allocation_callbacks: host.allocation_callbacks,
+                allocate_memory: host.allocate_memory,
+                free_memory: host.free_memory,
             };
             let renderer = Renderer::new(&host, options)?;
             *out = Box::into_raw(Box::new(PointillistRenderer { renderer }));

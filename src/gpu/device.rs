@@ -81,7 +81,15 @@ pub struct HostDevice {
     pub has_int64_atomics: bool,
     pub has_debug_utils: bool,
     pub allocation_callbacks: Option<vk::AllocationCallbacks<'static>>,
+    pub device_memory: Option<MemoryFunctions>,
     pub overrides: TestOverrides,
+}
+
+/// A host's functions in place of those that allocate and free device memory.
+#[derive(Clone, Copy)]
+pub struct MemoryFunctions {
+    pub allocate: vk::PFN_vkAllocateMemory,
+    pub free: vk::PFN_vkFreeMemory,
 }
 
 /// Texels of 32 bits in the largest storage buffer that Vulkan devices commonly bind (128 MiB).
@@ -155,7 +163,16 @@ impl Device {
                 get_instance_proc_addr: host.get_instance_proc_addr,
             });
             let instance = ash::Instance::load(entry.static_fn(), host.instance);
-            let raw = ash::Device::load(instance.fp_v1_0(), host.device);
+            let load = instance.fp_v1_0().get_device_proc_addr;
+            let raw = ash::Device::load_with(
+                |name| match (name.to_bytes(), host.device_memory) {
+                    (b"vkAllocateMemory", Some(functions)) => functions.allocate as *const c_void,
+                    (b"vkFreeMemory", Some(functions)) => functions.free as *const c_void,
+                    _ => load(host.device, name.as_ptr())
+                        .map_or(std::ptr::null(), |found| found as *const c_void),
+                },
+                host.device,
+            );
             let raw = LogicalDevice::new(raw, host.allocation_callbacks);
             (entry, instance, raw)
         };

@@ -17,7 +17,7 @@ pub mod requirements;
 pub mod timeline;
 pub mod timing;
 
-pub use device::{Device, DeviceOptions, HostDevice, TestOverrides};
+pub use device::{Device, DeviceOptions, HostDevice, MemoryFunctions, TestOverrides};
 pub use kernel::{Access, Binding, Code, Kind};
 pub use logical_device::LogicalDevice;
 pub use memory::{BufferDesc, ImageDesc, Memory, MemoryRequirements, Place};

@@ -28,6 +28,11 @@ pub struct Host {
     /// Address of `VkAllocationCallbacks` for the CPU memory of all objects that are made here, on
     /// any thread; null if there are none. They are copied. Device memory is allocated without them.
     pub allocation_callbacks: *const c_void,
+    /// Addresses of functions that are called, on any thread, in place of
+    /// `vkAllocateMemory` and `vkFreeMemory`; both null if there are none. They are called for
+    /// blocks of many buffers and images, and may refuse with `VK_ERROR_OUT_OF_DEVICE_MEMORY`.
+    pub allocate_memory: *const c_void,
+    pub free_memory: *const c_void,
 }
 
 /// A device feature that rendering needs, or uses if it is enabled.
@@ -157,6 +162,26 @@ unsafe fn entry_point(address: *const c_void) -> Result<vk::PFN_vkGetInstancePro
 
 impl Host {
     /// # Safety
+    /// The addresses are null, or those of functions of their types.
+    unsafe fn memory_functions(&self) -> Result<Option<gpu::MemoryFunctions>> {
+        match (self.allocate_memory.is_null(), self.free_memory.is_null()) {
+            (true, true) => Ok(None),
+            // SAFETY: as the caller ensures; a function's address is as wide as a pointer.
+            (false, false) => Ok(Some(unsafe {
+                gpu::MemoryFunctions {
+                    allocate: std::mem::transmute::<*const c_void, vk::PFN_vkAllocateMemory>(
+                        self.allocate_memory,
+                    ),
+                    free: std::mem::transmute::<*const c_void, vk::PFN_vkFreeMemory>(
+                        self.free_memory,
+                    ),
+                }
+            })),
+            _ => Err(Error::Request("one of allocate_memory and free_memory is null".into())),
+        }
+    }
+
+    /// # Safety
     /// The addresses are null, or those of `vkGetInstanceProcAddr` and of callbacks.
     pub(super) unsafe fn device(&self, overrides: gpu::TestOverrides) -> Result<gpu::HostDevice> {
         if self.instance == 0 || self.physical_device == 0 || self.device == 0 {
@@ -175,6 +200,8 @@ impl Host {
             allocation_callbacks: unsafe {
                 self.allocation_callbacks.cast::<vk::AllocationCallbacks>().as_ref().copied()
             },
+            // SAFETY: null or valid, as the caller ensures.
+            device_memory: unsafe { self.memory_functions() }?,
             overrides,
         })
     }

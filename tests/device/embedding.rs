@@ -127,6 +127,8 @@ impl Application {
             has_int64_atomics: self.device.int64_atomics,
             has_debug_utils: true,
             allocation_callbacks: counting::CALLBACKS.address(),
+            allocate_memory: std::ptr::null(),
+            free_memory: std::ptr::null(),
         }
     }
 
@@ -274,6 +276,32 @@ impl Application {
             std::thread::sleep(std::time::Duration::from_millis(5));
         }
         panic!("the picture never settles");
+    }
+}
+
+impl Application {
+    /// Records frames, which are not submitted, until one fails. Returns its error.
+    fn first_error(&self, renderer: &mut Renderer, views: &[FrameView]) -> String {
+        let (raw, commands) = (&self.device.raw, self.commands);
+        for number in 1..500 {
+            let frame = Frame { number, safe: number - 1, targets: self.targets(), views };
+            // SAFETY: every object is alive, and no frame is in flight.
+            let recorded = unsafe {
+                raw.begin_command_buffer(commands, &Default::default()).unwrap();
+                let recorded = renderer.record(commands.as_raw(), &frame);
+                raw.end_command_buffer(commands).unwrap();
+                recorded
+            };
+            let error = match recorded {
+                Ok(report) => report.errors.into_iter().next(),
+                Err(error) => Some(error.to_string()),
+            };
+            if let Some(error) = error {
+                return error;
+            }
+            std::thread::sleep(std::time::Duration::from_millis(5));
+        }
+        panic!("no frame fails");
     }
 }
 
@@ -538,6 +566,96 @@ fn an_embedded_frame_is_that_of_render_byte_for_byte() {
         assert!(again == color);
         drop(renderer);
     }
+}
+
+/// Device memory by functions of the host.
+mod device_memory {
+    use super::*;
+    use std::collections::HashMap;
+    use std::sync::{Mutex, OnceLock};
+
+    /// The device's functions, the sizes of what is allocated, and the most bytes of it.
+    pub static REAL: OnceLock<(vk::PFN_vkAllocateMemory, vk::PFN_vkFreeMemory)> = OnceLock::new();
+    pub static HELD: Mutex<Option<HashMap<vk::DeviceMemory, u64>>> = Mutex::new(None);
+    pub static MOST: Mutex<u64> = Mutex::new(u64::MAX);
+
+    pub fn bytes() -> u64 {
+        HELD.lock().unwrap().get_or_insert_default().values().sum()
+    }
+
+    pub unsafe extern "system" fn allocate(
+        device: vk::Device,
+        info: *const vk::MemoryAllocateInfo<'_>,
+        callbacks: *const vk::AllocationCallbacks<'_>,
+        memory: *mut vk::DeviceMemory,
+    ) -> vk::Result {
+        // SAFETY: the caller's arguments are passed on.
+        unsafe {
+            let size = (*info).allocation_size;
+            if bytes() + size > *MOST.lock().unwrap() {
+                return vk::Result::ERROR_OUT_OF_DEVICE_MEMORY;
+            }
+            let result = REAL.get().unwrap().0(device, info, callbacks, memory);
+            if result == vk::Result::SUCCESS {
+                HELD.lock().unwrap().get_or_insert_default().insert(*memory, size);
+            }
+            result
+        }
+    }
+
+    pub unsafe extern "system" fn free(
+        device: vk::Device,
+        memory: vk::DeviceMemory,
+        callbacks: *const vk::AllocationCallbacks<'_>,
+    ) {
+        HELD.lock().unwrap().get_or_insert_default().remove(&memory).expect("allocated here");
+        // SAFETY: the caller's arguments are passed on.
+        unsafe { REAL.get().unwrap().1(device, memory, callbacks) }
+    }
+}
+
+#[test]
+fn device_memory_is_the_hosts() {
+    let folder = tempfile::tempdir().unwrap();
+    let (path, camera) = scan(folder.path());
+    let settled = |functions: Option<[*const std::ffi::c_void; 2]>| {
+        let mut application = Application::new(COLOR);
+        let real = application.device.raw.fp_v1_0();
+        device_memory::REAL.get_or_init(|| (real.allocate_memory, real.free_memory));
+        let [allocate_memory, free_memory] = functions.unwrap_or([std::ptr::null(); 2]);
+        let host = Host { allocate_memory, free_memory, ..application.host() };
+        // SAFETY: the renderer is dropped before the application.
+        let mut renderer = unsafe { Renderer::new(&host, RendererOptions::default()) }.unwrap();
+        renderer.open(std::slice::from_ref(&path), &OpenSettings::default()).unwrap();
+        let targets = application.targets();
+        let color = application.settle(&mut renderer, targets, &[view_of(camera)]).1;
+        (color, device_memory::bytes())
+    };
+    let own = device_memory::allocate as vk::PFN_vkAllocateMemory as *const std::ffi::c_void;
+    let free = device_memory::free as vk::PFN_vkFreeMemory as *const std::ffi::c_void;
+    let (expected, none) = settled(None);
+    let (color, held) = settled(Some([own, free]));
+    assert!(color == expected && none == 0 && held > 0, "{held} bytes");
+    assert_eq!(device_memory::bytes(), 0, "all is given back");
+
+    // A host may refuse; both functions are needed.
+    *device_memory::MOST.lock().unwrap() = 1 << 20;
+    let application = Application::new(COLOR);
+    let host = Host { allocate_memory: own, free_memory: free, ..application.host() };
+    // SAFETY: as above.
+    let error = match unsafe { Renderer::new(&host, RendererOptions::default()) } {
+        Ok(mut renderer) => {
+            renderer.open(std::slice::from_ref(&path), &OpenSettings::default()).unwrap();
+            application.first_error(&mut renderer, &[view_of(camera)])
+        }
+        Err(error) => error.to_string(),
+    };
+    assert!(error.contains("MiB of device memory"), "{error}");
+    assert_eq!(device_memory::bytes(), 0, "all is given back");
+    let half = Host { free_memory: std::ptr::null(), ..host };
+    // SAFETY: as above.
+    let error = unsafe { Renderer::new(&half, RendererOptions::default()) }.err().unwrap();
+    assert!(error.to_string().contains("free_memory is null"), "{error}");
 }
 
 #[test]
