@@ -34,6 +34,8 @@ pub fn show(ui: &mut Ui, pace: &mut Pace, actions: &mut Vec<Action>) {
         }
     });
     let Some(moving) = &pace.moving else {
+        // As high as the curve, so that no row moves when it is there.
+        ui.allocate_exact_size(vec2(ui.available_width(), HEIGHT), Sense::hover());
         weak(ui, "nothing has moved yet");
         return;
     };
@@ -61,7 +63,7 @@ fn curve(ui: &mut Ui, moving: &Moving, asked_ms: f64) {
     let asked = at(asked_ms, LEAST_PX).x;
     let painter = ui.painter();
     painter.line_segment([pos2(asked, area.top()), pos2(asked, area.bottom())], stroke);
-    painter.add(Shape::line(points, Stroke::new(1.5, theme::RUNS)));
+    painter.add(Shape::line(points, Stroke::new(1.5, ui.visuals().text_color())));
     painter.circle_filled(at(moving.ms, moving.curve[moving.place][1]), 3.5, theme::BUSY);
 }
 
