@@ -46,7 +46,7 @@ impl App {
     /// Picks the point at a pixel; it replaces the picked points, or with `adds` joins them.
     pub(super) fn pick(&mut self, at: DVec2, adds: bool) {
         match &self.pick_buffer {
-            Some(buffer) => match buffer.point(at, self.size()) {
+            Some(buffer) if !buffer.moves => match buffer.point(at, self.size()) {
                 Some(id) => self.post(Message::Pick { id, at, adds }),
                 // Only a click with shift surely meant a point.
                 None if adds => {
@@ -55,8 +55,8 @@ impl App {
                 }
                 None => {}
             },
-            // Nothing is shown yet: the first frame answers.
-            None => self.mouse.pending_pick = Some((at, adds)),
+            // The next frame at rest answers.
+            _ => self.mouse.pending_pick = Some((at, adds)),
         }
     }
 

@@ -11,6 +11,8 @@ pub struct PickBuffer {
     pub depth: Vec<f32>,
     /// Point ids; none where a surface hides the point.
     pub index: Vec<u32>,
+    /// Whether the frame is one of a moving picture, whose surfaces hide less.
+    pub moves: bool,
 }
 
 /// Largest distance from the cursor to a picked pixel `[px]`.
@@ -76,7 +78,7 @@ mod tests {
         (depth[10 * 40 + 15], index[10 * 40 + 15]) = (7.5, 42);
         depth[10 * 40 + 16] = 8.5;
         depth[0] = f32::NEG_INFINITY;
-        let buffer = PickBuffer { view, depth, index };
+        let buffer = PickBuffer { view, depth, index, moves: false };
         // The window is twice as large as the picture.
         let at = |x: f64, y: f64| DVec2::new(2.0 * x, 2.0 * y);
         assert_eq!(buffer.point(at(15.5, 10.5), [80, 40]), Some(42));

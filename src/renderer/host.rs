@@ -32,6 +32,7 @@ pub struct Host {
     /// `vkAllocateMemory` and `vkFreeMemory`; both null if there are none. They are called for
     /// blocks of many buffers and images, and may refuse with `VK_ERROR_OUT_OF_DEVICE_MEMORY`.
     pub allocate_memory: *const c_void,
+    /// The other of the two.
     pub free_memory: *const c_void,
 }
 

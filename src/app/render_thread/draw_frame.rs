@@ -278,6 +278,7 @@ impl RenderLoop {
             view,
             depth: frame.read(&depth).to_vec(),
             index: frame.read(&index).to_vec(),
+            moves,
         });
         let passes = frame.passes.clone();
         let unordered = outcome.strokes.as_ref().and_then(|painted| painted.unordered.as_ref());
