@@ -310,7 +310,8 @@ impl Las {
     ) -> Result<(Columns, Occurred)> {
         let wrong = |what: &str| {
             let Stretch { at, bytes, points } = chunk;
-            input.wrong(format!("{what} (chunk of {points} points at bytes {at} to {})", at + bytes))
+            input
+                .wrong(format!("{what} (chunk of {points} points at bytes {at} to {})", at + bytes))
         };
         let coding = self.coding.as_ref().ok_or_else(|| wrong("is not compressed"))?;
         let available = self.fields.available(wanted);

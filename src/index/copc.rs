@@ -119,8 +119,13 @@ impl Index {
         }
         identity.update(&input.length.to_le_bytes());
         let [identity, ..]: [u64; 4] = bytemuck::cast(*identity.finalize().as_bytes());
-        let copc =
-            Copc { input, las, nodes: octree.nodes, pieces, decoded: Mutex::new(Decoded::default()) };
+        let copc = Copc {
+            input,
+            las,
+            nodes: octree.nodes,
+            pieces,
+            decoded: Mutex::new(Decoded::default()),
+        };
         let directory = Directory { nodes, roots, contents };
         let mut index = Index::of(Box::new(copc), directory, Refinement::Adds, identity);
         index.find_stretches()?;
@@ -181,7 +186,10 @@ fn records(
         }
     }
     let (mut records, mut pieces): (Vec<NodeRecord>, Vec<(usize, usize)>) = Default::default();
-    let add = |siblings: &[usize], parent: Option<usize>, records: &mut Vec<NodeRecord>, pieces: &mut Vec<_>| {
+    let add = |siblings: &[usize],
+               parent: Option<usize>,
+               records: &mut Vec<NodeRecord>,
+               pieces: &mut Vec<_>| {
         let first = records.len();
         for &number in siblings.iter().rev() {
             let node = &octree.nodes[number];
@@ -259,7 +267,12 @@ fn record(
 
 impl Copc {
     /// Returns a node with at least these columns, and how many bytes were read for it.
-    fn node(&self, number: usize, record: &NodeRecord, wanted: ColumnSet) -> Result<(Arc<DecodedNode>, u64)> {
+    fn node(
+        &self,
+        number: usize,
+        record: &NodeRecord,
+        wanted: ColumnSet,
+    ) -> Result<(Arc<DecodedNode>, u64)> {
         let lock = || self.decoded.lock().unwrap_or_else(PoisonError::into_inner);
         let asked = {
             let mut decoded = lock();

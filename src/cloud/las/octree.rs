@@ -66,7 +66,8 @@ pub fn read(input: &Input, las: &Las) -> Result<Octree> {
     }
     let number = |k: usize| f64::from_le_bytes(array_at(&info, 8 * k));
     let offset = |k: usize| u64::from_le_bytes(array_at(&info, 8 * k));
-    let (center, half, spacing) = (DVec3::new(number(0), number(1), number(2)), number(3), number(4));
+    let (center, half, spacing) =
+        (DVec3::new(number(0), number(1), number(2)), number(3), number(4));
     let is_cube = center.is_finite() && half.is_finite() && half > 0.0;
     if !is_cube || !(spacing > 0.0 && spacing <= 2.0 * half) {
         return Err(wrong(format!(
