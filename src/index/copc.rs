@@ -82,12 +82,18 @@ impl Index {
         let bounds = stated(&las.layout.header).unwrap_or_else(|| octree.cube([0; 4]));
         let (mut nodes, pieces, roots) = records(&input, &octree, lattice, bounds)?;
         let mut planes = [Plane::Intensity, Plane::Class, Plane::Returns, Plane::GpsTime].to_vec();
-        if let Some(root) = octree.nodes.first() {
-            let rgb = ColumnSet { rgb: true, ..ColumnSet::default() };
-            let (columns, occurred) = las.chunk(&input, &root.chunk, rgb)?;
-            las.reconsiders(occurred);
+        let mut decoded = Decoded::default();
+        if let Some((root, record)) = octree.nodes.first().zip(nodes.first()) {
+            let has = ColumnSet { rgb: true, intensity: true, ..ColumnSet::default() };
+            let (mut columns, occurred) = las.chunk(&input, &root.chunk, has)?;
+            if las.reconsiders(occurred) {
+                (columns, _) = las.chunk(&input, &root.chunk, has)?;
+            }
+            notes.extend(occurred.says(las.scale()).map(|what| format!("{title}: {what}")));
             // Black is no colour, as in files that are read whole.
             planes.extend((columns.rgb.is_some() && !occurred.is_black()).then_some(Plane::Rgb));
+            let order = order(&input, root, record, &columns)?;
+            decoded.nodes.push((0, Arc::new(DecodedNode { columns, has, order })));
         }
         for node in &mut nodes {
             planes.iter().for_each(|plane| node.planes |= 1 << *plane as u16);
@@ -119,13 +125,7 @@ impl Index {
         }
         identity.update(&input.length.to_le_bytes());
         let [identity, ..]: [u64; 4] = bytemuck::cast(*identity.finalize().as_bytes());
-        let copc = Copc {
-            input,
-            las,
-            nodes: octree.nodes,
-            pieces,
-            decoded: Mutex::new(Decoded::default()),
-        };
+        let copc = Copc { input, las, nodes: octree.nodes, pieces, decoded: Mutex::new(decoded) };
         let directory = Directory { nodes, roots, contents };
         let mut index = Index::of(Box::new(copc), directory, Refinement::Adds, identity);
         index.find_stretches()?;
@@ -286,9 +286,10 @@ impl Copc {
             }
             decoded.asked
         };
-        let chunk = &self.nodes[number].chunk;
-        let (columns, _) = self.las.chunk(&self.input, chunk, asked)?;
-        let order = self.order(number, record, &columns)?;
+        let node = &self.nodes[number];
+        let bytes = node.chunk.bytes;
+        let (columns, _) = self.las.chunk(&self.input, &node.chunk, asked)?;
+        let order = order(&self.input, node, record, &columns)?;
         let node = Arc::new(DecodedNode { columns, has: asked, order });
         let mut decoded = lock();
         decoded.nodes.retain(|(own, _)| *own != number);
@@ -299,38 +300,43 @@ impl Copc {
         while decoded.nodes.len() > 1 && points(&decoded) > KEPT_POINTS {
             decoded.nodes.remove(0);
         }
-        Ok((node, chunk.bytes))
+        Ok((node, bytes))
     }
+}
 
-    /// Returns the order of a node's points: by the Morton code of the coarsest plane, then by
-    /// position, then as in the file.
-    fn order(&self, number: usize, record: &NodeRecord, columns: &Columns) -> Result<Vec<u32>> {
-        let [level, x, y, z] = self.nodes[number].key;
-        let axes = [&columns.x, &columns.y, &columns.z];
-        for axis in 0..3 {
-            let inside = 0..=record.extent[axis] as i64;
-            let outside = |q: &&i32| !inside.contains(&(**q as i64 - record.origin[axis]));
-            if let Some(q) = axes[axis].iter().find(outside) {
-                return Err(self.input.wrong(format!(
-                    "has a point outside of its node {level}-{x}-{y}-{z} (chunk at byte {}): {} {q} is not within {} to {}",
-                    record.at,
-                    ["x", "y", "z"][axis],
-                    record.origin[axis],
-                    record.origin[axis] + record.extent[axis] as i64
-                )));
-            }
+/// Returns the order of a node's points: by the Morton code of the coarsest plane, then by
+/// position, then as in the file.
+fn order(
+    input: &Input,
+    node: &OctreeNode,
+    record: &NodeRecord,
+    columns: &Columns,
+) -> Result<Vec<u32>> {
+    let [level, x, y, z] = node.key;
+    let axes = [&columns.x, &columns.y, &columns.z];
+    for axis in 0..3 {
+        let inside = 0..=record.extent[axis] as i64;
+        let outside = |q: &&i32| !inside.contains(&(**q as i64 - record.origin[axis]));
+        if let Some(q) = axes[axis].iter().find(outside) {
+            return Err(input.wrong(format!(
+                "has a point outside of its node {level}-{x}-{y}-{z} (chunk at byte {}): {} {q} is not within {} to {}",
+                record.at,
+                ["x", "y", "z"][axis],
+                record.origin[axis],
+                record.origin[axis] + record.extent[axis] as i64
+            )));
         }
-        let cells = |i: usize| [0, 1, 2].map(|k| cell(record, k, axes[k][i]));
-        let shift = BITS_PER_PLANE * (record.position_planes() - 1);
-        let code = |i: usize| morton::code(cells(i).map(|cell| cell >> shift));
-        let mut keys: Vec<u64> =
-            (0..columns.len()).map(|i| (code(i) as u64) << 32 | i as u64).collect();
-        keys.sort_unstable();
-        for run in keys.chunk_by_mut(|a, b| a >> 32 == b >> 32).filter(|run| run.len() > 1) {
-            run.sort_by_cached_key(|&key| (cells(key as u32 as usize), key as u32));
-        }
-        Ok(keys.into_iter().map(|key| key as u32).collect())
     }
+    let cells = |i: usize| [0, 1, 2].map(|k| cell(record, k, axes[k][i]));
+    let shift = BITS_PER_PLANE * (record.position_planes() - 1);
+    let code = |i: usize| morton::code(cells(i).map(|cell| cell >> shift));
+    let mut keys: Vec<u64> =
+        (0..columns.len()).map(|i| (code(i) as u64) << 32 | i as u64).collect();
+    keys.sort_unstable();
+    for run in keys.chunk_by_mut(|a, b| a >> 32 == b >> 32).filter(|run| run.len() > 1) {
+        run.sort_by_cached_key(|&key| (cells(key as u32 as usize), key as u32));
+    }
+    Ok(keys.into_iter().map(|key| key as u32).collect())
 }
 
 /// Returns the place of a coordinate in the planes of all position bits.
