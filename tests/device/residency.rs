@@ -667,7 +667,8 @@ fn a_settled_picture_of_a_copc_file_depends_neither_on_the_pool_nor_on_what_was_
             fresh.wait_until_resident(gpu, &view(seed), &detail, &Silent).unwrap();
             fresh.pool_bytes()[1]
         });
-        let mut tiny = planted.open(gpu, most.max().unwrap());
+        let most = most.max().unwrap();
+        let mut tiny = planted.open(gpu, most);
         let mut random = Random(78);
         for round in 0..8 {
             let view = view(round % 4);

@@ -38,7 +38,8 @@ impl Place {
     }
 }
 
-const POINTS: &str = "--style points --effect edl=off --size 480x270";
+/// Without `exposure`, which needs the stations of all points.
+const POINTS: &str = "--style points --effect edl=off --effect exposure=off --size 480x270";
 const ALL: &str = "--lod 0 --point-budget 100000000";
 
 fn explained(output: &Output) -> Value {
@@ -109,7 +110,9 @@ fn what_nodes_cannot_tell_is_indexed_first() {
     let file = place.at("street.copc.laz");
     for line in ["--color source", "--color rgb --only source=1", "--color scan-angle"] {
         let said = succeeded(&place.render(&file, &format!("{POINTS} {line} --lod 4 -o @a.png")));
-        assert!(said.contains("indexed in") && !said.contains("in place"), "{line}: {said}");
+        // All three may be drawn from one index.
+        let is_indexed = said.contains("indexed in") || said.contains("drawn from");
+        assert!(is_indexed && !said.contains("in place"), "{line}: {said}");
     }
 }
 
