@@ -84,12 +84,17 @@ impl Index {
         let mut planes = [Plane::Intensity, Plane::Class, Plane::Returns, Plane::GpsTime].to_vec();
         let mut decoded = Decoded::default();
         if let Some((root, record)) = octree.nodes.first().zip(nodes.first()) {
-            let has = ColumnSet { rgb: true, intensity: true, ..ColumnSet::default() };
+            let has =
+                ColumnSet { rgb: true, intensity: true, source: true, ..ColumnSet::default() };
             let (mut columns, occurred) = las.chunk(&input, &root.chunk, has)?;
             if las.reconsiders(occurred) {
                 (columns, _) = las.chunk(&input, &root.chunk, has)?;
             }
             notes.extend(occurred.says(las.scale()).map(|what| format!("{title}: {what}")));
+            let mut ids = columns.source.iter().flatten();
+            let first = ids.next();
+            let told = ids.any(|id| Some(id) != first).then(|| format!("{title}: the points have several point source ids, and are drawn as one station; `pointillist index {} -o OUT.pnti` tells them apart, and evens their light", path.display()));
+            notes.extend(told);
             // Black is no colour, as in files that are read whole.
             planes.extend((columns.rgb.is_some() && !occurred.is_black()).then_some(Plane::Rgb));
             let order = order(&input, root, record, &columns)?;

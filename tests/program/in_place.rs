@@ -38,8 +38,9 @@ impl Place {
     }
 }
 
-/// Without `exposure`, which needs the stations of all points.
-const POINTS: &str = "--style points --effect edl=off --effect exposure=off --size 480x270";
+/// Without `exposure` and `luminance`, which need stations.
+const POINTS: &str =
+    "--style points --effect edl=off --effect exposure=off --effect luminance=off --size 480x270";
 const ALL: &str = "--lod 0 --point-budget 100000000";
 
 fn explained(output: &Output) -> Value {
@@ -73,12 +74,15 @@ fn a_copc_file_drawn_to_its_last_node_is_the_picture_of_the_file() {
         "--color rgb",
         "--color class --view top",
         "--color return",
-        "--color rgb --only class=2 --view top",
+        "--color rgb --only class=2",
         "--color rgb --where z=..105",
     ] {
         check_whole(&place, &place.at("street.copc.laz"), line);
     }
     assert!(!place.at("cache").exists());
+    let line = format!("{POINTS} --lod 8 -o @a.png");
+    let said = succeeded(&place.render(&place.at("street.copc.laz"), &line));
+    assert!(said.contains("several point source ids"), "{said}");
     let Some(file) = shared("data/aerial/lone-star.copc.laz") else { return };
     check_whole(&place, &file, "--color class");
     let Some(file) = shared("data/aerial/autzen_trim.laz") else { return };
