@@ -80,7 +80,8 @@ impl Index {
             return Err(input.wrong("has angles as coordinates, which are converted first"));
         }
         let bounds = stated(&las.layout.header).unwrap_or_else(|| octree.cube([0; 4]));
-        let (mut nodes, pieces, roots) = records(&input, &octree, lattice, bounds)?;
+        let Records { records: mut nodes, pieces, roots } =
+            Records::of(&input, &octree, lattice, bounds)?;
         let mut planes = [Plane::Intensity, Plane::Class, Plane::Returns, Plane::GpsTime].to_vec();
         let mut decoded = Decoded::default();
         if let Some((root, record)) = octree.nodes.first().zip(nodes.first()) {
@@ -93,8 +94,12 @@ impl Index {
             notes.extend(occurred.says(las.scale()).map(|what| format!("{title}: {what}")));
             let mut ids = columns.source.iter().flatten();
             let first = ids.next();
-            let told = ids.any(|id| Some(id) != first).then(|| format!("{title}: the points have several point source ids, and are drawn as one station; `pointillist index {} -o OUT.pnti` tells them apart, and evens their light", path.display()));
-            notes.extend(told);
+            if ids.any(|id| Some(id) != first) {
+                notes.push(format!(
+                    "{title}: the points have several point source ids, and are drawn as one station; `pointillist index {} -o OUT.pnti` tells them apart, and evens their light",
+                    path.display()
+                ));
+            }
             // Black is no colour, as in files that are read whole.
             planes.extend((columns.rgb.is_some() && !occurred.is_black()).then_some(Plane::Rgb));
             let order = order(&input, root, record, &columns)?;
@@ -141,7 +146,7 @@ impl Index {
     fn find_stretches(&mut self) -> Result<()> {
         let (mut intensities, mut heights) = (vec![0u64; 1 << 16], vec![0u64; 1 << 16]);
         let [low, high] = self.directory.contents.bounds.unwrap_or_default();
-        let share = (high.z > low.z).then(|| 65_535.0 / (high.z - low.z)).unwrap_or(0.0);
+        let share = if high.z > low.z { 65_535.0 / (high.z - low.z) } else { 0.0 };
         for root in 0..self.directory.roots as usize {
             let wanted = ColumnSet { intensity: true, ..ColumnSet::default() };
             let greys = self.columns(root, wanted)?.intensity.unwrap_or_default();
@@ -163,70 +168,72 @@ fn stated(header: &Header) -> Option<[DVec3; 2]> {
     (low.is_finite() && high.is_finite() && low.cmple(high).all()).then_some([low, high])
 }
 
-/// Returns the records of an octree's nodes, roots first and siblings side by side; the node of each
-/// with its first point; and the number of roots. A node is below the nearest one above it that has
-/// points.
-fn records(
-    input: &Input,
-    octree: &Octree,
-    lattice: Lattice,
-    bounds: [DVec3; 2],
-) -> Result<(Vec<NodeRecord>, Vec<(usize, usize)>, u32)> {
-    let numbers: HashMap<Key, usize> =
-        octree.nodes.iter().enumerate().map(|(number, node)| (node.key, number)).collect();
-    let above = |key: Key| {
-        std::iter::successors(octree::parent(key), |&key| octree::parent(key))
-            .find_map(|key| numbers.get(&key).copied())
-    };
-    let (mut roots, mut below) = (Vec::new(), vec![Vec::new(); octree.nodes.len()]);
-    let mut points: Vec<u64> = octree.nodes.iter().map(|node| node.chunk.points).collect();
-    // Nodes come behind those above them.
-    for (number, node) in octree.nodes.iter().enumerate().rev() {
-        match above(node.key) {
-            Some(above) => {
-                below[above].push(number);
-                points[above] += points[number];
-            }
-            None => roots.push(number),
-        }
-    }
-    let (mut records, mut pieces): (Vec<NodeRecord>, Vec<(usize, usize)>) = Default::default();
-    let add = |siblings: &[usize],
-               parent: Option<usize>,
-               records: &mut Vec<NodeRecord>,
-               pieces: &mut Vec<_>| {
-        let first = records.len();
-        for &number in siblings.iter().rev() {
-            let node = &octree.nodes[number];
-            let record = record(input, octree, node, lattice, bounds)?;
-            let own = node.chunk.points as usize;
-            for start in (0..own).step_by(POINTS_PER_PAGE as usize) {
-                let count = (own - start).min(POINTS_PER_PAGE as usize);
-                let rest = if start == 0 { points[number] - own as u64 } else { 0 };
-                records.push(NodeRecord {
-                    count: count as u32,
-                    points: count as u64 + rest,
-                    parent: parent.unwrap_or(records.len()) as u32,
-                    ..record
-                });
-                pieces.push((number, start));
+/// The records of an octree's nodes, roots first and siblings side by side.
+#[derive(Default)]
+struct Records {
+    records: Vec<NodeRecord>,
+    /// The node of each record, and the index of its first point among the node's.
+    pieces: Vec<(usize, usize)>,
+    roots: u32,
+}
+
+impl Records {
+    /// Lists the nodes. One is below the nearest one above it that has points.
+    fn of(input: &Input, octree: &Octree, lattice: Lattice, bounds: [DVec3; 2]) -> Result<Records> {
+        let numbers: HashMap<Key, usize> =
+            octree.nodes.iter().enumerate().map(|(number, node)| (node.key, number)).collect();
+        let above = |key: Key| {
+            std::iter::successors(octree::parent(key), |&key| octree::parent(key))
+                .find_map(|key| numbers.get(&key).copied())
+        };
+        let (mut roots, mut below) = (Vec::new(), vec![Vec::new(); octree.nodes.len()]);
+        let mut points: Vec<u64> = octree.nodes.iter().map(|node| node.chunk.points).collect();
+        // Nodes come behind those above them.
+        for (number, node) in octree.nodes.iter().enumerate().rev() {
+            match above(node.key) {
+                Some(above) => {
+                    below[above].push(number);
+                    points[above] += points[number];
+                }
+                None => roots.push(number),
             }
         }
-        Ok::<_, Error>(first..records.len())
-    };
-    let roots = add(&roots, None, &mut records, &mut pieces)?.len() as u32;
-    let mut next = 0;
-    while next < records.len() {
-        let (number, start) = pieces[next];
-        if start == 0 && !below[number].is_empty() {
-            let children = add(&below[number], Some(next), &mut records, &mut pieces)?;
-            let record = &mut records[next];
-            (record.first_child, record.children) = (children.start as u32, children.len() as u32);
-            record.spacing = octree.spacing / 2f64.powi(octree.nodes[number].key[0]);
+        let mut all = Records::default();
+        let add = |siblings: &[usize], parent: Option<usize>, all: &mut Records| {
+            let first = all.records.len();
+            for &number in siblings.iter().rev() {
+                let node = &octree.nodes[number];
+                let record = record(input, octree, node, lattice, bounds)?;
+                let own = node.chunk.points as usize;
+                for start in (0..own).step_by(POINTS_PER_PAGE as usize) {
+                    let count = (own - start).min(POINTS_PER_PAGE as usize);
+                    let rest = if start == 0 { points[number] - own as u64 } else { 0 };
+                    all.records.push(NodeRecord {
+                        count: count as u32,
+                        points: count as u64 + rest,
+                        parent: parent.unwrap_or(all.records.len()) as u32,
+                        ..record
+                    });
+                    all.pieces.push((number, start));
+                }
+            }
+            Ok::<_, Error>(first..all.records.len())
+        };
+        all.roots = add(&roots, None, &mut all)?.len() as u32;
+        let mut next = 0;
+        while next < all.records.len() {
+            let (number, start) = all.pieces[next];
+            if start == 0 && !below[number].is_empty() {
+                let children = add(&below[number], Some(next), &mut all)?;
+                let record = &mut all.records[next];
+                record.first_child = children.start as u32;
+                record.children = children.len() as u32;
+                record.spacing = octree.spacing / 2f64.powi(octree.nodes[number].key[0]);
+            }
+            next += 1;
         }
-        next += 1;
+        Ok(all)
     }
-    Ok((records, pieces, roots))
 }
 
 /// Returns the record of a node: its box is that part of its cube that is within the bounds of all.

@@ -69,7 +69,7 @@ pub fn read(input: &Input, las: &Las) -> Result<Octree> {
     let (center, half, spacing) =
         (DVec3::new(number(0), number(1), number(2)), number(3), number(4));
     let is_cube = center.is_finite() && half.is_finite() && half > 0.0;
-    if !is_cube || !(spacing > 0.0 && spacing <= 2.0 * half) {
+    if !(is_cube && spacing > 0.0 && spacing <= 2.0 * half) {
         return Err(wrong(format!(
             "of an impossible cube: center {center}, half side {half}, spacing {spacing} (bytes {INFO_AT} to {})",
             INFO_AT + 40
