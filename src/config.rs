@@ -76,6 +76,10 @@ pub const DECOMPRESSION: u64 = 4;
 /// Memory for points being indexed: 100 million points then take one pass through a temporary file.
 pub const INDEX_MEMORY: u64 = 2 << 30;
 
+/// Most points of a node of another program's file, which is decoded as a whole: 64 times those of
+/// ours.
+pub const MOST_NODE_POINTS: u64 = 64 * POINTS_PER_PAGE as u64;
+
 /// Default size of a picture `[px]`.
 pub const SIZE: [u32; 2] = [1920, 1080];
 

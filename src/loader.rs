@@ -4,9 +4,9 @@
 //! an older list that have not been started and are not repeated come back as dropped. Each request
 //! is answered with its outcome, and then a callback is called; the frame never waits.
 //!
-//!   read(request): for every plane: copy it from the file, check the checksum of the copy, write it to its page
+//!   read(request): for every plane: copy it from the file, check the copy, write it to its page
 //!
-//! The checksum is never computed from the page itself: mapped device memory may be write-combined,
+//! Nothing is ever checked on the page itself: mapped device memory may be write-combined,
 //! and slow to read.
 //!
 //! A panic while reading is an error of one node; the thread goes on. A read that takes too long is
@@ -299,9 +299,8 @@ impl<P: FnMut()> Thread<P> {
         let mut read = Read { bytes: 0, spacing: 0.0, clumps: Vec::new() };
         // Elevation uses the whole position, independent of the planes that are drawn.
         let needed = if elevation { record.position_planes() } else { planes };
-        for (page, &(plane, bytes)) in (0..needed).zip(&PLANES) {
-            index.read(node, plane, bytemuck::cast_slice_mut(words))?;
-            read.bytes += bytes * count as u64;
+        for (page, &(plane, _)) in (0..needed).zip(&PLANES) {
+            read.bytes += index.read(node, plane, bytemuck::cast_slice_mut(words))?;
             if page == 0 {
                 read.spacing = spacing(words);
                 read.clumps =
@@ -320,8 +319,7 @@ impl<P: FnMut()> Thread<P> {
         match planes_of.iter().copied().find(|&plane| record.has(plane)) {
             Some(plane) => {
                 self.bytes.resize(record.unpacked_bytes(plane) as usize, 0);
-                index.read(node, plane, &mut self.bytes)?;
-                read.bytes += record.range(plane).1;
+                read.bytes += index.read(node, plane, &mut self.bytes)?;
                 match plane {
                     Plane::GpsTime => {
                         let numbers =
@@ -398,8 +396,7 @@ impl<P: FnMut()> Thread<P> {
         if let Some(word) = self.shown.strokes() {
             if record.has(Plane::Brush) {
                 for (k, plane) in [Plane::Facing, Plane::Brush].into_iter().enumerate() {
-                    index.read(node, plane, bytemuck::cast_slice_mut(words))?;
-                    read.bytes += 4 * count as u64;
+                    read.bytes += index.read(node, plane, bytemuck::cast_slice_mut(words))?;
                     destination.put(planes + word + k as u32, words);
                 }
             } else {
@@ -436,8 +433,7 @@ fn gather(
     let (mut read, mut own) = (0, vec![0; words.len()]);
     for &(plane, shift) in parts.iter().filter(|(plane, _)| record.has(*plane)) {
         bytes.resize(record.unpacked_bytes(plane) as usize, 0);
-        index.read(node, plane, bytes)?;
-        read += record.range(plane).1;
+        read += index.read(node, plane, bytes)?;
         widen(plane, bytes, &mut own);
         words.iter_mut().zip(&own).for_each(|(word, own)| *word |= own << shift);
     }
@@ -454,7 +450,7 @@ fn normals(index: &Index, node: usize, bytes: &mut Vec<u8>, words: &mut [u32]) -
         return Ok(0);
     };
     bytes.resize(record.range(plane).1 as usize, 0);
-    index.read(node, plane, bytes)?;
+    let read = index.read(node, plane, bytes)?;
     match plane {
         Plane::Facing => words
             .iter_mut()
@@ -465,7 +461,7 @@ fn normals(index: &Index, node: usize, bytes: &mut Vec<u8>, words: &mut [u32]) -
             .zip(bytes.as_chunks().0)
             .for_each(|(word, normal)| *word = octahedral::of_bytes(normal.map(|v| v as i8))),
     }
-    Ok(bytes.len() as u64)
+    Ok(read)
 }
 
 /// Returns the world coordinate of a cell along an axis, given with all planes.

@@ -11,6 +11,7 @@ pub mod copc;
 pub mod header;
 mod laz;
 pub mod number;
+pub mod octree;
 pub mod raw;
 pub mod read_point;
 pub mod records;
@@ -20,12 +21,12 @@ pub mod write;
 use super::crs::Sample;
 use super::input::{Input, Meter};
 use super::strays::Extent;
-use super::{ColumnSet, Part, ReadOptions, rgb_range};
+use super::{ColumnSet, Columns, Part, ReadOptions, rgb_range};
 use crate::error::Result;
 use crate::progress::{Progress, Silent};
 use header::Layout;
 use rayon::prelude::*;
-use records::{BLOCK, Census, Fields, Lane, Pile, Window};
+use records::{BLOCK, Census, Fields, Filled, Lane, Pile, Window};
 use rgb_range::{By, Occurred, RgbRange, Scale};
 pub use sample::sample;
 use std::sync::Mutex;
@@ -66,8 +67,9 @@ pub enum Places {
 /// Adjacent records: a LAZ chunk, or as many as suit a task.
 #[derive(Clone, Copy, Debug)]
 pub struct Stretch {
-    at: u64,
-    bytes: u64,
+    /// Place and length in the file `[bytes]`.
+    pub at: u64,
+    pub bytes: u64,
     pub points: u64,
 }
 
@@ -296,6 +298,42 @@ impl Las {
         let Some(coding) = &self.coding else { return Ok(None) };
         let meter = Meter::new(progress, input, sequence.points);
         laz::sequence(input, sequence, coding, &self.fields(), lane, &meter)
+    }
+
+    /// Reads these columns of one LAZ chunk, and statistics of its colours. Errors if some of its
+    /// points cannot be read.
+    pub fn chunk(
+        &self,
+        input: &Input,
+        chunk: &Stretch,
+        wanted: ColumnSet,
+    ) -> Result<(Columns, Occurred)> {
+        let wrong = |what: &str| {
+            let Stretch { at, bytes, points } = chunk;
+            input
+                .wrong(format!("{what} (chunk of {points} points at bytes {at} to {})", at + bytes))
+        };
+        let coding = self.coding.as_ref().ok_or_else(|| wrong("is not compressed"))?;
+        let available = self.fields.available(wanted);
+        let mut columns = records::columns(chunk.points as usize, available)
+            .ok_or_else(|| wrong("has more points than fit in memory"))?;
+        let mut window = Window::over(&mut columns);
+        let bytes = input.take(chunk.at, chunk.bytes)?;
+        let why = laz::chunk(
+            &bytes,
+            chunk.points,
+            &coding.selecting(available),
+            &self.fields(),
+            &mut Vec::new(),
+            &mut &mut window,
+            &Meter::new(&Silent, input, 0),
+        )?;
+        let Filled { points, occurred, .. } = window.filled();
+        if points as u64 != chunk.points {
+            let why = why.unwrap_or_else(|| "it holds fewer".into());
+            return Err(wrong(&format!("has only {points} readable points: {why}")));
+        }
+        Ok((columns, occurred))
     }
 
     fn fields(&self) -> Fields {

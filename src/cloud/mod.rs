@@ -20,7 +20,7 @@ pub mod filter;
 mod from_floats;
 pub mod ground;
 pub mod histograms;
-mod input;
+pub(crate) mod input;
 pub mod las;
 pub mod obj;
 pub mod octahedral;
@@ -455,7 +455,7 @@ impl Part {
 /// Most points that locate a part.
 const SAMPLE: usize = 4096;
 
-fn title(name: Option<&str>, path: &Path) -> String {
+pub(crate) fn title(name: Option<&str>, path: &Path) -> String {
     name.map_or_else(|| input::name_of(path), str::to_owned)
 }
 

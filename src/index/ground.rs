@@ -1,6 +1,6 @@
 //! The ground of an index's points, from its own nodes.
 
-use super::format::Index;
+use super::format::{Index, Refinement};
 use crate::cloud::attribute::Attribute;
 use crate::cloud::crs::Reference;
 use crate::cloud::ground::{Batch, CELL, Points, Surface};
@@ -16,7 +16,8 @@ use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 /// cell of the ground.
 const FINE: f64 = 1.0 / 20.0;
 
-/// The nodes that are read: leaves, or nodes above them whose samples are fine enough.
+/// The nodes that are read: leaves, or nodes above them whose samples are fine enough, and those
+/// that they add to.
 struct Nodes<'i> {
     index: &'i Index,
     nodes: Vec<usize>,
@@ -29,9 +30,12 @@ impl Nodes<'_> {
         let (mut nodes, mut open) = (Vec::new(), Vec::from_iter(0..index.directory.roots as usize));
         while let Some(node) = open.pop() {
             let record = &index.nodes()[node];
-            match record.is_leaf() || record.spacing <= finest {
-                true => nodes.push(node),
-                false => open.extend(record.children()),
+            let is_fine = record.is_leaf() || record.spacing <= finest;
+            if is_fine || index.refinement == Refinement::Adds {
+                nodes.push(node);
+            }
+            if !is_fine {
+                open.extend(record.children());
             }
         }
         Nodes { index, nodes, progress }

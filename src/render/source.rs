@@ -66,6 +66,19 @@ impl OpenOptions {
         }))
     }
 
+    /// Returns the file if it is one COPC file whose nodes have all that is asked for, so that they
+    /// are drawn without an index. Only points tell of stations: they are asked for to be shown or
+    /// filtered, or else, with other columns, for exposures, which then stay as they are.
+    fn in_place<'f>(&self, files: &'f [PathBuf]) -> Option<&'f Path> {
+        let [path] = files else { return None };
+        let wanted = self.reading().wanted;
+        let stations = self.filter.wanted().source
+            || wanted.source && !(wanted.rgb || wanted.intensity || wanted.class);
+        let others = wanted.scalars.iter().any(|own| own != Scalar::HeightAboveGround);
+        let has_all = !stations && !others && self.shadows.is_none();
+        (has_all && Index::is_copc(path)).then_some(path)
+    }
+
     /// Adds saved shadows and simulated faults to an index.
     fn equipped(&self, mut index: Index, progress: &dyn Progress) -> Result<Source> {
         if let Some((path, light)) = &self.shadows {
@@ -148,8 +161,8 @@ pub enum Source {
 }
 
 impl Source {
-    /// Opens files or one index. Files too large to draw whole are indexed first, or their cached
-    /// index is used.
+    /// Opens files or one index. Of files too large to draw whole, COPC is drawn in place; others
+    /// are indexed first, or their cached index is used.
     pub fn open(
         paths: &[PathBuf],
         opening: &OpenOptions,
@@ -179,6 +192,16 @@ impl Source {
             cloud.filter(&opening.filter)?;
             return Ok(Source::Files(cloud));
         };
+        if let Some(path) = opening.in_place(paths) {
+            match Index::open_copc(path, opening.read.rgb_range) {
+                Ok(index) => {
+                    progress.note(&format!("drawn in place, because {why}"));
+                    return opening.equipped(index, progress);
+                }
+                Err(error) if opening.read.strict => return Err(error),
+                Err(error) => progress.note(&format!("{error}; its points are indexed instead")),
+            }
+        }
         let (place, build) = (opening.place()?, build::Options::reading(&opening.reading()));
         let Cached { index, made } = cache::find_or_build(paths, &place, &build, progress)?;
         match made {
@@ -203,6 +226,7 @@ impl Source {
         }
         let FileSummary { points, compressed } = cloud::stream::summary(paths)?;
         let (soon, some) = match opening.needs_index(paths)? {
+            Some(_) if opening.in_place(paths).is_some() => (true, points),
             Some(_) => (
                 cache::is_there(
                     paths,
@@ -442,10 +466,11 @@ impl Source {
         files.dedup();
         let more = if files.len() > 3 { " ..." } else { "" };
         files.truncate(3);
-        let output = if let Source::Index(index) = self {
-            index.path().display().to_string()
-        } else {
-            "OUT.pnti".into()
+        let output = match self {
+            Source::Index(index) if !self.files().iter().any(|file| file == index.path()) => {
+                index.path().display().to_string()
+            }
+            _ => "OUT.pnti".into(),
         };
         format!("`pointillist index {}{more} -o {output} {option}` finds them", files.join(" "))
     }
@@ -835,7 +860,7 @@ impl std::fmt::Display for SelectionReport {
             self.lod_px,
             self.budget
         )?;
-        writeln!(f, "read: {} bytes, {share:.2} % of the index", self.bytes_read)?;
+        writeln!(f, "read: {} bytes, {share:.2} % of the file", self.bytes_read)?;
         writeln!(
             f,
             "pool: {} MiB in use of {} MiB at most",

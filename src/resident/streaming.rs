@@ -9,7 +9,7 @@
 //!   UPLOAD_BYTES_SHARED for a moving picture on a software device; if the pool is full, evict the
 //!   least recently drawn nodes outside the cut
 //! - draw each node of the cut; instead of a missing one its children, if all are resident, else
-//!   its nearest resident ancestor alone
+//!   its nearest resident ancestor alone; where nodes add to those above them, what is resident
 //!
 //! Roots stay resident, so that there is always an ancestor. A node that cannot be read is reported
 //! once and left to its parent or children ([`lod::choose`]); so is one that has not come in time,
@@ -32,7 +32,7 @@ use crate::gpu::timeline::Timeline;
 use crate::graph::Gpu;
 use crate::index::build::pack::Frame;
 use crate::index::format::scatter::Clump;
-use crate::index::format::{Index, Plane};
+use crate::index::format::{Index, Plane, Refinement};
 use crate::loader::{Answer, Destination, Loader, NodeRequest, Outcome};
 use crate::progress::Progress;
 use crate::select::clip::{Clips, Left};
@@ -685,19 +685,20 @@ impl Residency {
             }
         }
         drawn.extend(&standing_in);
-        if !standing_in.is_empty() {
+        if !standing_in.is_empty() && self.index.refinement == Refinement::Replaces {
             drawn.retain(|&node| !self.ancestors(node).any(|above| standing_in.contains(&above)));
         }
         self.drawn = drawn.into_iter().collect();
         for node in &self.drawn {
             self.entries.get_mut(node).expect("resident").drawn = self.updates;
         }
+        let spacings = self.spacings();
         let nodes = self.drawn.iter().enumerate().map(|(number, &node)| {
             let Run { first_page, planes, .. } = self.here(node).expect("resident");
             let record = &self.index.nodes()[node];
             let (lattice, frame) = (self.index.lattice(record), self.frame(node));
-            let Entry { spacing, clumps, .. } = &self.entries[&node];
-            let spacing = in_metres(*spacing, &lattice, &frame);
+            let Entry { clumps, .. } = &self.entries[&node];
+            let spacing = spacings[number];
             let station = record.single_station().map(u32::from);
             ResidentNode {
                 lattice,
@@ -715,8 +716,30 @@ impl Residency {
         holes
     }
 
-    /// Returns the node itself, or resident descendants that together show all of it in view.
+    /// Returns the point spacing of every drawn node `[m]`. Points among which those of nodes below
+    /// are drawn are as dense as these.
+    fn spacings(&self) -> Vec<f64> {
+        let own = |node: &usize| {
+            let lattice = self.index.lattice(&self.index.nodes()[*node]);
+            in_metres(self.entries[node].spacing, &lattice, &self.frame(*node))
+        };
+        let mut spacings: Vec<f64> = self.drawn.iter().map(own).collect();
+        // Nodes come behind those above them.
+        for (number, &node) in self.drawn.iter().enumerate().rev() {
+            let above = self.ancestors(node).find_map(|node| self.drawn.binary_search(&node).ok());
+            if let Some(above) = above.filter(|_| spacings[number] > 0.0) {
+                spacings[above] = spacings[above].min(spacings[number]);
+            }
+        }
+        spacings
+    }
+
+    /// Returns the node itself, or resident descendants that together show all of it in view. Nodes
+    /// that only add to it do not.
     fn finer(&self, views: &[View], node: usize) -> Option<Vec<usize>> {
+        if self.index.refinement == Refinement::Adds {
+            return self.here(node).map(|_| vec![node]);
+        }
         let mut found = Vec::new();
         let mut open = vec![node];
         while let Some(node) = open.pop() {

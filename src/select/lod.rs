@@ -3,7 +3,8 @@
 //! A node's projected error is the side of the cells its samples were merged in, in pixels at the
 //! least depth of its box, in the view where that is most. A leaf has all its points and error 0. Refinement is greedy: the inner
 //! node with the greatest error is replaced by its visible children, while that error is above
-//! `lod_px` and the cut stays within its point budget. A node that the budget keeps is drawn as it
+//! `lod_px` and the cut stays within its point budget. Where children add to a node, it stays in
+//! the cut with them ([`Refinement`]). A node that the budget keeps is drawn as it
 //! is, and nodes with smaller errors are still refined. The sequence does not depend on `lod_px`,
 //! which only ends it, so a smaller `lod_px` never makes any part coarser.
 //!
@@ -12,7 +13,7 @@
 use crate::cloud::Lattice;
 use crate::config::{BITS_PER_PLANE, BUDGET_LEAST, BUDGET_PER_PIXEL, LOD_PX, QUANTISATION_PX};
 use crate::index::build::pack::Frame;
-use crate::index::format::{Index, NodeRecord};
+use crate::index::format::{Index, NodeRecord, Refinement};
 use crate::select::clip::{Clips, Left};
 use crate::view::{Projection, View};
 use std::cmp::Ordering;
@@ -70,13 +71,13 @@ pub struct CutNode {
     pub distance: f64,
 }
 
-/// Nodes that show everything in view exactly once.
+/// Nodes that show everything in view exactly once; with them those that they add to.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Cut {
     /// Nodes in order of need, most needed first.
     pub nodes: Vec<CutNode>,
     pub points: u64,
-    /// Largest projected error of the nodes `[px]`; 0 if all are leaves.
+    /// Largest projected error of the nodes that are not refined `[px]`; 0 if all are leaves.
     pub largest_error_px: f64,
     /// Visited nodes outside the view.
     pub nodes_outside: usize,
@@ -105,9 +106,11 @@ pub fn choose(
         let node = &index.nodes()[wanted.node];
         if !node.is_leaf() && wanted.error_px > detail.lod_px {
             let finer = all.of(node.children(), wanted.error_px);
-            let points = cut.points - node.count as u64 + finer.points;
-            if finer.complete && points <= detail.budget {
+            let stays = index.refinement == Refinement::Adds;
+            let points = cut.points + finer.points - if stays { 0 } else { node.count as u64 };
+            if (finer.complete || stays) && points <= detail.budget {
                 cut.points = points;
+                cut.nodes.extend(stays.then_some(wanted));
                 cut.nodes_outside += finer.outside;
                 cut.nodes_clipped += finer.clipped;
                 open.extend(finer.nodes.into_iter().map(Open));

@@ -6,6 +6,8 @@ mod ancestors;
 mod cameras;
 #[path = "../support/commands.rs"]
 mod commands;
+#[path = "../support/copc_file.rs"]
+mod copc_file;
 #[path = "../support/files.rs"]
 mod files;
 #[path = "../support/index_file.rs"]
@@ -24,6 +26,7 @@ mod skip;
 mod tree;
 
 mod cloud;
+mod copc;
 mod cut;
 mod damaged_las;
 mod export;

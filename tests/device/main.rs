@@ -4,6 +4,8 @@
 mod ancestors;
 #[path = "../support/cameras.rs"]
 mod cameras;
+#[path = "../support/copc_file.rs"]
+mod copc_file;
 #[path = "../support/counting.rs"]
 mod counting;
 #[path = "../support/exr_file.rs"]

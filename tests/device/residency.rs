@@ -1,8 +1,10 @@
 //! Streaming an index: what is resident and drawn; a settled picture depends neither on the pool,
-//! nor on the order of arrival, nor, beyond the missing node, on a damaged file.
+//! nor on the order of arrival, nor, beyond the missing node, on a damaged file. So for COPC files,
+//! whose nodes add to those above them.
 
 use crate::ancestors::ancestors;
 use crate::cameras::perspective;
+use crate::copc_file::write_copc;
 use crate::gpu::{self, Way};
 use crate::points::{Random, bumpy};
 use crate::tree::{STEP, Shape, plant};
@@ -612,4 +614,95 @@ fn every_attribute_is_shown_as_the_cloud_itself_shows_it() {
             planted.index.samples(node).unwrap().iter().map(|(p, _)| shown.place(p.z)).collect();
         assert_eq!(*words.lock().unwrap(), expected);
     }
+}
+
+// ---- COPC in place
+
+/// A COPC file of several levels, read in place.
+fn copc() -> Planted {
+    let folder = tempfile::tempdir().unwrap();
+    let (points, colors) = bumpy(COPC_POINTS, 20_000, &mut Random(0xC0BC));
+    write_copc(&folder.path().join("cloud.copc.laz"), &points, &colors);
+    let index = Index::open_copc(&folder.path().join("cloud.copc.laz"), None).unwrap();
+    assert!(index.nodes().len() > 5);
+    Planted { folder, index: Arc::new(index) }
+}
+
+const COPC_POINTS: usize = 200_000;
+
+#[test]
+fn a_copc_file_with_all_of_its_nodes_draws_what_its_points_draw() {
+    let planted = copc();
+    gpu::with(Way::Compute64, |gpu| {
+        let (points, colors) = bumpy(COPC_POINTS, 20_000, &mut Random(0xC0BC));
+        let lattice = pointillist::cloud::Lattice { step: DVec3::splat(STEP), offset: DVec3::ZERO };
+        let cloud = gpu::cloud(vec![gpu::part(lattice, &points, Some(colors))]);
+        let whole =
+            Resident::fill(gpu, cloud.clone(), DisplayAttribute::automatic(&cloud).0, &Silent)
+                .unwrap();
+        let mut residency = planted.open(gpu, HUGE);
+        for seed in 0..4 {
+            let view = view(seed);
+            let (update, picture) = settled(gpu, &mut residency, &view, &all());
+            assert!(
+                update.is_complete() && update.holes == 0 && update.cut.largest_error_px == 0.0
+            );
+            let expected = draw(gpu, &view, &whole);
+            // Nodes have other origins, as above.
+            let differ = picture.2.iter().zip(&expected.2).filter(|(a, b)| a != b).count();
+            let covered = expected.1.iter().filter(|&&id| id != u32::MAX).count();
+            assert!(covered > 500 && differ <= 4 + covered / 500, "{differ} of {covered} differ");
+        }
+    });
+}
+
+#[test]
+fn a_settled_picture_of_a_copc_file_depends_neither_on_the_pool_nor_on_what_was_drawn_before() {
+    let planted = copc();
+    gpu::with(Way::Compute64, |gpu| {
+        let detail = few(120_000);
+        let mut huge = planted.open(gpu, HUGE);
+        let most = (0..4).map(|seed| {
+            let mut fresh = planted.open(gpu, HUGE);
+            fresh.wait_until_resident(gpu, &view(seed), &detail, &Silent).unwrap();
+            fresh.pool_bytes()[1]
+        });
+        let most = most.max().unwrap();
+        let mut tiny = planted.open(gpu, most);
+        let mut random = Random(78);
+        for round in 0..8 {
+            let view = view(round % 4);
+            for _ in 0..random.bits() % 4 {
+                let elsewhere = self::view(100 + random.bits() % 50);
+                let update = tiny.update(gpu, &elsewhere, &detail).unwrap();
+                // What has come is drawn, and nothing else.
+                let cut: HashSet<usize> = update.cut.nodes.iter().map(|own| own.node).collect();
+                let here = cut.iter().filter(|&&node| tiny.is_resident(node)).count();
+                assert_eq!(here, tiny.drawn().iter().filter(|node| cut.contains(node)).count());
+                assert!(here + update.missing == cut.len());
+            }
+            let (small, by_small) = settled(gpu, &mut tiny, &view, &detail);
+            let (large, by_large) = settled(gpu, &mut huge, &view, &detail);
+            assert_eq!(small.cut, large.cut);
+            assert!(by_small == by_large, "round {round}: the pictures differ");
+        }
+    });
+}
+
+/// The points of a node are as far apart as those that are drawn among them.
+#[test]
+fn the_spacing_of_a_copc_file_is_that_of_its_finest_nodes() {
+    let planted = copc();
+    gpu::with(Way::Compute64, |gpu| {
+        let mut residency = planted.open(gpu, HUGE);
+        let spacing = |residency: &mut Residency, detail: &Detail, gpu: &mut Gpu| {
+            residency.wait_until_resident(gpu, &view(1), detail, &Silent).unwrap();
+            residency.resident().nodes.iter().map(|node| node.spacing).collect::<Vec<f64>>()
+        };
+        let coarse = spacing(&mut residency, &few(1), gpu);
+        let fine = spacing(&mut residency, &all(), gpu);
+        assert!(coarse.len() == 1 && fine.len() > 1);
+        let least = fine.iter().copied().fold(f64::INFINITY, f64::min);
+        assert!(fine[0] == least && fine[0] < coarse[0], "{coarse:?} {fine:?}");
+    });
 }

@@ -30,6 +30,7 @@ mod faults;
 mod films;
 mod guide;
 mod hosts;
+mod in_place;
 mod indexed;
 mod inputs_and_outputs;
 mod jobs;

@@ -153,6 +153,11 @@ impl Coding {
         Ok(Self { items: vlr.items().clone(), record_bytes: bytes, layers, selection })
     }
 
+    /// Returns the coding with only the layers of these columns to decode.
+    pub fn selecting(&self, available: ColumnSet) -> Coding {
+        Coding { selection: selection(available), items: self.items.clone(), ..*self }
+    }
+
     pub fn is_layered(&self) -> bool {
         self.layers > 0
     }

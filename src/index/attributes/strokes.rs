@@ -174,9 +174,8 @@ pub fn of_node(index: &Index, node: usize) -> Result<(Vec<[u32; 2]>, u64)> {
     let record = &index.nodes()[node];
     let count = record.count as usize;
     let (mut cells, mut words, mut read) = (vec![[0u32; 3]; count], vec![0u32; count], 0);
-    for &(plane, bytes) in &PLANES[..record.position_planes() as usize] {
-        index.read(node, plane, bytemuck::cast_slice_mut(&mut words))?;
-        read += bytes * count as u64;
+    for &(plane, _) in &PLANES[..record.position_planes() as usize] {
+        read += index.read(node, plane, bytemuck::cast_slice_mut(&mut words))?;
         let next = |cell: u32, word: u32, axis: usize| {
             cell << BITS_PER_PLANE
                 | word >> (BITS_PER_PLANE as usize * axis) & ((1 << BITS_PER_PLANE) - 1)
@@ -190,8 +189,7 @@ pub fn of_node(index: &Index, node: usize) -> Result<(Vec<[u32; 2]>, u64)> {
     let mut columns = Columns { x: column(0), y: column(1), z: column(2), ..Columns::default() };
     if record.has(format::Plane::Rgb) {
         let mut bytes = vec![0; record.range(format::Plane::Rgb).1 as usize];
-        index.read(node, format::Plane::Rgb, &mut bytes)?;
-        read += bytes.len() as u64;
+        read += index.read(node, format::Plane::Rgb, &mut bytes)?;
         columns.rgb = Some(bytes.as_chunks().0.to_vec());
     }
     let found = strokes(&columns, &index.lattice(record), &Silent)?;

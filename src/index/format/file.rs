@@ -18,6 +18,7 @@ use super::schema::{
     samples, tree_lattice,
 };
 use super::shadow_file::SavedShadows;
+use super::source::{NodeSource, Refinement};
 use super::writer::{FileHeader, HEADER_BYTES, MAGIC, VERSION};
 use crate::cloud::Lattice;
 use crate::cloud::crs::Reference;
@@ -50,8 +51,10 @@ fn from_version_1(bytes: &[u8]) -> NodeRecord {
 
 /// An open index.
 pub struct Index {
-    map: Map,
+    source: Box<dyn NodeSource>,
     pub directory: Directory,
+    /// What drawing the children of a node does to it.
+    pub refinement: Refinement,
     /// Checksums of directory and header.
     identity: u64,
     /// Saved shadows, if they were opened.
@@ -134,9 +137,20 @@ impl Index {
         let directory = Directory { nodes, roots: header.roots, contents };
         check(&directory, header.directory_at).map_err(wrong)?;
         let identity = (header.directory_crc as u64) << 32 | header.header_crc as u64;
-        Ok(Index {
-            map,
+        Ok(Index::of(Box::new(Stored(map)), directory, Refinement::Replaces, identity))
+    }
+
+    /// Returns the index of a source of nodes, which `directory` describes.
+    pub(in crate::index) fn of(
+        source: Box<dyn NodeSource>,
+        directory: Directory,
+        refinement: Refinement,
+        identity: u64,
+    ) -> Index {
+        Index {
+            source,
             directory,
+            refinement,
             identity,
             shadows: None,
             hidden: None,
@@ -144,11 +158,11 @@ impl Index {
             up: Up::Z,
             ground: None,
             fault: None,
-        })
+        }
     }
 
     pub fn path(&self) -> &Path {
-        self.map.path()
+        self.source.path()
     }
 
     /// Opens a shadow file, which must belong to this index.
@@ -171,7 +185,7 @@ impl Index {
 
     /// Copies bytes of the file, unchecked.
     pub(in crate::index) fn copy(&self, at: u64, into: &mut [u8]) -> Result<()> {
-        self.map.copy(at, into)
+        self.source.copy(at, into)
     }
 
     /// Returns the corner of a node's tree in steps of its files' lattice.
@@ -186,7 +200,7 @@ impl Index {
 
     /// Returns the length of the file `[bytes]`.
     pub fn bytes(&self) -> u64 {
-        self.map.len()
+        self.source.bytes()
     }
 
     pub fn nodes(&self) -> &[NodeRecord] {
@@ -209,43 +223,64 @@ impl Index {
         self.nodes().iter().any(|node| node.has(plane))
     }
 
-    /// Reads a plane of a node and checks its checksum. `into` has [`NodeRecord::unpacked_bytes`].
-    pub fn read(&self, node: usize, plane: Plane, into: &mut [u8]) -> Result<()> {
+    /// Reads a plane of a node, as [`NodeSource::read`].
+    pub fn read(&self, node: usize, plane: Plane, into: &mut [u8]) -> Result<u64> {
         let record = &self.directory.nodes[node];
-        let (at, bytes) = record.range(plane);
         assert_eq!(
             (into.len() as u64, record.has(plane)),
             (record.unpacked_bytes(plane), true),
             "node {node} has no such plane {plane:?}"
         );
-        if plane != Plane::Station {
-            return self.stored(node, plane, at, into);
-        }
-        let mut stored = vec![0; bytes as usize];
-        self.stored(node, plane, at, &mut stored)?;
-        into.copy_from_slice(&record.stations(&stored));
-        Ok(())
-    }
-
-    /// Reads a plane as it is stored at byte `at`.
-    fn stored(&self, node: usize, plane: Plane, at: u64, into: &mut [u8]) -> Result<()> {
-        self.map.copy(at, into)?;
-        if crc32c::crc32c(into) != self.directory.nodes[node].crc[plane as usize] {
-            let end = at + into.len() as u64;
-            return Err(Error::format(
-                self.path(),
-                format!(
-                    "is damaged: the checksum of node {node}'s {plane:?} plane (bytes {at} to {end}) is wrong"
-                ),
-            ));
-        }
-        Ok(())
+        self.source.read(node, record, plane, into)
     }
 
     /// Returns world positions and weights of a node's samples, with all of its position planes.
     pub fn samples(&self, node: usize) -> Result<Vec<(DVec3, u32)>> {
         let record = &self.directory.nodes[node];
-        samples(record, self.lattice(record), &mut |plane, into| self.read(node, plane, into))
+        samples(record, self.lattice(record), &mut |plane, into| {
+            self.read(node, plane, into).map(|_| ())
+        })
+    }
+}
+
+/// The planes of a file NAME.pnti.
+struct Stored(Map);
+
+impl NodeSource for Stored {
+    fn path(&self) -> &Path {
+        self.0.path()
+    }
+
+    fn bytes(&self) -> u64 {
+        self.0.len()
+    }
+
+    fn copy(&self, at: u64, into: &mut [u8]) -> Result<()> {
+        self.0.copy(at, into)
+    }
+
+    fn read(&self, node: usize, record: &NodeRecord, plane: Plane, into: &mut [u8]) -> Result<u64> {
+        let (at, bytes) = record.range(plane);
+        let read = |into: &mut [u8]| {
+            self.copy(at, into)?;
+            if crc32c::crc32c(into) != record.crc[plane as usize] {
+                let end = at + bytes;
+                return Err(Error::format(
+                    self.path(),
+                    format!(
+                        "is damaged: the checksum of node {node}'s {plane:?} plane (bytes {at} to {end}) is wrong"
+                    ),
+                ));
+            }
+            Ok(bytes)
+        };
+        if plane != Plane::Station {
+            return read(into);
+        }
+        let mut stored = vec![0; bytes as usize];
+        read(&mut stored)?;
+        into.copy_from_slice(&record.stations(&stored));
+        Ok(bytes)
     }
 }
 
