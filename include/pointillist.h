@@ -71,6 +71,11 @@ typedef struct PointillistHost {
   // VkAllocationCallbacks for the CPU memory of all objects that are made here, on any thread, or
   // null. They are copied. Device memory is allocated without them.
   const void *allocation_callbacks;
+  // Functions that are called, on any thread, in place of vkAllocateMemory and
+  // vkFreeMemory, for blocks of many buffers and images; both null if there are none. They may
+  // refuse with VK_ERROR_OUT_OF_DEVICE_MEMORY.
+  const void *allocate_memory;
+  const void *free_memory;
 } PointillistHost;
 
 // How an image was used, or will be: Vulkan's numbers.
