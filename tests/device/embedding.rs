@@ -572,12 +572,22 @@ fn an_embedded_frame_is_that_of_render_byte_for_byte() {
 mod device_memory {
     use super::*;
     use std::collections::HashMap;
-    use std::sync::{Mutex, OnceLock};
+    use std::sync::Mutex;
 
-    /// The device's functions, the sizes of what is allocated, and the most bytes of it.
-    pub static REAL: OnceLock<(vk::PFN_vkAllocateMemory, vk::PFN_vkFreeMemory)> = OnceLock::new();
+    /// The functions of the last device, the sizes of what is allocated, and the most bytes of it.
+    /// They are another device's after its libraries have been loaded again.
+    static REAL: Mutex<Option<(vk::PFN_vkAllocateMemory, vk::PFN_vkFreeMemory)>> = Mutex::new(None);
     pub static HELD: Mutex<Option<HashMap<vk::DeviceMemory, u64>>> = Mutex::new(None);
     pub static MOST: Mutex<u64> = Mutex::new(u64::MAX);
+
+    pub fn of(device: &Device) {
+        let real = device.raw.fp_v1_0();
+        *REAL.lock().unwrap() = Some((real.allocate_memory, real.free_memory));
+    }
+
+    fn real() -> (vk::PFN_vkAllocateMemory, vk::PFN_vkFreeMemory) {
+        REAL.lock().unwrap().expect("set for every device")
+    }
 
     pub fn bytes() -> u64 {
         HELD.lock().unwrap().get_or_insert_default().values().sum()
@@ -595,7 +605,7 @@ mod device_memory {
             if bytes() + size > *MOST.lock().unwrap() {
                 return vk::Result::ERROR_OUT_OF_DEVICE_MEMORY;
             }
-            let result = REAL.get().unwrap().0(device, info, callbacks, memory);
+            let result = real().0(device, info, callbacks, memory);
             if result == vk::Result::SUCCESS {
                 HELD.lock().unwrap().get_or_insert_default().insert(*memory, size);
             }
@@ -610,7 +620,7 @@ mod device_memory {
     ) {
         HELD.lock().unwrap().get_or_insert_default().remove(&memory).expect("allocated here");
         // SAFETY: the caller's arguments are passed on.
-        unsafe { REAL.get().unwrap().1(device, memory, callbacks) }
+        unsafe { real().1(device, memory, callbacks) }
     }
 }
 
@@ -620,8 +630,7 @@ fn device_memory_is_the_hosts() {
     let (path, camera) = scan(folder.path());
     let settled = |functions: Option<[*const std::ffi::c_void; 2]>| {
         let mut application = Application::new(COLOR);
-        let real = application.device.raw.fp_v1_0();
-        device_memory::REAL.get_or_init(|| (real.allocate_memory, real.free_memory));
+        device_memory::of(&application.device);
         let [allocate_memory, free_memory] = functions.unwrap_or([std::ptr::null(); 2]);
         let host = Host { allocate_memory, free_memory, ..application.host() };
         // SAFETY: the renderer is dropped before the application.
@@ -641,6 +650,7 @@ fn device_memory_is_the_hosts() {
     // A host may refuse; both functions are needed.
     *device_memory::MOST.lock().unwrap() = 1 << 20;
     let application = Application::new(COLOR);
+    device_memory::of(&application.device);
     let host = Host { allocate_memory: own, free_memory: free, ..application.host() };
     // SAFETY: as above.
     let error = match unsafe { Renderer::new(&host, RendererOptions::default()) } {
