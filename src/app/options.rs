@@ -35,7 +35,7 @@ pub struct Options {
     pub save_size: SaveSize,
     pub device_options: DeviceOptions,
     pub pool_bytes: u64,
-    /// What moving pictures keep.
+    /// Limit of moving pictures.
     pub limit: Limit,
     /// Place of fronts.
     pub fronts: CacheLocation,

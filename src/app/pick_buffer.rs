@@ -11,7 +11,7 @@ pub struct PickBuffer {
     pub depth: Vec<f32>,
     /// Point ids; none where a surface hides the point.
     pub index: Vec<u32>,
-    /// Whether the frame is one of a moving picture, whose surfaces hide less.
+    /// Mark of a moving picture, whose surfaces hide less.
     pub moves: bool,
 }
 

@@ -1,4 +1,4 @@
-//! What to suggest for a mistyped option: only options that help shows, and commands of that name.
+//! Suggestions for a mistyped option: only options that help shows, and commands of that name.
 
 use clap::error::{ContextKind, ContextValue, Error};
 use clap::{Arg, Command};

@@ -26,7 +26,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 /// Points of decoded nodes that are kept, for their next plane; about 40 bytes each.
 const KEPT_POINTS: usize = 1 << 20;
 
-/// What can be read in place. Point source ids cannot: the stations are those of all points.
+/// Columns that can be read in place. Point source ids cannot: the stations are those of all points.
 pub const COLUMNS: ColumnSet = ColumnSet { source: false, normal: false, ..ColumnSet::ALL };
 
 /// An open COPC file.

@@ -34,7 +34,7 @@ pub fn show(ui: &mut Ui, pace: &mut Pace, actions: &mut Vec<Action>) {
         }
     });
     let Some(moving) = &pace.moving else {
-        // As high as the curve, so that no row moves when it is there.
+        // Leave the curve its room, so that no row moves when it comes.
         ui.allocate_exact_size(vec2(ui.available_width(), HEIGHT), Sense::hover());
         weak(ui, "nothing has moved yet");
         return;

@@ -56,7 +56,7 @@ pub struct UiState {
     pub notes: Vec<String>,
     /// Settings that have no effect on the last frame, and other notes on it.
     pub picture_notes: Vec<String>,
-    /// What moving pictures are drawn with.
+    /// Tuning of moving pictures.
     pub pace: Pace,
     /// Loading of an index; None for files.
     pub loading: Option<Loading>,
@@ -86,10 +86,10 @@ pub struct UiState {
     pub hidden: bool,
 }
 
-/// What moving pictures are drawn with, and what that costs.
+/// Tuning of moving pictures and its cost.
 #[derive(Default)]
 pub struct Pace {
-    /// What they keep; None before there is a device.
+    /// Their limit; None before there is a device.
     pub limit: Option<Limit>,
     /// Where the front is from.
     pub origin: String,

@@ -124,7 +124,7 @@ pub struct FrameReport {
     pub whole: bool,
     /// Loading of an index; None for files.
     pub loading: Option<Loading>,
-    /// What a moving frame was drawn with; None at rest.
+    /// Tuning of a moving frame; None at rest.
     pub moving: Option<Moving>,
     /// Times of the steps until it was on the screen.
     pub times: FrameTimes,
