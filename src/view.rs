@@ -181,6 +181,29 @@ impl View {
         })
     }
 
+    /// Returns the planes through the left, right, upper and lower edge of the window: an outward
+    /// normal, where it is along that from the eye `[m]`, and how much the normal magnifies errors.
+    fn edges(&self) -> [(DVec3, f64, f64); 4] {
+        let (f, [x, y], basis) = (self.focal_px(), self.centre(), &self.basis);
+        let [width, height] = self.size.map(f64::from);
+        // Extent of the window to each side of the principal point.
+        let sides =
+            [(-basis.right, x), (basis.right, width - x), (basis.up, y), (-basis.up, height - y)];
+        sides.map(|(side, extent)| match self.camera.projection {
+            Projection::Perspective => {
+                let slope = extent / f;
+                (side - basis.forward * slope, 0.0, 1.0 + slope.abs())
+            }
+            Projection::Orthographic => (side, extent / f, 1.0),
+        })
+    }
+
+    /// Returns beyond which edges of the window a world box reaches: left, right, upper, lower.
+    pub fn crossed(&self, (min, max): (DVec3, DVec3)) -> [bool; 4] {
+        let (centre, half) = ((min + max) / 2.0 - self.camera.eye, (max - min) / 2.0);
+        self.edges().map(|(normal, at, _)| centre.dot(normal) + half.dot(normal.abs()) > at)
+    }
+
     /// Returns the least planar depth `[m]` of a world box in front of the camera; `None` if no point
     /// of the box is in view.
     pub fn least_depth(&self, bounds: (DVec3, DVec3)) -> Option<f64> {
@@ -199,21 +222,10 @@ impl View {
         if depth + reach(basis.forward) + slack <= 0.0 {
             return None;
         }
-        let (f, [x, y]) = (self.focal_px(), self.centre());
-        let [width, height] = self.size.map(f64::from);
-        // Extent of the window to each side of the principal point.
-        let edges =
-            [(basis.right, width - x), (-basis.right, x), (basis.up, y), (-basis.up, height - y)];
-        let outside = |(side, edge): (DVec3, f64)| match self.camera.projection {
-            // The plane through the eye and the edge has the normal side - edge * forward.
-            Projection::Perspective => {
-                let edge = edge / f;
-                let normal = side - basis.forward * edge;
-                centre.dot(normal) - reach(normal) > slack * (1.0 + edge.abs())
-            }
-            Projection::Orthographic => centre.dot(side) - reach(side) > edge / f + slack,
+        let outside = |(normal, at, scale): (DVec3, f64, f64)| {
+            centre.dot(normal) - reach(normal) > at + slack * scale
         };
-        if edges.into_iter().any(outside) {
+        if self.edges().into_iter().any(outside) {
             return None;
         }
         let reach = reach(basis.forward);

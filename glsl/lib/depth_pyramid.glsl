@@ -27,6 +27,12 @@ int at_edge(int at, int side) {
     return clamp(at, 0, side - 1);
 }
 
+// Returns whether a cell may hold points: it lies inside, or beyond an edge that the cloud crosses,
+// with bits for the first and the last edge.
+bool may_hold(int at, int side, uint crossed) {
+    return at < 0 ? (crossed & 1u) == 1u : at < side || (crossed & 2u) == 2u;
+}
+
 // Verdicts of a level on a pixel.
 const uint TOO_FEW = 0u;
 const uint UNDECIDED = 1u;

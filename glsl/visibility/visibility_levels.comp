@@ -79,6 +79,7 @@ layout(push_constant, scalar) uniform Push {
     uvec2 size;        // pixels
     vec2 centre;       // principal point [px]
     uint tiles_across;
+    uint crossed;      // bits of edges beyond which surfaces continue: left, right, upper, lower
     int level;
     uint at;           // the list of this level
     uint stride;       // words from level to level of `decided`
@@ -177,7 +178,11 @@ uint judge(ivec2 pixel, int across) {
     float z0 = clamp(own, NEAREST_PLACE, farthest);
     float f_rr = PERSPECTIVE ? push.px_per_unit * (1.0 + ray.x * ray.x + ray.y * ray.y) : push.px_per_unit;
     int columns[MOST_WIDTH];
-    [[unroll]] for (int dx = -R; dx <= R; ++dx) columns[dx + R] = at_edge(cell.x + dx, cells.x);
+    uint may = 0u;
+    [[unroll]] for (int dx = -R; dx <= R; ++dx) {
+        columns[dx + R] = at_edge(cell.x + dx, cells.x);
+        may |= may_hold(cell.x + dx, cells.x, push.crossed) ? 1u << (dx + R) : 0u;
+    }
     // The leading cells, which most pixels have too few of.
     uint rows[MOST_WIDTH];
     int leaders = 0;
@@ -194,6 +199,7 @@ uint judge(ivec2 pixel, int across) {
             }
             rows[dy + R] |= leads ? 1u << (dx + R) : 0u;
         }
+        rows[dy + R] &= may_hold(cell.y + dy, cells.y, push.crossed >> 2) ? may : 0u;
         leaders += bitCount(rows[dy + R]);
     }
     if (leaders < push.fewest) return TOO_FEW;

@@ -17,7 +17,7 @@ use crate::error::{Error, Result};
 use crate::graph::Gpu;
 use crate::output::image_io::PngRows;
 use crate::output::overlay::Overlay;
-use crate::passes::{BLOCK_PX, encode, visibility};
+use crate::passes::{LEAST_BLOCK_PX, encode, visibility};
 use crate::progress::{Progress, Whole};
 use crate::render::settings::FrameConfig;
 use crate::render::source::SelectionReport;
@@ -57,15 +57,10 @@ pub struct Piece {
 pub fn needs_pieces(gpu: &Gpu, size: [u32; 2], asked: Option<u32>) -> bool {
     let largest = asked
         .map_or(gpu.device.limits.max_image_dimension2_d - visibility::BEYOND_PX, |asked| {
-            asked.max(BLOCK_PX)
+            asked.max(LEAST_BLOCK_PX)
         });
     let too_many = asked.is_none() && size[0] as u64 * size[1] as u64 > WHOLE_PIXELS;
     too_many || size.iter().any(|&side| side > largest)
-}
-
-/// Rounds up to a multiple of the 16 x 16 blocks that effects divide pictures into.
-fn in_blocks(pixels: u32) -> u32 {
-    pixels.next_multiple_of(BLOCK_PX)
 }
 
 impl Pieces {
@@ -81,9 +76,11 @@ impl Pieces {
             ))
         })?;
         let rows = (ROW_BYTES / (3 * whole[0] as u64)).max(1).min(PIECE[1] as u64) as u32;
-        let piece =
-            asked.map_or([PIECE[0], rows], |asked| [asked; 2]).map(|side| in_blocks(side.max(1)));
-        Ok(Pieces { whole, piece, border: in_blocks(reach) })
+        let block = config.block_px();
+        let piece = asked
+            .map_or([PIECE[0], rows], |asked| [asked; 2])
+            .map(|side| side.max(1).next_multiple_of(block));
+        Ok(Pieces { whole, piece, border: reach.next_multiple_of(block) })
     }
 
     /// Returns the rows of pieces from the top down, each from left to right.
@@ -240,9 +237,10 @@ impl Drawing {
         let config = renderer.config(cloud, &view)?;
         self.note(config.warnings(renderer.cloud(cloud)?.1.resident()));
         let pieces = Pieces::of(&renderer.gpu, &view, &config, piece)?;
+        let block = config.block_px();
         let side_and_border = tile
             .zip(config.reach_px(&view))
-            .map(|(side, reach)| (in_blocks(side.max(1)), in_blocks(reach)));
+            .map(|(side, reach)| [side.max(1), reach].map(|px| px.next_multiple_of(block)).into());
         let tiles =
             pieces.rows().flat_map(|row| row_of_tiles(&view, &row, side_and_border)).collect();
         Ok(Plan { config, tiles, done: 0 })
@@ -416,8 +414,8 @@ mod tests {
                         piece.window_corner[axis] + piece.window_size[axis],
                     );
                     assert!(
-                        piece.window_corner[axis] % BLOCK_PX == 0
-                            && (window_end % BLOCK_PX == 0 || window_end == whole)
+                        piece.window_corner[axis] % LEAST_BLOCK_PX == 0
+                            && (window_end % LEAST_BLOCK_PX == 0 || window_end == whole)
                     );
                     assert!(
                         piece.corner[axis] - piece.window_corner[axis]

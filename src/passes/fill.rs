@@ -73,7 +73,7 @@ impl Default for Settings {
     fn default() -> Self {
         Settings {
             method: Method::Auto,
-            levels: 7.0,
+            levels: MOST_LEVELS as f64,
             iterations: 0.0,
             tolerance: 0.0,
             surrounded: 5.0,

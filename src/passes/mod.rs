@@ -139,11 +139,11 @@ pub fn tiles(size: [u32; 2]) -> [u32; 2] {
 
 /// Side of a tile `[px]`, as in glsl/lib/tile.glsl.
 pub const TILE_PX: u32 = 8;
-/// Side of the coarsest cells of any pyramid `[px]`. A piece of a picture begins and ends on
-/// multiples of it, except at the picture's edges.
-pub const BLOCK_PX: u32 = 1 << (MOST_LEVELS - 1);
+/// Least side of the blocks that a piece of a picture is made of `[px]`
+/// ([`FrameConfig::block_px`](crate::render::settings::FrameConfig::block_px)).
+pub const LEAST_BLOCK_PX: u32 = 128;
 /// Largest number of levels of a pyramid over the picture, including the picture itself.
-pub const MOST_LEVELS: u32 = 8;
+pub const MOST_LEVELS: u32 = 10;
 pub const LIST_HEADER: u32 = 4;
 
 /// Off, on, or as the frame calls for it.

@@ -80,7 +80,7 @@ pub enum Looked {
 impl Default for Settings {
     fn default() -> Self {
         Settings {
-            levels: 7.0,
+            levels: MOST_LEVELS as f64,
             kernel: 7.0,
             sectors: 8.0,
             tiles: Looked::Needed,
@@ -194,7 +194,7 @@ pub fn record(
 ) -> GBuffer {
     let settings =
         &if gbuffer.accumulation.is_some() { behind(asked, gbuffer.spacing_px[1]) } else { *asked };
-    let mut judged = Judged::new(g, context.view, settings, &gbuffer);
+    let mut judged = Judged::new(g, context, settings, &gbuffer);
     judged.points(g, &gbuffer.depth, 0);
     if !is_single(settings) {
         judged.empties(g, &gbuffer.depth);
@@ -237,6 +237,11 @@ pub fn settled(asked: &Settings, widest_px: f64) -> Settings {
     Settings { levels: asked.levels.min(levels_for(widest_px)), ..*asked }
 }
 
+/// Returns a bit for each edge beyond which surfaces continue: left, right, upper, lower.
+fn crossed_bits(crossed: [bool; 4]) -> u32 {
+    (0..4).map(|edge| (crossed[edge] as u32) << edge).sum()
+}
+
 /// Returns the settings for layers behind others.
 fn behind(asked: &Settings, spacing_px: f64) -> Settings {
     let widest = 2.0 * ((BEHIND_SPACINGS * spacing_px - 1.0) / 2.0).ceil() + 1.0;
@@ -265,6 +270,8 @@ struct Judged<'s> {
     perspective: bool,
     /// See [`SPARSEST`].
     sparsest: f64,
+    /// Edges beyond which surfaces continue ([`crossed_bits`]).
+    crossed: u32,
     /// Contents of tiles.
     tiles: Buffer,
     /// List of tiles with invisible pixels.
@@ -286,7 +293,13 @@ struct Judged<'s> {
 }
 
 impl<'s> Judged<'s> {
-    fn new(g: &mut Graph, view: &'s View, settings: &'s Settings, gbuffer: &GBuffer) -> Judged<'s> {
+    fn new(
+        g: &mut Graph,
+        context: &FrameContext<'s>,
+        settings: &'s Settings,
+        gbuffer: &GBuffer,
+    ) -> Judged<'s> {
+        let view = context.view;
         let across = tiles(view.size);
         let count = (across[0] * across[1]) as u64;
         let mut filled = |name: &str, words: u64, word: u32| {
@@ -316,6 +329,7 @@ impl<'s> Judged<'s> {
         let sparsest = if gbuffer.accumulation.is_none() { SPARSEST } else { SPARSEST_BEHIND };
         Judged {
             sparsest,
+            crossed: crossed_bits(context.sampling.crossed),
             view,
             settings,
             across,
@@ -542,6 +556,7 @@ impl<'s> Judged<'s> {
             size: self.view.size,
             centre: self.centre(),
             tiles_across: self.across[0],
+            crossed: self.crossed,
             level: level as i32,
             at,
             stride: 2 * self.count(),

@@ -6,7 +6,8 @@ use crate::cloud::colormap::srgb_to_linear;
 use crate::passes::phong::Backfaces;
 use crate::passes::project::Precision;
 use crate::passes::{
-    Effect, EffectDecisions, Effects, FrameContext, Switch, fill, resolve, strokes, visibility,
+    Effect, EffectDecisions, Effects, FrameContext, LEAST_BLOCK_PX, Switch, fill, resolve, strokes,
+    visibility,
 };
 use crate::resident::{PointDensity, Resident, StationOverlap};
 use crate::view::View;
@@ -207,6 +208,13 @@ impl FrameConfig {
             overlap: self.overlap.clone(),
             ..FrameContext::of(view, resident, self.light)
         }
+    }
+
+    /// Returns the side of the blocks that a piece of a picture is made of `[px]`, except at the
+    /// picture's edges: of the coarsest cells of its pyramids.
+    pub fn block_px(&self) -> u32 {
+        let levels = self.effects.visibility.settings.levels.max(self.effects.fill.settings.levels);
+        LEAST_BLOCK_PX.max(1 << (levels as u32 - 1))
     }
 
     /// Returns how far effects look `[px]`, as [`Effects::reach_px`] times the layers, since each

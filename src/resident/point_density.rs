@@ -1,5 +1,5 @@
-//! Point density of a view, by which effects decide. Parts of a picture use the density of the
-//! whole.
+//! Point density of a view, by which effects decide, and the edges that points reach. Parts of a
+//! picture use those of the whole.
 
 use super::{Resident, ResidentNode};
 use crate::index::format::scatter::{AROUND, POINTS_PER_CLUMP};
@@ -20,6 +20,8 @@ pub struct PointDensity {
     pub apart_px: f64,
     /// Share of the points that lie on no surface ([`scatter`](crate::index::format::scatter)).
     pub scattered: f64,
+    /// Edges of the picture beyond which nodes in view reach: left, right, upper, lower.
+    pub crossed: [bool; 4],
 }
 
 impl PointDensity {
@@ -38,6 +40,10 @@ impl PointDensity {
             density: weighted_median(number(density)),
             scattered: scattered(resident, view),
             apart_px: quantile(seen.iter().map(|node| (node.apart, node.covered)).collect(), 0.9),
+            crossed: resident.seen(view).fold([false; 4], |before, (_, node)| {
+                let crossed = view.crossed(node.bounds());
+                [0, 1, 2, 3].map(|edge| before[edge] || crossed[edge])
+            }),
         }
     }
 

@@ -150,6 +150,8 @@ pub struct Canvas<'g> {
     resident: Resident,
     /// Light of every pixel by its colour.
     pub reached: bool,
+    /// Edges of the picture beyond which surfaces continue: left, right, upper, lower.
+    pub crossed: [bool; 4],
 }
 
 pub fn canvas<T>(work: impl FnOnce(&mut Canvas) -> T) -> T {
@@ -166,7 +168,7 @@ pub fn canvas_on<T>(way: Way, work: impl FnOnce(&mut Canvas) -> T) -> T {
         )]);
         let shown = DisplayAttribute::new(Attribute::Rgb, &cloud);
         let resident = Resident::fill(gpu, cloud, shown, &Silent).expect("resident");
-        let mut canvas = Canvas { gpu, resident, reached: false };
+        let mut canvas = Canvas { gpu, resident, reached: false, crossed: [true; 4] };
         work(&mut canvas)
     })
 }
@@ -236,7 +238,8 @@ impl Canvas<'_> {
         keys: &[[u32; 2]],
         effects: &Effects,
     ) -> Surface {
-        let scene = FrameContext::of(view, &self.resident, light);
+        let mut scene = FrameContext::of(view, &self.resident, light);
+        scene.sampling.crossed = self.crossed;
         let mut g = Graph::new(self.gpu);
         let uploaded = g.upload("keys", keys).unwrap();
         let paint = resolve::paint(&mut g, &self.resident, &Default::default()).unwrap();

@@ -82,8 +82,15 @@ enum Subject {
     Empty,
 }
 
-/// Returns the verdicts of all pixels, row by row, for points with this spacing `[m]`.
-pub fn verdicts(view: &View, settings: &Settings, spacing_m: f64, depth: &[f32]) -> Vec<Verdict> {
+/// Returns the verdicts of all pixels, row by row, for points with this spacing `[m]`. `crossed` has
+/// the edges beyond which surfaces continue: left, right, upper, lower.
+pub fn verdicts(
+    view: &View,
+    settings: &Settings,
+    spacing_m: f64,
+    crossed: [bool; 4],
+    depth: &[f32],
+) -> Vec<Verdict> {
     let size = view.size.map(i64::from);
     let place = |i: usize| [(i as i64 % size[0]) as f64 + 0.5, (i as i64 / size[0]) as f64 + 0.5];
     let cell = |(i, z): (usize, &f32)| Cell {
@@ -93,12 +100,12 @@ pub fn verdicts(view: &View, settings: &Settings, spacing_m: f64, depth: &[f32])
     };
     let mut picture: Vec<Cell> = depth.iter().enumerate().map(cell).collect();
     let spacings = Spacings::of(view, spacing_m, depth);
-    let projected = Pyramid::of(size, picture.clone(), settings);
+    let projected = Pyramid::of(size, crossed, picture.clone(), settings);
     let mut verdicts = vec![Verdict::Visible; depth.len()];
     // Pixels without leading points at first are not judged again.
     let mut candidates = vec![true; depth.len()];
     for _ in 0..2 {
-        let pyramid = Pyramid::of(size, picture.clone(), settings);
+        let pyramid = Pyramid::of(size, crossed, picture.clone(), settings);
         for i in (0..depth.len())
             .filter(|&i| picture[i].point.is_some() && std::mem::take(&mut candidates[i]))
             .collect::<Vec<_>>()
@@ -190,15 +197,16 @@ fn fewest(closed: f64) -> usize {
 /// Levels, and one beyond the coarsest, which has densities.
 struct Pyramid {
     levels: Vec<Level>,
+    crossed: [bool; 4],
 }
 
 impl Pyramid {
-    fn of(size: [i64; 2], cells: Vec<Cell>, settings: &Settings) -> Pyramid {
+    fn of(size: [i64; 2], crossed: [bool; 4], cells: Vec<Cell>, settings: &Settings) -> Pyramid {
         let mut levels = vec![Level { size, cells }];
         while levels.len() <= settings.levels as usize {
             levels.push(levels[levels.len() - 1].coarser());
         }
-        Pyramid { levels }
+        Pyramid { levels, crossed }
     }
 
     /// Returns the verdict of the first level that decides, and whether enough points lead to judge
@@ -256,6 +264,13 @@ impl Pyramid {
             }
             let cell = [x / side + dx, y / side + dy];
             let inside = [0, 1].map(|axis| cell[axis].clamp(0, level.size[axis] - 1));
+            let before = [0, 1].map(|axis| cell[axis] < 0 && !self.crossed[2 * axis]);
+            let after =
+                [0, 1].map(|axis| cell[axis] >= level.size[axis] && !self.crossed[2 * axis + 1]);
+            // The finest level sees only a few pixels beyond the edge.
+            if number > 0 && [before, after].concat().contains(&true) {
+                continue;
+            }
             let Cell { point, sure, .. } = level.at(inside[0], inside[1]);
             if !sure {
                 return Said::Either;

@@ -175,11 +175,13 @@ fn levels_decide_as_f64_does() {
                         tiles: ALL,
                         ..Default::default()
                     };
+                    canvas.crossed = [0, 1, 2, 3].map(|_| random.bits().is_multiple_of(2));
                     let surface = canvas.draw(&view, &keys, &only_visibility(settings));
                     for (i, verdict) in levels::verdicts(
                         &view,
                         &settings,
                         canvas.spacing() as f32 as f64,
+                        canvas.crossed,
                         &surface.raw.depth,
                     )
                     .into_iter()
