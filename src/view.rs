@@ -198,10 +198,10 @@ impl View {
         })
     }
 
-    /// Returns beyond which edges of the window a world box reaches: left, right, upper, lower.
-    pub fn crossed(&self, (min, max): (DVec3, DVec3)) -> [bool; 4] {
-        let (centre, half) = ((min + max) / 2.0 - self.camera.eye, (max - min) / 2.0);
-        self.edges().map(|(normal, at, _)| centre.dot(normal) + half.dot(normal.abs()) > at)
+    /// Returns beyond which edges of the window points lie: left, right, upper, lower. `farthest`
+    /// returns the largest product of a point, world, with a vector.
+    pub fn crossed(&self, farthest: impl Fn(DVec3) -> f64) -> [bool; 4] {
+        self.edges().map(|(normal, at, _)| farthest(normal) - self.camera.eye.dot(normal) > at)
     }
 
     /// Returns the least planar depth `[m]` of a world box in front of the camera; `None` if no point

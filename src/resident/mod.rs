@@ -79,6 +79,25 @@ impl ResidentNode {
         let (a, b) = (self.lattice.world(self.frame.origin), self.lattice.world(top));
         (a.min(b), a.max(b))
     }
+
+    /// Returns beyond which edges of a window its points may lie: left, right, upper, lower.
+    pub fn crosses(&self, view: &View) -> [bool; 4] {
+        let origin = self.lattice.world(self.frame.origin);
+        let cell = self.lattice.step * crate::select::lod::cell_steps(&self.frame, 1);
+        let clump = |clump: &Clump| {
+            view.crossed(|normal| origin.dot(normal) + clump.reach_along(normal * cell))
+        };
+        let (min, max) = self.bounds();
+        let by_box = view.crossed(|normal| (min * normal).max(max * normal).element_sum());
+        match by_box.contains(&true) {
+            true => self.clumps.iter().map(clump).fold([false; 4], either),
+            false => by_box,
+        }
+    }
+}
+
+fn either(a: [bool; 4], b: [bool; 4]) -> [bool; 4] {
+    [0, 1, 2, 3].map(|k| a[k] || b[k])
 }
 
 /// Words per node in [`Resident::nodes_identity`].

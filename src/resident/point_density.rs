@@ -1,7 +1,7 @@
 //! Point density of a view, by which effects decide, and the edges that points reach. Parts of a
 //! picture use those of the whole.
 
-use super::{Resident, ResidentNode};
+use super::{Resident, ResidentNode, either};
 use crate::index::format::scatter::{AROUND, POINTS_PER_CLUMP};
 use crate::view::{Projection, View};
 
@@ -40,10 +40,10 @@ impl PointDensity {
             density: weighted_median(number(density)),
             scattered: scattered(resident, view),
             apart_px: quantile(seen.iter().map(|node| (node.apart, node.covered)).collect(), 0.9),
-            crossed: resident.seen(view).fold([false; 4], |before, (_, node)| {
-                let crossed = view.crossed(node.bounds());
-                [0, 1, 2, 3].map(|edge| before[edge] || crossed[edge])
-            }),
+            crossed: resident
+                .seen(view)
+                .map(|(_, node)| node.crosses(view))
+                .fold([false; 4], either),
         }
     }
 

@@ -1,4 +1,4 @@
-//! How the points of a node lie: on surfaces or scattered, and how far apart, clump by clump.
+//! How the points of a node lie: on surfaces or scattered, how far apart, and where, clump by clump.
 //!
 //! Points are in Morton order, so a run of them lies together, and neighbours in space are mostly
 //! neighbours in the list. Around seeds of a clump the covariance of the nearest places, with
@@ -22,19 +22,43 @@ pub const POINTS_PER_CLUMP: usize = 1024;
 pub const SCATTERED: f64 = 1.0 / 6.0;
 
 /// How the points of a clump lie.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Clump {
     /// Point spacing `[m]`.
     pub spacing: f64,
     /// Median scatter of its seeds and, with less weight, of those of the clumps before and after it:
     /// 0 to 1/3; 0 if too few points tell.
     pub scatter: f64,
+    /// How far its cells reach in the directions of [`signs`], from the node's origin [cells of its
+    /// coarsest plane].
+    reach: [i16; SIGNS],
+}
+
+impl Default for Clump {
+    fn default() -> Self {
+        Clump { spacing: 0.0, scatter: 0.0, reach: [0; SIGNS] }
+    }
 }
 
 impl Clump {
     /// Tests whether the points lie on no surface.
     pub fn is_scattered(&self) -> bool {
         self.scatter >= SCATTERED
+    }
+
+    /// Returns how far its points reach along a direction, at most, given that in cells. The
+    /// direction is a sum of three of [`signs`]: of its longest axis, of its two longest, of all.
+    pub fn reach_along(&self, direction: DVec3) -> f64 {
+        let mut axes = [0, 1, 2].map(|axis| (direction[axis].abs(), axis));
+        axes.sort_by(|a, b| b.0.total_cmp(&a.0));
+        let (mut number, mut reach) = (1 + 3 + 9, 0.0);
+        for (k, (length, axis)) in axes.into_iter().enumerate() {
+            let digit = [1, 3, 9][axis];
+            number = if direction[axis] < 0.0 { number - digit } else { number + digit };
+            let shorter = axes.get(k + 1).map_or(0.0, |next| next.0);
+            reach += (length - shorter) * self.reach[number] as f64;
+        }
+        reach
     }
 }
 
@@ -72,13 +96,40 @@ pub fn clumps(words: &[u32], bits: u32, step: DVec3) -> Vec<Clump> {
         // Its own seeds decide if they agree, else those beside them as well.
         let beside = &seeds[k.saturating_sub(1)..(k + 2).min(seeds.len())];
         let all = beside.iter().chain([&seeds[k], &seeds[k]]).flatten();
+        let points = &words[k * POINTS_PER_CLUMP..((k + 1) * POINTS_PER_CLUMP).min(words.len())];
         Clump {
+            reach: reach(points),
             // Sparser areas have the larger gaps.
             spacing: unit * quantile(seeds[k].iter().map(|seed| seed.spacing), 0.75),
             scatter: quantile(all.map(|seed| seed.scatter), 0.5),
         }
     };
     (0..seeds.len()).map(clump).collect()
+}
+
+/// Returns how far points reach, as [`Clump::reach`].
+fn reach(words: &[u32]) -> [i16; SIGNS] {
+    let mut reach = [i16::MIN; SIGNS];
+    for (number, reach) in reach.iter_mut().enumerate() {
+        let [x, y, z] = signs(number);
+        // A cell ends one cell after it begins.
+        let ends = [x, y, z].into_iter().filter(|&sign| sign > 0).count() as i16;
+        let along = |&word: &u32| x * cell(word, 0) + y * cell(word, 1) + z * cell(word, 2);
+        *reach = words.iter().map(along).max().map_or(0, |along| along + ends);
+    }
+    reach
+}
+
+fn cell(word: u32, axis: u32) -> i16 {
+    (word >> (BITS_PER_PLANE * axis) & ((1 << BITS_PER_PLANE) - 1)) as i16
+}
+
+/// Directions of [`Clump::reach`]: every combination of signs of the three axes.
+const SIGNS: usize = 27;
+
+/// Returns the signs of a direction, by its number in base 3.
+fn signs(number: usize) -> [i16; 3] {
+    [number % 3, number / 3 % 3, number / 9].map(|digit| digit as i16 - 1)
 }
 
 /// Returns the value at this share of all; 0 if there is none.
@@ -103,7 +154,8 @@ fn around(places: &[DVec3], own: usize) -> Clump {
     let neighbours = NEIGHBOURS.min(near.len() - 1);
     let (_, &mut (farthest, _), _) = near.select_nth_unstable_by(neighbours, by_distance);
     let spacing = if neighbours > 0 { apart(farthest, neighbours) } else { 0.0 };
-    Clump { spacing, scatter: if near.len() > AROUND { scatter(&near) } else { 0.0 } }
+    let scatter = if near.len() > AROUND { scatter(&near) } else { 0.0 };
+    Clump { spacing, scatter, ..Clump::default() }
 }
 
 /// Returns the scatter of places; that of a line if they lie on one.
@@ -170,9 +222,30 @@ mod tests {
     }
 
     #[test]
+    fn no_point_lies_beyond_the_reach_of_its_clump_and_some_nearly_reach_it() {
+        let ball = node([2.0, 6.3, 1.0], 3000, |[z, turn, _]| {
+            let around = (1.0 - (z - 1.0) * (z - 1.0)).max(0.0).sqrt();
+            [around * turn.cos(), around * turn.sin(), z - 1.0].map(|at| 500.0 + 480.0 * at)
+        });
+        let clump = Clump { reach: reach(&ball), ..Clump::default() };
+        for k in 0..500 {
+            let turn = k as f64;
+            let direction = DVec3::new(turn.sin(), (1.7 * turn).cos(), (0.3 * turn).sin());
+            let middle =
+                |word: u32| DVec3::from([0, 1, 2].map(|axis| cell(word, axis) as f64 + 0.5));
+            let half_cell = 0.5 * direction.abs().element_sum();
+            let most = ball.iter().map(|&word| middle(word).dot(direction) + half_cell);
+            let slack = clump.reach_along(direction) - most.fold(f64::MIN, f64::max);
+            let allowed = -1e-9..0.09 * 960.0 * direction.length();
+            assert!(allowed.contains(&slack), "{direction} {slack}");
+        }
+    }
+
+    #[test]
     fn few_points_tell_nothing_and_a_line_is_no_surface() {
         assert_eq!(clumps(&[], 1, DVec3::ONE), []);
-        assert_eq!(clumps(&[7; 3000], 1, DVec3::ONE), [Clump::default(); 3]);
+        let one = Clump { reach: reach(&[7]), ..Clump::default() };
+        assert_eq!(clumps(&[7; 3000], 1, DVec3::ONE), [one; 3]);
         let [spacing, scatter] = medians(&node([9.0; 3], AROUND, |p| p));
         assert!(spacing > 0.0 && scatter == 0.0);
         let line: Vec<u32> = (0..1000).collect();
