@@ -219,9 +219,10 @@ impl Canvas<'_> {
     /// Lets the points of every other clump lie on no surface.
     pub fn scatter(&mut self) -> &[ResidentNode] {
         let node = &mut self.resident.nodes[0];
-        let scattered = |(k, clump): (usize, &Clump)| Clump {
-            scatter: if k % 2 == 0 { 2.0 * SCATTERED } else { 0.0 },
-            ..*clump
+        let scattered = |(k, clump): (usize, &Clump)| {
+            let mut clump = *clump;
+            clump.scatter = if k % 2 == 0 { 2.0 * SCATTERED } else { 0.0 };
+            clump
         };
         node.clumps = node.clumps.iter().enumerate().map(scattered).collect();
         &self.resident.nodes

@@ -62,6 +62,9 @@ impl Clump {
     }
 }
 
+/// Breadth over length of neighbours up to which they lie along a line, which may be bent.
+const NARROWEST: f64 = 0.2;
+
 /// Seeds of a clump.
 const SEEDS: usize = 8;
 /// Places whose covariance is computed, among a window of the list. A cloud of no more points has no
@@ -170,8 +173,11 @@ fn scatter(places: &[(f64, DVec3)]) -> f64 {
     let trace = xx + yy + zz;
     let minors = xx * yy - xy * xy + yy * zz - yz * yz + zz * xx - zx * zx;
     let det = xx * (yy * zz - yz * yz) + xy * (yz * zx - xy * zz) + zx * (xy * yz - yy * zx);
-    // Rounding leaves a little of the minors of a line.
-    if minors <= 1e-12 * trace * trace { 0.25 } else { (det * trace / (minors * minors)).max(0.0) }
+    if minors <= NARROWEST * NARROWEST * trace * trace {
+        0.25
+    } else {
+        (det * trace / (minors * minors)).max(0.0)
+    }
 }
 
 #[cfg(test)]

@@ -1,11 +1,14 @@
 //! Hidden layers, holes and shade (guide: numerics, case 7 to 11). Where tiles begin and which of
 //! them are looked at must not change a single bit of them.
 
-use crate::cameras::perspective;
+use crate::cameras::{orthographic, perspective};
 use crate::gpu::{
-    CANVAS_POINTS, Canvas, Layers, Stage, Way, canvas, draw, effects, random_keys, views,
+    CANVAS_POINTS, Canvas, Layers, Stage, Way, canvas, cloud, draw, effects, part, random_keys,
+    views,
 };
 use crate::points::Random;
+use glam::DVec3;
+use pointillist::cloud::Lattice;
 use pointillist::cloud::attribute::Attribute;
 use pointillist::config::NO_POINT;
 use pointillist::passes::{Effect, FrameContext, fill, shape, visibility};
@@ -153,6 +156,34 @@ fn hard_07_walls_that_are_sparser_than_their_node_hide_what_is_behind() {
             assert!(node > 1e-3 && own < 0.1 * node);
         }
     });
+}
+
+/// A sheet of random points, however far apart on the screen, is closed, and ends where its points
+/// do: also at an edge of the picture that is less than two spacings away.
+#[test]
+fn hard_07_sparse_sheets_are_closed_at_any_size_and_end_before_the_edges() {
+    let random = &mut Random(0x5EE7);
+    let points: Vec<[i32; 3]> = (0..600)
+        .map(|_| [random.within(0.0, 1000.0), random.within(0.0, 1000.0), 0.0].map(|at| at as i32))
+        .collect();
+    let lattice = Lattice { step: DVec3::splat(0.001), offset: DVec3::ZERO };
+    let cloud = cloud(vec![part(lattice, &points, None)]);
+    let middle = DVec3::new(0.5, 0.5, 0.0);
+    for side in [160, 1280] {
+        // Points are 4 % of the sheet apart, and the margin is 3.5 % of the picture.
+        let mut camera = orthographic(middle + DVec3::Z, middle, 1.07);
+        camera.up = DVec3::Y;
+        let view = View::new(camera, [side; 2]).unwrap();
+        let layers = draw(Way::Compute64, &cloud, &view, &RenderSettings::default());
+        let at = |x: u32, y: u32| layers.depth[(y * side + x) as usize].is_finite();
+        let inside = side / 6..side - side / 6;
+        let open: usize =
+            inside.clone().map(|y| inside.clone().filter(|&x| !at(x, y)).count()).sum();
+        let rim = (0..side).flat_map(|k| [(k, 0), (k, side - 1), (0, k), (side - 1, k)]);
+        let filled = rim.filter(|&(x, y)| at(x, y)).count();
+        println!("{side} pixels: {open} open inside, {filled} filled at the rim");
+        assert!(open == 0 && filled == 0, "{side} pixels: {open} open, {filled} filled");
+    }
 }
 
 /// A wall of random points rises towards the camera as it leads away from a much nearer thing. By
