@@ -15,6 +15,7 @@
 //!     visibility           finest level: points and empty pixels; the only one with levels=1
 //!     visibility_levels    pyramid, lists -> hidden points       once per coarser level
 //!     visibility_assign, visibility_levels             empty pixels: enclosed ones are holes
+//!     visibility_vote      verdicts on empty pixels    majorities of neighbours
 //!     visibility_apply     removes both from the depths
 //!     all but the holes again, if something was hidden: removed points hide and open nothing
 //!     visibility_apply     removes all invisible pixels from the G-buffer
@@ -37,7 +38,7 @@ use super::{
 use crate::graph::{Buffer, Dispatch, Graph, Image, Kind};
 use crate::shader::{
     self, Tile, depth_pyramid, pack_depth, tile_classify, visibility, visibility_apply,
-    visibility_assign, visibility_levels,
+    visibility_assign, visibility_levels, visibility_vote,
 };
 use crate::view::{Projection, View};
 use std::f64::consts::{PI, SQRT_2, TAU};
@@ -536,6 +537,25 @@ impl<'s> Judged<'s> {
                 level,
             );
         }
+        self.vote(g);
+    }
+
+    /// Settles which pixels without a point are holes, by majorities of neighbours.
+    fn vote(&mut self, g: &mut Graph) {
+        let count = self.count();
+        let mut voted = g.buffer("voted", 8 * count as u64);
+        let push = visibility_vote::Push {
+            tiles: self.across,
+            stride: 2 * count,
+            levels: self.settings.levels as i32,
+            kernel: self.settings.kernel as u32,
+        };
+        let Judged { invisible, decided, holes, kernels, .. } = self;
+        g.run(
+            shader::VisibilityVote { invisible, decided, voted: &mut voted, holes, kernels, push },
+            Dispatch::Groups([count.div_ceil(64), 1, 1]),
+        );
+        self.invisible = voted;
     }
 
     /// Runs one level of the pyramid, except the finest.

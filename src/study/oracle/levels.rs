@@ -110,7 +110,7 @@ pub fn verdicts(
             .filter(|&i| picture[i].point.is_some() && std::mem::take(&mut candidates[i]))
             .collect::<Vec<_>>()
         {
-            let (said, led) = pyramid.judge(view, settings, &spacings, i, Subject::Points);
+            let (said, led) = pyramid.judge_point(view, settings, &spacings, i);
             candidates[i] = led;
             match said {
                 Said::Closed => {
@@ -126,14 +126,57 @@ pub fn verdicts(
         }
     }
     // A hidden point still covers its pixel.
+    let empty = (0..depth.len()).map(|i| match depth[i].is_finite() {
+        true => (Said::TooFew, 0),
+        false => projected.judge_empty(view, settings, i),
+    });
+    let empty: Vec<(Said, usize)> = empty.collect();
     for i in (0..depth.len()).filter(|&i| !depth[i].is_finite()) {
-        verdicts[i] = match projected.judge(view, settings, &spacings, i, Subject::Empty).0 {
+        verdicts[i] = match vote(&empty, size, i) {
             Said::Closed => Verdict::Invisible,
             Said::Either => Verdict::InBand,
             _ => Verdict::Visible,
         };
     }
     verdicts
+}
+
+/// Returns the side of the squares of empty pixels that a level judges [px].
+fn across(level: usize) -> i64 {
+    if level > 0 { ((1i64 << level) / 2).clamp(2, 8) } else { 1 }
+}
+
+/// Returns the verdict of the majority of an empty pixel and of those beside it, as far away as its
+/// square is wide. `said` has the verdicts of the levels that decided.
+fn vote(said: &[(Said, usize)], size: [i64; 2], i: usize) -> Said {
+    let (own, level) = said[i];
+    if level == 0 || !matches!(own, Said::Open | Said::Closed) {
+        return own;
+    }
+    let (x, y) = (i as i64 % size[0], i as i64 / size[0]);
+    let beside = [(0, -1), (0, 1), (-1, 0), (1, 0)]
+        .map(|(dx, dy)| (x + across(level) * dx, y + across(level) * dy))
+        .into_iter()
+        .filter(|&(x, y)| (0..size[0]).contains(&x) && (0..size[1]).contains(&y))
+        .map(|(x, y)| said[(y * size[0] + x) as usize]);
+    // How many more vote against it than for it, at least and at most.
+    let (mut least, mut most) = (0, 0);
+    for (verdict, level) in beside {
+        match verdict {
+            Said::Either => (least, most) = (least - 1, most + 1),
+            Said::Open | Said::Closed if level > 0 => {
+                let against = if verdict == own { -1 } else { 1 };
+                (least, most) = (least + against, most + against);
+            }
+            _ => {}
+        }
+    }
+    let other = if own == Said::Open { Said::Closed } else { Said::Open };
+    match (least >= 2, most >= 2) {
+        (true, _) => other,
+        (false, true) => Said::Either,
+        (false, false) => own,
+    }
 }
 
 const TILE: usize = 8;
@@ -209,28 +252,38 @@ impl Pyramid {
         Pyramid { levels, crossed }
     }
 
-    /// Returns the verdict of the first level that decides, and whether enough points lead to judge
-    /// again.
-    fn judge(
+    /// Returns the verdict of the first level that decides on a point, and whether enough points lead
+    /// to judge again.
+    fn judge_point(
         &self,
         view: &View,
         settings: &Settings,
         spacings: &Spacings,
         i: usize,
-        subject: Subject,
     ) -> (Said, bool) {
         let width = view.size[0] as i64;
         let pixel = [i as i64 % width, i as i64 / width];
         let mut led = false;
-        let may = |&number: &usize| subject == Subject::Empty || spacings.let_judge(pixel, number);
+        let may = |&number: &usize| spacings.let_judge(pixel, number);
         for level in (0..self.levels.len() - 1).filter(may) {
-            let said = self.at_level(view, settings, pixel, level, subject);
+            let said = self.at_level(view, settings, pixel, level, Subject::Points);
             led |= said != Said::TooFew;
             if said != Said::TooFew && said != Said::Undecided {
                 return (said, led);
             }
         }
         (Said::Undecided, led)
+    }
+
+    /// Returns the verdict of the first level that decides on a pixel without a point, and the
+    /// level.
+    fn judge_empty(&self, view: &View, settings: &Settings, i: usize) -> (Said, usize) {
+        let width = view.size[0] as i64;
+        let pixel = [i as i64 % width, i as i64 / width];
+        (0..self.levels.len() - 1)
+            .map(|level| (self.at_level(view, settings, pixel, level, Subject::Empty), level))
+            .find(|(said, _)| !matches!(said, Said::TooFew | Said::Undecided))
+            .unwrap_or((Said::Undecided, 0))
     }
 
     fn at_level(
@@ -245,8 +298,7 @@ impl Pyramid {
         let own = self.levels[0].at(x, y).point;
         // Coarser levels judge empty pixels by squares of half a cell, at most a tile, from the
         // middle.
-        let is_square = subject == Subject::Empty && number > 0;
-        let across = if is_square { ((1i64 << number) / 2).clamp(2, 8) } else { 1 };
+        let across = if subject == Subject::Empty { across(number) } else { 1 };
         let [x, y] = [x, y].map(|at| at / across * across);
         let at = [x, y].map(|at| at as f64 + across as f64 / 2.0);
         let perspective = view.camera.projection == Projection::Perspective;
