@@ -15,20 +15,25 @@
 layout(local_size_x = 64) in;
 
 // Hidden pixels or holes, two words per tile.
-layout(scalar) readonly buffer Invisible { uint word[]; } invisible;
-// Pixels without a point that each level has decided, two words per tile and level.
-layout(scalar) readonly buffer Decided { uint word[]; } decided;
-layout(scalar) writeonly buffer Voted { uint word[]; } voted;
+layout(scalar) buffer Invisible { uint word[]; } invisible;
+// Pixels without a point that each level has decided, two words per tile and level; those of level 0
+// are the pixels that turn.
+layout(scalar) buffer Decided { uint word[]; } decided;
+layout(scalar) readonly buffer Lists { uint word[]; } lists;
 // List of tiles with invisible pixels.
 layout(scalar) buffer Holes { uint word[]; } holes;
 // Width of the kernel that put a tile on the list of holes [px]; 0 for other tiles.
 layout(scalar) buffer Kernels { uint tile[]; } kernels;
+
+// Whether to turn verdicts, after all votes are counted.
+layout(constant_id = 0) const bool TURN = false;
 
 layout(push_constant, scalar) uniform Push {
     uvec2 tiles;
     uint stride; // words from level to level of `decided`
     int levels;
     uint kernel; // width [cells]
+    uint at;     // list of the tiles that any level has judged
 } push;
 
 // Pixels of a tile, as bits (lib/tile.glsl), by verdict.
@@ -91,35 +96,52 @@ uvec2 outvoted(uvec2 against[4], uvec2 by[4]) {
     return three | two & ~(by[0] | by[1] | by[2] | by[3]);
 }
 
-void main() {
-    uint number = gl_GlobalInvocationID.x;
-    if (number >= push.tiles.x * push.tiles.y) return;
+// Returns the pixels of a tile whose verdict turns.
+uvec2 turned(uint number) {
     ivec2 tile = ivec2(number % push.tiles.x, number / push.tiles.x);
-    uvec2 before = uvec2(invisible.word[2u * number], invisible.word[2u * number + 1u]);
-    uvec2 after = before;
     Verdicts own = verdicts_at(tile);
-    if ((own.closed | own.open) != uvec2(0u)) {
-        Verdicts above = verdicts_at(tile - ivec2(0, 1));
-        Verdicts below = verdicts_at(tile + ivec2(0, 1));
-        Verdicts left = verdicts_at(tile - ivec2(1, 0));
-        Verdicts right = verdicts_at(tile + ivec2(1, 0));
-        [[dont_unroll]] for (int across = 2; across <= TILE_PX; across *= 2) {
-            int first = across == 2 ? 1 : across == 4 ? 3 : 4;
-            uvec2 squares = decided_by(number, first, across == 2 ? min(3, push.levels) : across == 4 ? min(4, push.levels) : push.levels);
-            uvec2 closed[4] = uvec2[4](from_above(own.closed, above.closed, across), from_below(own.closed, below.closed, across), from_left(own.closed, left.closed, across), from_right(own.closed, right.closed, across));
-            uvec2 open[4] = uvec2[4](from_above(own.open, above.open, across), from_below(own.open, below.open, across), from_left(own.open, left.open, across), from_right(own.open, right.open, across));
-            after |= squares & own.open & outvoted(closed, open);
-            after &= ~(squares & own.closed & outvoted(open, closed));
-        }
-        if ((after & ~before) != uvec2(0u)) {
-            int level = push.levels - 1;
-            [[dont_unroll]] while (level > 1 && (decided_by(number, level, level + 1) & after & ~before) == uvec2(0u)) --level;
-            if (kernels.tile[number] == 0u) {
-                kernels.tile[number] = push.kernel << level;
-                APPEND(holes, 0u, number)
-            }
-        }
+    Verdicts above = verdicts_at(tile - ivec2(0, 1));
+    Verdicts below = verdicts_at(tile + ivec2(0, 1));
+    Verdicts left = verdicts_at(tile - ivec2(1, 0));
+    Verdicts right = verdicts_at(tile + ivec2(1, 0));
+    uvec2 turns = uvec2(0u);
+    [[dont_unroll]] for (int across = 2; across <= TILE_PX; across *= 2) {
+        int first = across == 2 ? 1 : across == 4 ? 3 : 4;
+        int end = across == 2 ? 3 : across == 4 ? 4 : push.levels;
+        uvec2 squares = decided_by(number, first, min(end, push.levels));
+        uvec2 closed[4] = uvec2[4](from_above(own.closed, above.closed, across), from_below(own.closed, below.closed, across), from_left(own.closed, left.closed, across), from_right(own.closed, right.closed, across));
+        uvec2 open[4] = uvec2[4](from_above(own.open, above.open, across), from_below(own.open, below.open, across), from_left(own.open, left.open, across), from_right(own.open, right.open, across));
+        turns |= squares & (own.open & outvoted(closed, open) | own.closed & outvoted(open, closed));
     }
-    voted.word[2u * number] = after.x;
-    voted.word[2u * number + 1u] = after.y;
+    return turns;
+}
+
+void count(uint number) {
+    uvec2 turns = turned(number);
+    decided.word[2u * number] = turns.x;
+    decided.word[2u * number + 1u] = turns.y;
+}
+
+void turn(uint number) {
+    uvec2 turns = decided_by(number, 0, 1);
+    uvec2 before = uvec2(invisible.word[2u * number], invisible.word[2u * number + 1u]);
+    invisible.word[2u * number] = before.x ^ turns.x;
+    invisible.word[2u * number + 1u] = before.y ^ turns.y;
+    if ((turns & ~before) == uvec2(0u) || kernels.tile[number] != 0u) return;
+    int level = push.levels - 1;
+    [[dont_unroll]] while (level > 1 && (decided_by(number, level, level + 1) & turns & ~before) == uvec2(0u)) --level;
+    kernels.tile[number] = push.kernel << level;
+    APPEND(holes, 0u, number)
+}
+
+void main() {
+    uint end = lists.word[push.at + 3u];
+    uint n = gl_GlobalInvocationID.x;
+    if (n < end) for (;;) {
+        uint number = lists.word[push.at + LIST_HEADER + n];
+        if (TURN) turn(number);
+        else count(number);
+        n += 64u * gl_NumWorkGroups.x;
+        if (n >= end) break;
+    }
 }

@@ -537,25 +537,27 @@ impl<'s> Judged<'s> {
                 level,
             );
         }
-        self.vote(g);
+        self.vote(g, &lists[1]);
     }
 
     /// Settles which pixels without a point are holes, by majorities of neighbours.
-    fn vote(&mut self, g: &mut Graph) {
-        let count = self.count();
-        let mut voted = g.buffer("voted", 8 * count as u64);
+    fn vote(&mut self, g: &mut Graph, lists: &Buffer) {
+        let levels = self.settings.levels as u32;
         let push = visibility_vote::Push {
             tiles: self.across,
-            stride: 2 * count,
-            levels: self.settings.levels as i32,
+            stride: 2 * self.count(),
+            levels: levels as i32,
             kernel: self.settings.kernel as u32,
+            at: levels * stride(self.across),
         };
         let Judged { invisible, decided, holes, kernels, .. } = self;
-        g.run(
-            shader::VisibilityVote { invisible, decided, voted: &mut voted, holes, kernels, push },
-            Dispatch::Groups([count.div_ceil(64), 1, 1]),
-        );
-        self.invisible = voted;
+        for turn in [false, true] {
+            let spec = visibility_vote::Spec { turn };
+            g.run(
+                shader::VisibilityVote { invisible, decided, lists, holes, kernels, push, spec },
+                Dispatch::Indirect(lists, push.at),
+            );
+        }
     }
 
     /// Runs one level of the pyramid, except the finest.
