@@ -65,8 +65,6 @@ struct Candidate {
     unlike: (bool, bool, u64),
     record: Record,
     part: usize,
-    /// Position in the file's own coordinates.
-    place: DVec3,
 }
 
 /// Returns the record of a point; `None` if no point has its position. Files are read as before,
@@ -95,29 +93,21 @@ pub fn find(
         })?;
         let candidates = candidates.into_inner().unwrap_or_else(|poisoned| poisoned.into_inner());
         found += candidates.len() as u64;
-        let own = source.own_lattice().world(steps.map(i64::from));
         for mut candidate in candidates {
-            candidate.place = own;
             candidate.record.rgb.take_if(|_| !streamed.available.rgb);
             if best.as_ref().is_none_or(|best| candidate.unlike < best.unlike) {
                 best = Some(candidate);
             }
         }
     }
-    Ok(best.map(|Candidate { mut record, part, place, .. }| {
-        // Batches do not know the colour range of the whole file yet.
-        if sources[part].is_las() {
-            let (rgb, extras) = read_point::record(
-                sources[part].path(),
-                record.point,
-                place,
-                sources[part].own_lattice().step,
-            )
-            .unwrap_or_default();
-            (record.rgb, record.extras) = (rgb.filter(|_| record.rgb.is_some()), extras);
-        }
-        Record { others: found - 1, ..record }
-    }))
+    let Some(Candidate { mut record, part, .. }) = best else { return Ok(None) };
+    // Batches do not know the colour range of the whole file yet.
+    if sources[part].is_las() {
+        let own = read_point::record(sources[part].path(), record.point)?;
+        let (rgb, extras) = own.unwrap_or_default();
+        (record.rgb, record.extras) = (rgb.filter(|_| record.rgb.is_some()), extras);
+    }
+    Ok(Some(Record { others: found - 1, ..record }))
 }
 
 /// Returns the steps of exactly this position, if any.
@@ -163,7 +153,7 @@ fn candidate(
         .station
         .is_some_and(|(other, id)| other != part || (id.is_some() && id != record.source));
     let unlike = (is_elsewhere, sought.kind.is_some_and(|other| other != kind), record.point);
-    Candidate { unlike, record, part, place: DVec3::ZERO }
+    Candidate { unlike, record, part }
 }
 
 /// Describes everything but the position.

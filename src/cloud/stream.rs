@@ -1,7 +1,7 @@
 //! Files in batches, for clouds larger than memory.
 //!
 //! [`open`] returns a [`Source`] per part, from which points can be streamed repeatedly. LAS, LAZ
-//! and COPC are read anew each time, by the code that fills whole columns in `las`, but into lanes
+//! and octrees are read anew each time, by the code that fills whole columns in `las`, but into lanes
 //! one batch long: only a batch, a block and a compressed chunk per thread are in memory. Other
 //! formats derive their lattice from all points (`from_floats`), so [`open`] reads them whole, and
 //! their source holds the columns. Notes and errors are those of [`super::read`]; [`Streamed`] has
@@ -81,8 +81,9 @@ pub fn open(
     let (mut sources, mut plane) = (Vec::new(), None);
     for path in paths {
         let input = Input::open(path)?.counting_to(options.rgb_range);
-        let mut push = |contents| sources.push(Source::new(path, options, contents, &mut plane));
-        if input.take(0, las::MAGIC.len() as u64)? == las::MAGIC {
+        let mut push =
+            |contents| sources.push(Source::new(&input.path, options, contents, &mut plane));
+        if las::is_one(&input)? {
             notes.extend(options.text.idle(&input));
             let las = Box::new(Las::open_for(&input, options.wanted, options.records, notes)?);
             push(Contents::Las { las, length: input.length });
@@ -112,7 +113,7 @@ pub fn summary(paths: &[PathBuf]) -> Result<FileSummary> {
     let mut about = FileSummary::default();
     for path in paths {
         let input = Input::open(path)?;
-        if input.take(0, las::MAGIC.len() as u64)? != las::MAGIC {
+        if !las::is_one(&input)? {
             about.points += input.length / BYTES_PER_POINT;
             continue;
         }
