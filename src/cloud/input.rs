@@ -31,22 +31,19 @@ enum Contents {
 pub const OCTREES: [&str; 2] = ["metadata.json", "ept.json"];
 
 impl Input {
-    /// Opens a file. Refuses pipes and devices by their metadata, since opening a pipe would wait
-    /// for a writer, and folders of single files.
+    /// Opens a file, or the description of a cloud in a folder. Refuses pipes and devices by their
+    /// metadata, since opening a pipe would wait for a writer.
     pub fn open(path: &Path) -> Result<Self> {
-        let open = |source| Error::io("open", path, source);
-        let mut metadata = std::fs::metadata(path).map_err(open)?;
-        let found = OCTREES.map(|name| path.join(name)).into_iter().find(|path| path.exists());
-        let mut path = path;
+        let metadata = std::fs::metadata(path).map_err(|source| Error::io("open", path, source))?;
         if metadata.is_dir() {
-            let Some(found) = &found else {
-                return Err(Error::format(
+            let found = OCTREES.map(|name| path.join(name)).into_iter().find(|path| path.is_file());
+            return match found {
+                Some(found) => Input::open(&found),
+                None => Err(Error::format(
                     path,
                     "is a folder without metadata.json (Potree) and ept.json (EPT); give the files in it",
-                ));
+                )),
             };
-            metadata = std::fs::metadata(found).map_err(open)?;
-            path = found;
         }
         if !metadata.is_file() {
             return Err(Error::format(

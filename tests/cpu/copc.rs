@@ -20,10 +20,10 @@ use std::collections::HashSet;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-const WANTED: ColumnSet = ColumnSet { source: false, normal: false, ..ColumnSet::ALL };
+pub const WANTED: ColumnSet = ColumnSet { source: false, normal: false, ..ColumnSet::ALL };
 
 /// Points of a slope with some height, and their colours.
-fn slope(points: usize) -> (Vec<[i32; 3]>, Vec<[u8; 3]>) {
+pub fn slope(points: usize) -> (Vec<[i32; 3]>, Vec<[u8; 3]>) {
     let mut random = Random(0x5EED);
     let mut below = |most: u64| (random.bits() % most) as i32;
     let point = |_| {
@@ -83,7 +83,7 @@ fn points(columns: &Columns, origin: [i64; 3]) -> Vec<Point> {
     (0..columns.len()).map(point).collect()
 }
 
-fn check_points(path: &Path) -> Index {
+pub fn check_points(path: &Path) -> Index {
     let index = Index::open_octree(path, None).unwrap();
     assert!(Index::is_octree(path) && !Index::is_one(path));
     let cloud = cloud::read(&[path.to_owned()], &ReadOptions::new(WANTED, false), &Silent).unwrap();
@@ -222,7 +222,7 @@ impl Crafted {
 }
 
 /// Returns most memory of this process so far `[bytes]`.
-fn peak() -> u64 {
+pub fn peak() -> u64 {
     let status = std::fs::read_to_string("/proc/self/status").unwrap();
     let line = status.lines().find(|line| line.starts_with("VmHWM:")).unwrap();
     line.split_whitespace().nth(1).unwrap().parse::<u64>().unwrap() << 10

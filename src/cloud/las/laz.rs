@@ -269,6 +269,9 @@ fn table(
         chunks.push(Stretch { at: next, bytes: entry.byte_count, points });
         next += entry.byte_count;
     }
+    if layout.points > 0 && chunks.iter().all(|chunk| chunk.points == 0) {
+        return Err("the LAZ chunk table lists no points".into());
+    }
     if let (Some(size), Some(last)) = (chunk_points, chunks.last_mut()) {
         let before = size.saturating_mul(count - 1);
         // A header that declares less than the full chunks hold is not believed; the last chunk
