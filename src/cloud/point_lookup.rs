@@ -81,20 +81,31 @@ pub fn find(
     let sources = stream::open(paths, &options, progress, &mut Vec::new())?;
     for (part, source) in sources.iter().enumerate() {
         let Some(steps) = steps_at(&source.lattice(), sought.position) else { continue };
-        let candidates = Mutex::new(Vec::new());
-        let streamed = source.stream(progress, &|batch| {
+        let here = |batch: &Batch| -> Vec<Candidate> {
             let columns = batch.columns;
-            let here =
-                (0..columns.len()).filter(|&i| [columns.x[i], columns.y[i], columns.z[i]] == steps);
-            let here: Vec<Candidate> =
-                here.map(|i| candidate(sought, part, source, batch, i)).collect();
-            candidates.lock().unwrap_or_else(|poisoned| poisoned.into_inner()).extend(here);
-            Ok(())
-        })?;
-        let candidates = candidates.into_inner().unwrap_or_else(|poisoned| poisoned.into_inner());
+            let is_there = |&i: &usize| [columns.x[i], columns.y[i], columns.z[i]] == steps;
+            let found = (0..columns.len()).filter(is_there);
+            found.map(|i| candidate(sought, part, source, batch, i)).collect()
+        };
+        // A point of an octree is in one of few nodes, unless the list of these is wrong.
+        let mut near = Vec::new();
+        let around = source.nodes_around(steps, &mut |batch| near.extend(here(batch)))?;
+        let (candidates, available) = match around.filter(|_| !near.is_empty()) {
+            Some(available) => (near, available),
+            None => {
+                let all = Mutex::new(Vec::new());
+                let lock = || all.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
+                let streamed = source.stream(progress, &|batch| {
+                    let here = here(batch);
+                    lock().extend(here);
+                    Ok(())
+                })?;
+                (std::mem::take(&mut *lock()), streamed.available)
+            }
+        };
         found += candidates.len() as u64;
         for mut candidate in candidates {
-            candidate.record.rgb.take_if(|_| !streamed.available.rgb);
+            candidate.record.rgb.take_if(|_| !available.rgb);
             if best.as_ref().is_none_or(|best| candidate.unlike < best.unlike) {
                 best = Some(candidate);
             }

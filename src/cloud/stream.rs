@@ -9,6 +9,7 @@
 
 use super::crs::{self, plane::Plane};
 use super::input::{Input, Meter};
+use super::las::octree;
 use super::las::records::{self, Fields, Lane, Pile};
 use super::las::{self, Las, Places};
 use super::rgb_range::{Occurred, Scale};
@@ -253,6 +254,36 @@ impl Source {
         sink: &(dyn Fn(&Batch) -> Result<()> + Sync),
     ) -> Result<Streamed> {
         self.run(progress, usize::MAX, sink, &|| Ok(()))
+    }
+
+    /// Calls `sink` with the nodes of an octree that may have a point at a place of the file's
+    /// lattice. Returns the columns of these; `None` without an octree.
+    pub fn nodes_around(
+        &self,
+        steps: [i32; 3],
+        sink: &mut dyn FnMut(&Batch),
+    ) -> Result<Option<ColumnSet>> {
+        let Some(las) = self.las() else { return Ok(None) };
+        let input = Input::open(&self.path)?;
+        if !octree::is_one(&input)? {
+            return Ok(None);
+        }
+        // The points of one that lies are found otherwise.
+        let Ok(octree) = las.octree(&input) else { return Ok(None) };
+        let lattice = self.own_lattice();
+        let place = lattice.world(steps.map(i64::from));
+        let mut occurred = Occurred::default();
+        for node in &octree.nodes {
+            // Corners may be rounded by a step.
+            let [low, high] = octree.cube(node.key);
+            let is_in = (low - lattice.step).cmple(place) & place.cmple(high + lattice.step);
+            if is_in.all() {
+                let (columns, own) = las.chunk(&input, &node.chunk, las.available)?;
+                sink(&Batch { columns: &columns, first: node.first, records: &[] });
+                occurred = occurred.join(own);
+            }
+        }
+        Ok(Some(ColumnSet { rgb: las.available.rgb && !occurred.is_black(), ..las.available }))
     }
 
     /// Maps every batch, on all threads, and calls `take` with the results in the file's order.

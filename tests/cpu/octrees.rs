@@ -85,6 +85,37 @@ fn points_and_records_are_those_of_their_own_laz() {
     }
 }
 
+/// The files of other nodes may be gone.
+#[test]
+fn a_point_is_looked_up_in_the_nodes_around_it() {
+    let folder = tempfile::tempdir().unwrap();
+    let records = made(40_000);
+    let at = |i: usize| {
+        [0, 4, 8].map(|at| i32::from_le_bytes(records[i][at..at + 4].try_into().unwrap()))
+    };
+    write(Kind::EptLaszip, folder.path(), &records);
+    let options = ReadOptions::new(ColumnSet::ALL, false);
+    let paths = [folder.path().to_owned()];
+    let corner = (0..40_000).filter(|i| i % 8 > 0).min_by_key(|&i| at(i)[0] + at(i)[1]).unwrap();
+    let query = LookupQuery {
+        position: lattice().world(at(corner).map(i64::from)),
+        ..LookupQuery::default()
+    };
+    let whole = find(&paths, options, &query, &Silent).unwrap().unwrap();
+    assert_eq!(whole.gps_time, Some(corner as f64 / 8.0));
+    for entry in std::fs::read_dir(folder.path().join("ept-data")).unwrap() {
+        let path = entry.unwrap().path();
+        let name = path.file_stem().unwrap().to_string_lossy().into_owned();
+        let numbers: Vec<u32> = name.split('-').map(|number| number.parse().unwrap()).collect();
+        if numbers[1..3].iter().any(|&number| number > 0) {
+            // As long as before, and not LAZ.
+            let length = path.metadata().unwrap().len();
+            std::fs::write(&path, vec![0; length as usize]).unwrap();
+        }
+    }
+    assert_eq!(find(&paths, options, &query, &Silent).unwrap(), Some(whole));
+}
+
 /// Files that PotreeConverter 2.1.1 made of 600 points. It rounds positions down to its own lattice,
 /// and stores those that it packs one step higher.
 #[test]
