@@ -2,9 +2,9 @@
 //!
 //! A node's points are in none of its children, so that they are drawn together
 //! ([`Refinement::Adds`]). A node of more points than a page holds is several records, of which the
-//! first has the children. Positions count on the file's own lattice from the
-//! corner of the node's box, and points are in Morton order, as in files NAME.pnti. Of that, only
-//! the list of nodes is read when a file is opened, and the root, for the ranges of what is shown.
+//! first has the children. Positions count on the file's own lattice from the corner of the node's
+//! box, and points are in Morton order, as in files NAME.pnti. Of that, only the list of nodes is
+//! read when a file is opened, and the first nodes, for the ranges of what is shown.
 
 use super::format::{
     Contents, Directory, Index, IndexedPart, NodeRecord, NodeSource, Plane, Refinement, morton,
@@ -25,6 +25,11 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 /// Points of decoded nodes that are kept, for their next plane; about 40 bytes each.
 const KEPT_POINTS: usize = 1 << 20;
+
+/// Points that tell the ranges of intensities and heights, and most nodes below the roots that are
+/// read for them.
+const ENOUGH_POINTS: u64 = 1 << 16;
+const FIRST_NODES: usize = 8;
 
 /// Columns that can be read in place. Point source ids cannot: the stations are those of all points.
 pub const COLUMNS: ColumnSet = ColumnSet { source: false, normal: false, ..ColumnSet::ALL };
@@ -63,12 +68,16 @@ impl Index {
         Input::open(path).and_then(|input| octree::is_one(&input)).unwrap_or(false)
     }
 
-    /// Opens an octree. Its nodes are checked, and their points when they are read.
-    pub fn open_octree(path: &Path, rgb_range: Option<RgbRange>) -> Result<Index> {
+    /// Opens an octree. Its nodes are checked, and their points when they are read. If `strict`, a
+    /// header that the nodes contradict is an error.
+    pub fn open_octree(path: &Path, rgb_range: Option<RgbRange>, strict: bool) -> Result<Index> {
         let input = Input::open(path)?.counting_to(rgb_range);
         let mut notes = Vec::new();
         // Colours are judged by the root, below.
         let mut las = Las::open(&input, ColumnSet::default(), &mut notes)?;
+        if let Some(lie) = las.layout.lies.first().filter(|_| strict) {
+            return Err(input.wrong(lie));
+        }
         let octree = las.octree(&input)?;
         if las.points() != las.layout.points {
             return Err(input.wrong(format!(
@@ -144,6 +153,7 @@ impl Index {
         for node in &octree.nodes {
             identity.update(bytemuck::bytes_of(&node.key));
             identity.update(&node.chunk.at.to_le_bytes());
+            identity.update(&node.chunk.bytes.to_le_bytes());
         }
         identity.update(&octree.bytes.to_le_bytes());
         let [identity, ..]: [u64; 4] = bytemuck::cast(*identity.finalize().as_bytes());
@@ -156,16 +166,31 @@ impl Index {
         Ok(index)
     }
 
-    /// Sets the ends of the colour ramps by the points of the roots.
+    /// Sets the ends of the colour ramps by the points of the first nodes: of the roots, and of so
+    /// many below that there are enough.
     fn find_stretches(&mut self) -> Result<()> {
         let (mut intensities, mut heights) = (vec![0u64; 1 << 16], vec![0u64; 1 << 16]);
         let [low, high] = self.directory.contents.bounds.unwrap_or_default();
         let share = if high.z > low.z { 65_535.0 / (high.z - low.z) } else { 0.0 };
-        for root in 0..self.directory.roots as usize {
+        let mut seen = 0;
+        let roots = self.directory.roots as usize;
+        for node in 0..self.nodes().len().min(roots + FIRST_NODES) {
+            let is_root = node < roots;
+            if !is_root && seen >= ENOUGH_POINTS {
+                break;
+            }
             let wanted = ColumnSet { intensity: true, ..ColumnSet::default() };
-            let greys = self.columns(root, wanted)?.intensity.unwrap_or_default();
+            let read = self.columns(node, wanted).and_then(|own| Ok((own, self.samples(node)?)));
+            let (columns, samples) = match read {
+                Ok(read) => read,
+                Err(error) if is_root => return Err(error),
+                // Said when it is drawn.
+                Err(_) => continue,
+            };
+            seen += samples.len() as u64;
+            let greys = columns.intensity.unwrap_or_default();
             greys.into_iter().for_each(|grey| intensities[grey as usize] += 1);
-            for (position, _) in self.samples(root)? {
+            for (position, _) in samples {
                 heights[((position.z - low.z) * share).clamp(0.0, 65_535.0) as usize] += 1;
             }
         }

@@ -193,7 +193,7 @@ impl Source {
             return Ok(Source::Files(cloud));
         };
         if let Some(path) = opening.in_place(paths) {
-            match Index::open_octree(path, opening.read.rgb_range) {
+            match Index::open_octree(path, opening.read.rgb_range, opening.read.strict) {
                 Ok(index) => {
                     progress.note(&format!("drawn in place, because {why}"));
                     return opening.equipped(index, progress);

@@ -57,7 +57,7 @@ impl Place {
     }
 
     fn open(&self) -> Index {
-        Index::open_octree(&self.path(), None).unwrap()
+        Index::open_octree(&self.path(), None, false).unwrap()
     }
 }
 
@@ -84,7 +84,7 @@ fn points(columns: &Columns, origin: [i64; 3]) -> Vec<Point> {
 }
 
 pub fn check_points(path: &Path) -> Index {
-    let index = Index::open_octree(path, None).unwrap();
+    let index = Index::open_octree(path, None, false).unwrap();
     assert!(Index::is_octree(path) && !Index::is_one(path));
     let cloud = cloud::read(&[path.to_owned()], &ReadOptions::new(WANTED, false), &Silent).unwrap();
     let mut expected = points(&cloud.parts[0].columns, [0; 3]);
@@ -214,7 +214,8 @@ impl Crafted {
             std::fs::File::options().write(true).open(&path).unwrap().set_len(length).unwrap();
         }
         let began = Instant::now();
-        let error = Index::open_octree(&path, None).err().expect("a crafted octree").to_string();
+        let error =
+            Index::open_octree(&path, None, false).err().expect("a crafted octree").to_string();
         assert!(began.elapsed() < Duration::from_secs(2), "{:?}: {error}", began.elapsed());
         assert!(error.contains("crafted.copc.laz"), "{error}");
         error
@@ -392,7 +393,7 @@ fn points_outside_of_their_node_are_refused_when_they_are_read() {
     bytes[last..last + 16].copy_from_slice(&key);
     let path = crafted.place.folder.path().join("swapped.copc.laz");
     std::fs::write(&path, bytes).unwrap();
-    let index = Index::open_octree(&path, None).unwrap();
+    let index = Index::open_octree(&path, None, false).unwrap();
     let errors: Vec<String> = (0..index.nodes().len())
         .filter_map(|node| index.columns(node, WANTED).err())
         .map(|error| error.to_string())
@@ -417,7 +418,7 @@ proptest! {
         }
         let path = crafted.place.folder.path().join("damaged.copc.laz");
         std::fs::write(&path, bytes).unwrap();
-        if let Ok(index) = Index::open_octree(&path, None) {
+        if let Ok(index) = Index::open_octree(&path, None, false) {
             for node in 0..index.nodes().len() {
                 let _ = index.columns(node, WANTED);
             }

@@ -4,6 +4,7 @@
 use crate::copc::{check_points, peak, slope};
 use crate::octree_files::{KINDS, Kind, WIDTH, lattice, records, stored_brotli, write, write_laz};
 use pointillist::cloud::point_lookup::{LookupQuery, Record, find};
+use pointillist::cloud::rgb_range::RgbRange;
 use pointillist::cloud::scalar::{Scalar, Scalars};
 use pointillist::cloud::{self, Cloud, ColumnSet, ReadOptions};
 use pointillist::index::format::Index;
@@ -94,7 +95,9 @@ fn a_point_is_looked_up_in_the_nodes_around_it() {
         [0, 4, 8].map(|at| i32::from_le_bytes(records[i][at..at + 4].try_into().unwrap()))
     };
     write(Kind::EptLaszip, folder.path(), &records);
-    let options = ReadOptions::new(ColumnSet::ALL, false);
+    // Colours that are said are not looked at.
+    let rgb_range = Some(RgbRange::Words);
+    let options = ReadOptions { rgb_range, ..ReadOptions::new(ColumnSet::ALL, false) };
     let paths = [folder.path().to_owned()];
     let corner = (0..40_000).filter(|i| i % 8 > 0).min_by_key(|&i| at(i)[0] + at(i)[1]).unwrap();
     let query = LookupQuery {
@@ -181,7 +184,7 @@ impl Crafted {
         self.restore();
         change(self);
         let began = Instant::now();
-        let error = Index::open_octree(&self.at(""), None).err().expect("a crafted octree");
+        let error = Index::open_octree(&self.at(""), None, false).err().expect("a crafted octree");
         assert!(began.elapsed() < Duration::from_secs(2), "{:?}: {error}", began.elapsed());
         let error = error.to_string();
         assert!(error.contains("crafted"), "{error}");
@@ -417,7 +420,7 @@ proptest! {
             *place.get_mut(&mut bytes) = byte;
             std::fs::write(path, bytes).unwrap();
         }
-        if let Ok(index) = Index::open_octree(folder.path(), None) {
+        if let Ok(index) = Index::open_octree(folder.path(), None, false) {
             for node in 0..index.nodes().len() {
                 drop(index.columns(node, ColumnSet::ALL));
             }
