@@ -212,6 +212,8 @@ impl Crafted {
     }
 }
 
+type Change = Box<dyn FnOnce(&mut Vec<u8>)>;
+
 /// Writes a number into the list of Potree.
 fn put(at: usize, value: &[u8]) -> impl FnOnce(&mut Vec<u8>) {
     move |bytes| bytes[at..at + value.len()].copy_from_slice(value)
@@ -229,9 +231,7 @@ fn lists_of_potree_that_lie_are_refused_with_what_is_wrong_and_where() {
     let root = metadata["hierarchy"]["firstChunkSize"].as_u64().unwrap();
     let (below, proxy, leaf) =
         (root as usize, ENTRY * first, ENTRY * kinds.iter().position(|kind| *kind == 1).unwrap());
-    let list = |change: Box<dyn FnOnce(&mut Vec<u8>)>| {
-        move |crafted: &Crafted| crafted.change("hierarchy.bin", change)
-    };
+    let list = |change: Change| move |crafted: &Crafted| crafted.change("hierarchy.bin", change);
     let pointing = |at: u64, bytes: u64| {
         let place = [at.to_le_bytes(), bytes.to_le_bytes()].concat();
         list(Box::new(move |file: &mut Vec<u8>| put(proxy + 6, &place)(file)))
