@@ -2,7 +2,7 @@
 //!
 //! A node's points are in none of its children. Each format lists its nodes in its own way, and
 //! nothing in such a list is believed: `copc`, `potree` and `ept` check it. The nodes of a COPC file
-//! are chunks of a LAZ file, which [`Las`](super::Las) decodes. Those of the others become records
+//! are chunks of a LAZ file, which [`Las`] decodes. Those of the others become records
 //! by [`NodeReader`]; `layout` says which attribute is which field.
 
 pub mod copc;
