@@ -321,6 +321,24 @@ fn descriptions_and_points_of_potree_that_lie_are_refused() {
 }
 
 #[test]
+fn a_wrong_number_of_points_is_said_or_refused() {
+    for (kind, name) in [(Kind::PotreeBrotli, "metadata.json"), (Kind::EptBinary, "ept.json")] {
+        let crafted = Crafted::new(kind);
+        crafted.json(name, |own| own["points"] = 31_000.into());
+        let paths = [crafted.at("")];
+        let read = |strict| cloud::read(&paths, &ReadOptions::new(ColumnSet::ALL, strict), &Silent);
+        let what = "declares 31000 points, but its nodes have 30000";
+        let (said, refused) = (read(false).unwrap(), read(true).unwrap_err().to_string());
+        assert_eq!(said.len(), 30_000);
+        assert!(said.notes.iter().any(|note| note.contains(what)), "{:?}", said.notes);
+        let in_place = Index::open_octree(&paths[0], None, true).err().unwrap().to_string();
+        assert!(refused.contains(what) && in_place.contains(what), "{refused}; {in_place}");
+        let index = Index::open_octree(&paths[0], None, false).unwrap();
+        assert!(index.directory.contents.notes.iter().any(|note| note.contains(what)));
+    }
+}
+
+#[test]
 fn lists_of_ept_that_lie_are_refused_with_what_is_wrong_and_where() {
     const ROOT: &str = "ept-hierarchy/0-0-0-0.json";
     for kind in [Kind::EptLaszip, Kind::EptBinary] {
