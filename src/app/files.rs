@@ -8,6 +8,7 @@ use super::{App, Event, recent, warn};
 use crate::cloud::attribute::ExtraAttributes;
 use crate::error::{Error, Result};
 use crate::index::attributes::strokes::StrokeCache;
+use crate::index::format::Index;
 use crate::passes::Switch;
 use crate::render::scene::Scene;
 use crate::view::Camera;
@@ -52,8 +53,9 @@ impl App {
     pub(super) fn take(&mut self, file: PathBuf) {
         // A new request dismisses the error before.
         self.ui.error = None;
-        let is_scene =
+        let is_json =
             file.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("json"));
+        let is_scene = is_json && !Index::is_octree(&file);
         let taken = if is_scene {
             self.load(&file)
         } else if self.load.files.contains(&file) {

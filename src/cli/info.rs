@@ -56,7 +56,7 @@ use std::path::PathBuf;
   pointillist info scan.laz --only ground --clip box:0,0,0,10,10,5 --count    exactly how many points
   pointillist info --strict survey.las       exit code 1 if anything is cut off or the header lies")]
 pub struct Arguments {
-    /// Point clouds: LAS, LAZ, COPC, PLY, E57, OBJ, XYZ, CSV, TXT, PTS, PTX; or one index, PNTI
+    /// Point clouds: LAS, LAZ, COPC, Potree 2, EPT, PLY, E57, OBJ, XYZ, CSV, TXT, PTS, PTX; or one index, PNTI
     #[arg(required = true, value_name = "FILE")]
     pub files: Vec<PathBuf>,
 

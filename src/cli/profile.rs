@@ -60,7 +60,7 @@ fn above_zero(text: &str) -> std::result::Result<f64, String> {
 #[derive(clap::Args, Clone, Debug)]
 #[command(after_help = EXAMPLES)]
 pub struct Arguments {
-    /// Point clouds: LAS, LAZ, COPC; also PLY, E57, OBJ, XYZ, CSV, TXT, PTS, PTX, which are read
+    /// Point clouds: LAS, LAZ, COPC, Potree 2, EPT; also PLY, E57, OBJ, XYZ, CSV, TXT, PTS, PTX, which are read
     /// into memory whole; or one index, PNTI
     #[arg(required = true, value_name = "FILE")]
     pub files: Vec<PathBuf>,

@@ -157,6 +157,22 @@ impl Crs {
         header.system.clone().or_else(said)
     }
 
+    /// Returns the system that a text names: WKT, an EPSG code or a PROJ definition.
+    pub fn named(text: &str) -> Option<Crs> {
+        if let Some(known) = well_known(text) {
+            return wkt::parse(known);
+        }
+        let text = text.trim();
+        let kind = text.split_whitespace().find_map(|word| word.strip_prefix("+proj="))?;
+        let kind = match kind {
+            "longlat" | "latlong" => return Some(Crs::degrees()),
+            "geocent" => Kind::Geocentric,
+            _ => Kind::Projected,
+        };
+        let unit = Some(unit_of(text).unwrap_or_default());
+        Some(Crs { kind, unit, name: Some(text.into()), proj: Some(text.into()), ..Crs::default() })
+    }
+
     /// Returns the well-known text of a header, if that states its system.
     pub fn text_of(header: &Header) -> Option<&str> {
         let is_one = |what: &str, text: &str| what == COORDINATES[1] && wkt::parse(text).is_some();
@@ -217,6 +233,15 @@ impl Crs {
         };
         let [lon, lat] = catch_panic(convert).ok().flatten()?;
         (lon.abs() <= 360.0 && lat.abs() <= 90.0).then_some([lon, lat])
+    }
+}
+
+/// Returns the well-known text of a text that is WKT or an EPSG code, as `EPSG:32632`.
+pub fn well_known(text: &str) -> Option<&str> {
+    let code = text.trim().get(..5).filter(|start| start.eq_ignore_ascii_case("EPSG:"));
+    match code {
+        Some(_) => Some(crs_definitions::from_code(text.trim()[5..].parse().ok()?)?.wkt),
+        None => Some(text).filter(|text| wkt::parse(text).is_some()),
     }
 }
 

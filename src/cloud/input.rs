@@ -26,13 +26,24 @@ enum Contents {
     Made(Vec<u8>),
 }
 
+/// Descriptions of clouds in several files, those of Potree 2 and EPT. A folder with one is opened by
+/// it.
+pub const OCTREES: [&str; 2] = ["metadata.json", "ept.json"];
+
 impl Input {
-    /// Opens a file. Refuses folders, pipes and devices by their metadata, since opening a pipe
-    /// would wait for a writer.
+    /// Opens a file, or the description of a cloud in a folder. Refuses pipes and devices by their
+    /// metadata, since opening a pipe would wait for a writer.
     pub fn open(path: &Path) -> Result<Self> {
         let metadata = std::fs::metadata(path).map_err(|source| Error::io("open", path, source))?;
         if metadata.is_dir() {
-            return Err(Error::format(path, "is a folder; give the files in it"));
+            let found = OCTREES.map(|name| path.join(name)).into_iter().find(|path| path.is_file());
+            return match found {
+                Some(found) => Input::open(&found),
+                None => Err(Error::format(
+                    path,
+                    "is a folder without metadata.json (Potree) and ept.json (EPT); give the files in it",
+                )),
+            };
         }
         if !metadata.is_file() {
             return Err(Error::format(
@@ -116,8 +127,11 @@ impl Input {
     }
 }
 
+/// Returns the name of a file; of a cloud in several files that of their folder.
 pub fn name_of(path: &Path) -> String {
-    path.file_name().unwrap_or(path.as_os_str()).to_string_lossy().into_owned()
+    let folder = path.parent().filter(|_| OCTREES.iter().any(|name| path.ends_with(name)));
+    let name = folder.and_then(Path::file_name).or(path.file_name());
+    name.unwrap_or(path.as_os_str()).to_string_lossy().into_owned()
 }
 
 impl Contents {

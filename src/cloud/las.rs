@@ -1,4 +1,4 @@
-//! LAS 1.0 to 1.4, LAZ and COPC: one part, or batches.
+//! LAS 1.0 to 1.4, LAZ and COPC, and octrees whose nodes become LAS records: one part, or batches.
 //!
 //! Raw i32 coordinates stay on the file's own scale and offset, never converted through f64.
 //! Records have a fixed width, so threads read their own stretches of the file. LAZ is decoded
@@ -25,6 +25,7 @@ use super::{ColumnSet, Columns, Part, ReadOptions, rgb_range};
 use crate::error::Result;
 use crate::progress::{Progress, Silent};
 use header::Layout;
+use octree::{NodeReader, Octree};
 use rayon::prelude::*;
 use records::{BLOCK, Census, Fields, Filled, Lane, Pile, Window};
 use rgb_range::{By, Occurred, RgbRange, Scale};
@@ -33,6 +34,11 @@ use std::sync::Mutex;
 
 /// Signature of a LAS file.
 pub const MAGIC: &[u8] = b"LASF";
+
+/// Tests whether a file has LAS records, or describes an octree whose nodes become some.
+pub fn is_one(input: &Input) -> Result<bool> {
+    Ok(octree::is_description(input) || input.take(0, MAGIC.len() as u64)? == MAGIC)
+}
 
 /// Points per task of an uncompressed file.
 const STRETCH: u64 = 65_536;
@@ -51,11 +57,21 @@ pub struct Las {
     /// Colour range: as requested, or as a sample shows until all points have been read.
     range: Mutex<RgbRange>,
     asked: Option<RgbRange>,
-    coding: Option<laz::Coding>,
+    packing: Packing,
+    /// The octree of a cloud in several files.
+    octree: Option<Octree>,
     /// Whether batches have the records themselves ([`ReadOptions::records`]).
     pub keeps_records: bool,
     /// Anomalies of the number of points, or of locating them.
     odd: String,
+}
+
+/// How the records of a stretch are stored.
+enum Packing {
+    Plain,
+    Laz(laz::Coding),
+    /// As nodes of an octree.
+    Nodes(Box<dyn NodeReader>),
 }
 
 pub enum Places {
@@ -71,6 +87,13 @@ pub struct Stretch {
     pub at: u64,
     pub bytes: u64,
     pub points: u64,
+}
+
+impl Stretch {
+    fn words(&self) -> String {
+        let Stretch { at, bytes, points } = self;
+        format!("chunk of {points} points at bytes {at} to {}", at + bytes)
+    }
 }
 
 /// LAZ chunks, each of which begins where decoding the one before ends.
@@ -156,22 +179,8 @@ impl Las {
         keeps_records: bool,
         notes: &mut Vec<String>,
     ) -> Result<Self> {
-        let mut layout = header::read(input, notes)?;
-        layout.header.scalars = number::names(&layout);
-        notes.extend(layout.lies.iter().map(|what| format!("{}: {what}", input.name())));
-        let fields = Fields::new(&layout, wanted.scalars);
-        let available = fields.available(wanted);
-        let (coding, places, odd) = if layout.compressed {
-            let (coding, places, odd) = laz::open(input, &layout, available, keeps_records)?;
-            (Some(coding), places, odd)
-        } else {
-            let (places, odd) = plain(input, &layout)?;
-            (None, places, odd)
-        };
-        let range = Mutex::new(input.rgb_range.unwrap_or(RgbRange::Words));
-        let asked = input.rgb_range;
-        let mut las =
-            Self { layout, available, places, fields, range, asked, coding, keeps_records, odd };
+        let mut las = Las::located(input, wanted, keeps_records, notes)?;
+        let available = las.available;
         let are_angles =
             las.layout.header.system.as_ref().is_some_and(|system| system.degrees.is_some());
         if are_angles || available.rgb && las.asked.is_none() {
@@ -181,6 +190,53 @@ impl Las {
             las.layout.header.sample = are_angles.then(|| Sample::of(places.collect())).flatten();
         }
         Ok(las)
+    }
+
+    /// Opens a file without looking at its points.
+    fn located(
+        input: &Input,
+        wanted: ColumnSet,
+        keeps_records: bool,
+        notes: &mut Vec<String>,
+    ) -> Result<Self> {
+        let (mut layout, tree) = if octree::is_description(input) {
+            let octree::Opened { layout, octree, reader } = octree::open(input, keeps_records)?;
+            (layout, Some((octree, reader)))
+        } else {
+            (header::read(input, notes)?, None)
+        };
+        layout.header.scalars = number::names(&layout);
+        notes.extend(layout.lies.iter().map(|what| format!("{}: {what}", input.name())));
+        let fields = Fields::new(&layout, wanted.scalars);
+        let available = fields.available(wanted);
+        let (mut octree, mut odd) = (None, String::new());
+        let (packing, places) = if let Some((tree, reader)) = tree {
+            let chunks = tree.nodes.iter().map(|node| node.chunk).collect();
+            octree = Some(tree);
+            (Packing::Nodes(reader), Places::Known(chunks))
+        } else if layout.compressed {
+            let (coding, places, lost) = laz::open(input, &layout, available, keeps_records)?;
+            odd = lost;
+            (Packing::Laz(coding), places)
+        } else {
+            let (places, more) = plain(input, &layout)?;
+            odd = more;
+            (Packing::Plain, places)
+        };
+        let range = Mutex::new(input.rgb_range.unwrap_or(RgbRange::Words));
+        let asked = input.rgb_range;
+        Ok(Self {
+            layout,
+            available,
+            places,
+            fields,
+            range,
+            asked,
+            packing,
+            octree,
+            keeps_records,
+            odd,
+        })
     }
 
     /// Collects statistics of a sample of points.
@@ -227,6 +283,11 @@ impl Las {
             _ => By::Values,
         };
         Scale::new(range, by)
+    }
+
+    /// Returns the columns that can be read.
+    pub fn holds(&self) -> ColumnSet {
+        self.fields.available(ColumnSet::ALL)
     }
 
     /// Returns the number of points: the header's, limited by the file's length.
@@ -295,45 +356,77 @@ impl Las {
         lane: &mut impl Lane,
         progress: &dyn Progress,
     ) -> Result<laz::Outcome> {
-        let Some(coding) = &self.coding else { return Ok(None) };
+        let Packing::Laz(coding) = &self.packing else { return Ok(None) };
         let meter = Meter::new(progress, input, sequence.points);
         laz::sequence(input, sequence, coding, &self.fields(), lane, &meter)
     }
 
-    /// Reads these columns of one LAZ chunk, and statistics of its colours. Errors if some of its
-    /// points cannot be read.
+    /// Reads these columns of one chunk or node, and statistics of its colours. Errors if some of
+    /// its points cannot be read.
     pub fn chunk(
         &self,
         input: &Input,
         chunk: &Stretch,
         wanted: ColumnSet,
     ) -> Result<(Columns, Occurred)> {
-        let wrong = |what: &str| {
-            let Stretch { at, bytes, points } = chunk;
-            input
-                .wrong(format!("{what} (chunk of {points} points at bytes {at} to {})", at + bytes))
-        };
-        let coding = self.coding.as_ref().ok_or_else(|| wrong("is not compressed"))?;
+        let wrong = |what: &str| input.wrong(format!("{what} ({})", chunk.words()));
         let available = self.fields.available(wanted);
         let mut columns = records::columns(chunk.points as usize, available)
             .ok_or_else(|| wrong("has more points than fit in memory"))?;
         let mut window = Window::over(&mut columns);
-        let bytes = input.take(chunk.at, chunk.bytes)?;
-        let why = laz::chunk(
-            &bytes,
-            chunk.points,
-            &coding.selecting(available),
-            &self.fields(),
-            &mut Vec::new(),
-            &mut &mut window,
-            &Meter::new(&Silent, input, 0),
-        )?;
+        let (mut lane, meter) = (&mut window, Meter::new(&Silent, input, 0));
+        let why = match &self.packing {
+            Packing::Plain => return Err(wrong("is not compressed")),
+            Packing::Laz(coding) => laz::chunk(
+                &input.take(chunk.at, chunk.bytes)?,
+                chunk.points,
+                &coding.selecting(available),
+                &self.fields(),
+                &mut Vec::new(),
+                &mut lane,
+                &meter,
+            )?,
+            Packing::Nodes(reader) => {
+                self.node(reader.as_ref(), chunk, available, &mut lane, &meter)?;
+                None
+            }
+        };
         let Filled { points, occurred, .. } = window.filled();
         if points as u64 != chunk.points {
             let why = why.unwrap_or_else(|| "it holds fewer".into());
             return Err(wrong(&format!("has only {points} readable points: {why}")));
         }
         Ok((columns, occurred))
+    }
+
+    /// Reads the record of a point, with all its fields, by its number in the file. `None` if there
+    /// is none.
+    pub fn record(&self, input: &Input, number: u64) -> Result<Option<Vec<u8>>> {
+        let mut sought = Sought { before: number, record: None };
+        match &self.places {
+            Places::Known(stretches) => {
+                for stretch in stretches {
+                    if sought.before < stretch.points {
+                        let points = sought.before + 1;
+                        let bytes = match &self.packing {
+                            Packing::Plain => points * self.layout.record_bytes as u64,
+                            _ => stretch.bytes,
+                        };
+                        let some = Stretch { points, bytes, ..*stretch };
+                        let meter = Meter::new(&Silent, input, 0);
+                        self.one_stretch(input, &some, &mut Vec::new(), &mut sought, &meter)?;
+                        break;
+                    }
+                    sought.before -= stretch.points;
+                }
+            }
+            Places::Sequence(sequence) => {
+                let points = sequence.points.min(number.saturating_add(1));
+                let some = Sequence { points, ..*sequence };
+                self.sequence(input, &some, &mut sought, &Silent)?;
+            }
+        }
+        Ok(sought.record)
     }
 
     fn fields(&self) -> Fields {
@@ -393,13 +486,41 @@ impl Las {
         lane: &mut impl Lane,
         meter: &Meter,
     ) -> Result<laz::Outcome> {
-        match &self.coding {
-            Some(coding) => {
+        match &self.packing {
+            Packing::Laz(coding) => {
                 let bytes = input.take(stretch.at, stretch.bytes)?;
                 laz::chunk(&bytes, stretch.points, coding, &self.fields(), block, lane, meter)
             }
-            None => self.stretch(input, stretch, block, lane, meter).map(|()| None),
+            Packing::Nodes(reader) => {
+                self.node(reader.as_ref(), stretch, self.available, lane, meter).map(|()| None)
+            }
+            Packing::Plain => self.stretch(input, stretch, block, lane, meter).map(|()| None),
         }
+    }
+
+    /// Reads one node of an octree, or its first points.
+    fn node(
+        &self,
+        reader: &dyn NodeReader,
+        chunk: &Stretch,
+        wanted: ColumnSet,
+        lane: &mut impl Lane,
+        meter: &Meter,
+    ) -> Result<()> {
+        let (fields, mut left) = (self.fields(), chunk.points as usize);
+        let width = fields.record_bytes;
+        reader.records(chunk, wanted, &mut |records| {
+            let mut rest = &records[..records.len().min(left * width)];
+            while !rest.is_empty() {
+                let room = lane.room(rest.len() / width);
+                let (now, after) = rest.split_at(room * width);
+                lane.put(now, &fields);
+                lane.settle()?;
+                meter.advance(room as u64)?;
+                (rest, left) = (after, left - room);
+            }
+            Ok(())
+        })
     }
 
     /// Reads one stretch of uncompressed records.
@@ -428,6 +549,32 @@ impl Las {
             meter.advance(room as u64)?;
             left -= room;
         }
+        Ok(())
+    }
+}
+
+/// A lane that keeps one record.
+struct Sought {
+    /// Records before it that are still to come.
+    before: u64,
+    record: Option<Vec<u8>>,
+}
+
+impl Lane for Sought {
+    fn room(&mut self, points: usize) -> usize {
+        points.min(BLOCK)
+    }
+
+    fn put(&mut self, records: &[u8], fields: &Fields) {
+        let mut rows = records.chunks_exact(fields.record_bytes);
+        let count = rows.len() as u64;
+        if self.before < count && self.record.is_none() {
+            self.record = rows.nth(self.before as usize).map(<[u8]>::to_vec);
+        }
+        self.before = self.before.saturating_sub(count);
+    }
+
+    fn settle(&mut self) -> Result<()> {
         Ok(())
     }
 }

@@ -532,7 +532,7 @@ pub fn sample(
     let share = points / paths.len().max(1) as u64;
     for path in paths {
         let input = Input::open(path)?.counting_to(options.rgb_range);
-        if input.take(0, las::MAGIC.len() as u64)? != las::MAGIC {
+        if !las::is_one(&input)? {
             return Ok(None);
         }
         let Some(mut part) = las::sample(&input, options.wanted, share, progress)? else {
@@ -566,7 +566,7 @@ fn read_one(
     if start.is_empty() {
         return Err(input.wrong("is empty (0 bytes)"));
     }
-    if start.starts_with(las::MAGIC) {
+    if las::is_one(input)? {
         notes.extend(options.text.idle(input));
         return las::read(input, options, progress, notes);
     }
@@ -585,7 +585,7 @@ fn read_one(
         "las" | "laz" | "ply" | "e57" => {
             Err(input.wrong(format!("does not begin like a {} file; it is damaged or misnamed", extension.to_uppercase())))
         }
-        _ => Err(input.wrong("has an unknown format; supported are LAS, LAZ, COPC, PLY, E57, OBJ, XYZ, CSV, TXT, PTS and PTX")),
+        _ => Err(input.wrong("has an unknown format; supported are LAS, LAZ, COPC, Potree 2, EPT, PLY, E57, OBJ, XYZ, CSV, TXT, PTS and PTX")),
     }
 }
 

@@ -65,8 +65,6 @@ struct Candidate {
     unlike: (bool, bool, u64),
     record: Record,
     part: usize,
-    /// Position in the file's own coordinates.
-    place: DVec3,
 }
 
 /// Returns the record of a point; `None` if no point has its position. Files are read as before,
@@ -83,41 +81,44 @@ pub fn find(
     let sources = stream::open(paths, &options, progress, &mut Vec::new())?;
     for (part, source) in sources.iter().enumerate() {
         let Some(steps) = steps_at(&source.lattice(), sought.position) else { continue };
-        let candidates = Mutex::new(Vec::new());
-        let streamed = source.stream(progress, &|batch| {
+        let here = |batch: &Batch| -> Vec<Candidate> {
             let columns = batch.columns;
-            let here =
-                (0..columns.len()).filter(|&i| [columns.x[i], columns.y[i], columns.z[i]] == steps);
-            let here: Vec<Candidate> =
-                here.map(|i| candidate(sought, part, source, batch, i)).collect();
-            candidates.lock().unwrap_or_else(|poisoned| poisoned.into_inner()).extend(here);
-            Ok(())
-        })?;
-        let candidates = candidates.into_inner().unwrap_or_else(|poisoned| poisoned.into_inner());
+            let is_there = |&i: &usize| [columns.x[i], columns.y[i], columns.z[i]] == steps;
+            let found = (0..columns.len()).filter(is_there);
+            found.map(|i| candidate(sought, part, source, batch, i)).collect()
+        };
+        // A point of an octree is in one of few nodes, unless the list of these is wrong.
+        let mut near = Vec::new();
+        let around = source.nodes_around(steps, &mut |batch| near.extend(here(batch)))?;
+        let (candidates, available) = match around.filter(|_| !near.is_empty()) {
+            Some(available) => (near, available),
+            None => {
+                let all = Mutex::new(Vec::new());
+                let lock = || all.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
+                let streamed = source.stream(progress, &|batch| {
+                    let here = here(batch);
+                    lock().extend(here);
+                    Ok(())
+                })?;
+                (std::mem::take(&mut *lock()), streamed.available)
+            }
+        };
         found += candidates.len() as u64;
-        let own = source.own_lattice().world(steps.map(i64::from));
         for mut candidate in candidates {
-            candidate.place = own;
-            candidate.record.rgb.take_if(|_| !streamed.available.rgb);
+            candidate.record.rgb.take_if(|_| !available.rgb);
             if best.as_ref().is_none_or(|best| candidate.unlike < best.unlike) {
                 best = Some(candidate);
             }
         }
     }
-    Ok(best.map(|Candidate { mut record, part, place, .. }| {
-        // Batches do not know the colour range of the whole file yet.
-        if sources[part].is_las() {
-            let (rgb, extras) = read_point::record(
-                sources[part].path(),
-                record.point,
-                place,
-                sources[part].own_lattice().step,
-            )
-            .unwrap_or_default();
-            (record.rgb, record.extras) = (rgb.filter(|_| record.rgb.is_some()), extras);
-        }
-        Record { others: found - 1, ..record }
-    }))
+    let Some(Candidate { mut record, part, .. }) = best else { return Ok(None) };
+    // Batches do not know the colour range of the whole file yet.
+    if sources[part].is_las() {
+        let own = read_point::record(sources[part].path(), record.point)?;
+        let (rgb, extras) = own.unwrap_or_default();
+        (record.rgb, record.extras) = (rgb.filter(|_| record.rgb.is_some()), extras);
+    }
+    Ok(Some(Record { others: found - 1, ..record }))
 }
 
 /// Returns the steps of exactly this position, if any.
@@ -163,7 +164,7 @@ fn candidate(
         .station
         .is_some_and(|(other, id)| other != part || (id.is_some() && id != record.source));
     let unlike = (is_elsewhere, sought.kind.is_some_and(|other| other != kind), record.point);
-    Candidate { unlike, record, part, place: DVec3::ZERO }
+    Candidate { unlike, record, part }
 }
 
 /// Describes everything but the position.

@@ -1,7 +1,7 @@
 //! Files in batches, for clouds larger than memory.
 //!
 //! [`open`] returns a [`Source`] per part, from which points can be streamed repeatedly. LAS, LAZ
-//! and COPC are read anew each time, by the code that fills whole columns in `las`, but into lanes
+//! and octrees are read anew each time, by the code that fills whole columns in `las`, but into lanes
 //! one batch long: only a batch, a block and a compressed chunk per thread are in memory. Other
 //! formats derive their lattice from all points (`from_floats`), so [`open`] reads them whole, and
 //! their source holds the columns. Notes and errors are those of [`super::read`]; [`Streamed`] has
@@ -9,6 +9,7 @@
 
 use super::crs::{self, plane::Plane};
 use super::input::{Input, Meter};
+use super::las::octree;
 use super::las::records::{self, Fields, Lane, Pile};
 use super::las::{self, Las, Places};
 use super::rgb_range::{Occurred, Scale};
@@ -81,8 +82,9 @@ pub fn open(
     let (mut sources, mut plane) = (Vec::new(), None);
     for path in paths {
         let input = Input::open(path)?.counting_to(options.rgb_range);
-        let mut push = |contents| sources.push(Source::new(path, options, contents, &mut plane));
-        if input.take(0, las::MAGIC.len() as u64)? == las::MAGIC {
+        let mut push =
+            |contents| sources.push(Source::new(&input.path, options, contents, &mut plane));
+        if las::is_one(&input)? {
             notes.extend(options.text.idle(&input));
             let las = Box::new(Las::open_for(&input, options.wanted, options.records, notes)?);
             push(Contents::Las { las, length: input.length });
@@ -112,7 +114,7 @@ pub fn summary(paths: &[PathBuf]) -> Result<FileSummary> {
     let mut about = FileSummary::default();
     for path in paths {
         let input = Input::open(path)?;
-        if input.take(0, las::MAGIC.len() as u64)? != las::MAGIC {
+        if !las::is_one(&input)? {
             about.points += input.length / BYTES_PER_POINT;
             continue;
         }
@@ -252,6 +254,36 @@ impl Source {
         sink: &(dyn Fn(&Batch) -> Result<()> + Sync),
     ) -> Result<Streamed> {
         self.run(progress, usize::MAX, sink, &|| Ok(()))
+    }
+
+    /// Calls `sink` with the nodes of an octree that may have a point at a place of the file's
+    /// lattice. Returns the columns of these; `None` without an octree.
+    pub fn nodes_around(
+        &self,
+        steps: [i32; 3],
+        sink: &mut dyn FnMut(&Batch),
+    ) -> Result<Option<ColumnSet>> {
+        let Some(las) = self.las() else { return Ok(None) };
+        let input = Input::open(&self.path)?;
+        if !octree::is_one(&input)? {
+            return Ok(None);
+        }
+        // The points of one that lies are found otherwise.
+        let Ok(octree) = las.octree(&input) else { return Ok(None) };
+        let lattice = self.own_lattice();
+        let place = lattice.world(steps.map(i64::from));
+        let mut occurred = Occurred::default();
+        for node in &octree.nodes {
+            // Corners may be rounded by a step.
+            let [low, high] = octree.cube(node.key);
+            let is_in = (low - lattice.step).cmple(place) & place.cmple(high + lattice.step);
+            if is_in.all() {
+                let (columns, own) = las.chunk(&input, &node.chunk, las.available)?;
+                sink(&Batch { columns: &columns, first: node.first, records: &[] });
+                occurred = occurred.join(own);
+            }
+        }
+        Ok(Some(ColumnSet { rgb: las.available.rgb && !occurred.is_black(), ..las.available }))
     }
 
     /// Maps every batch, on all threads, and calls `take` with the results in the file's order.

@@ -7,7 +7,7 @@ use super::{Format, Packed, Sink, Taker};
 use crate::cloud::crs::Kind;
 use crate::cloud::digits::number;
 use crate::cloud::las::copc::{CopcWriter, IN_MEMORY};
-use crate::cloud::las::header::{Layout, Vlr};
+use crate::cloud::las::header::{DECLARATION_BYTES, ExtraBytes, Layout, Vlr};
 use crate::cloud::las::number::ANGLE_STEP;
 use crate::cloud::las::raw::{has_waveform, without_waveform};
 use crate::cloud::las::write::{Head, LasWriter};
@@ -144,12 +144,12 @@ impl<'p> Plan<'p> {
             let own = layout.filter(|_| self.raw).map_or(&[][..], |layout| &layout.extra_bytes);
             let declared: usize = own.iter().map(|extra| extra.bytes).sum();
             let data = &mut records[at].data;
-            data.truncate(DECLARATION * own.len());
+            data.truncate(DECLARATION_BYTES * own.len());
             // Bytes of another meaning, so that ours are declared where they are.
             let mut spare = self.extra_bytes as usize - declared;
             while spare > 0 {
                 let bytes = spare.min(255);
-                data.extend(declaration(0, bytes as u8, "undocumented"));
+                data.extend(ExtraBytes::plain("undocumented", 0, bytes).declared());
                 spare -= bytes;
             }
             self.added.iter().for_each(|scalar| {
@@ -158,7 +158,7 @@ impl<'p> Plan<'p> {
                     Scalar::Extra(name) => name.to_string(),
                     named => named.to_string().replace('-', "_"),
                 };
-                data.extend(declaration(10, 0, &name));
+                data.extend(ExtraBytes::plain(&name, F64, 8).declared());
             });
         }
         records
@@ -269,6 +269,9 @@ const PROJECTION: &str = "LASF_Projection";
 /// User and number of the record that declares extra bytes.
 const EXTRA_BYTES: (&str, u16) = ("LASF_Spec", 4);
 
+/// Type of extra bytes that are f64.
+const F64: u8 = 10;
+
 /// Names that other programs have for fields of records.
 const LAS_NAMES: [&str; 8] = [
     "classification",
@@ -280,18 +283,6 @@ const LAS_NAMES: [&str; 8] = [
     "scan_angle",
     "user_data",
 ];
-
-/// Bytes of a declaration of extra bytes.
-const DECLARATION: usize = 192;
-
-/// Declares extra bytes of a type: 10 is f64; 0 is bytes without a type, as many as `options`.
-fn declaration(kind: u8, options: u8, name: &str) -> Vec<u8> {
-    let mut declared = vec![0; DECLARATION];
-    (declared[2], declared[3]) = (kind, options);
-    let end = (0..=32.min(name.len())).rev().find(|&end| name.is_char_boundary(end)).unwrap_or(0);
-    declared[4..4 + end].copy_from_slice(&name.as_bytes()[..end]);
-    declared
-}
 
 /// Returns the first of files whose records have the same fields and meaning.
 fn alike<'l>(las: &[&'l Las]) -> Option<&'l Layout> {

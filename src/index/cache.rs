@@ -2,10 +2,12 @@
 //!
 //! An index is named by a hash of each file's path, length, modification time and contents: of the
 //! contents only 64 samples of 16 KiB, because reading a terabyte takes too long. A file edited
-//! between the samples, with its length and time kept, is not noticed. A damaged index is made
-//! again.
+//! between the samples, with its length and time kept, is not noticed; nor are changed files of EPT
+//! other than the description, the first list and the root. A damaged index is made again.
 
 use super::build::{Options, Summary, build};
+use crate::cloud::input::Input;
+use crate::cloud::las::octree;
 use crate::error::{Error, Result};
 use crate::index::format::Index;
 use crate::progress::Progress;
@@ -121,7 +123,11 @@ pub fn key_of_files(paths: &[PathBuf]) -> Result<String> {
 }
 
 fn add_files(hash: &mut blake3::Hasher, paths: &[PathBuf]) -> Result<()> {
+    let mut files = Vec::new();
     for path in paths {
+        files.extend(octree::files(&Input::open(path)?));
+    }
+    for path in &files {
         let failed = |error| Error::io("read", path, error);
         let place = path.canonicalize().map_err(failed)?;
         let mut file = File::open(path).map_err(failed)?;

@@ -7,17 +7,17 @@
 //! - [`merge`](mod@merge): a parent's samples of its children's
 //! - `ground`: the ground, from which heights count
 //! - [`build`]: from points to nodes, in memory or out of core
-//! - [`copc`]: COPC files, whose nodes are drawn in place
+//! - [`octree`]: octrees of other programs, whose nodes are drawn in place
 //! - [`cache`]: indexes kept in the user's cache folder
 //! - [`fault_injection`]: faults of reading nodes, for tests
 
 pub mod attributes;
 pub mod build;
 pub mod cache;
-pub mod copc;
 pub mod fault_injection;
 pub mod format;
 mod ground;
 pub mod merge;
+pub mod octree;
 
 pub use build::partition::{Arrangement, Node, Partition, partition, shuffled_partition};

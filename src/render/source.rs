@@ -66,7 +66,7 @@ impl OpenOptions {
         }))
     }
 
-    /// Returns the file if it is one COPC file whose nodes have all that is asked for, so that they
+    /// Returns the file or folder if it is one octree whose nodes have all that is asked for, so that they
     /// are drawn without an index. Only points tell of stations: they are asked for to be shown or
     /// filtered, or else, with other columns, for exposures, which then stay as they are.
     fn in_place<'f>(&self, files: &'f [PathBuf]) -> Option<&'f Path> {
@@ -76,7 +76,7 @@ impl OpenOptions {
             || wanted.source && !(wanted.rgb || wanted.intensity || wanted.class);
         let others = wanted.scalars.iter().any(|own| own != Scalar::HeightAboveGround);
         let has_all = !stations && !others && self.shadows.is_none();
-        (has_all && Index::is_copc(path)).then_some(path)
+        (has_all && Index::is_octree(path)).then_some(path)
     }
 
     /// Adds saved shadows and simulated faults to an index.
@@ -161,7 +161,7 @@ pub enum Source {
 }
 
 impl Source {
-    /// Opens files or one index. Of files too large to draw whole, COPC is drawn in place; others
+    /// Opens files or one index. Of files too large to draw whole, octrees are drawn in place; others
     /// are indexed first, or their cached index is used.
     pub fn open(
         paths: &[PathBuf],
@@ -193,7 +193,7 @@ impl Source {
             return Ok(Source::Files(cloud));
         };
         if let Some(path) = opening.in_place(paths) {
-            match Index::open_copc(path, opening.read.rgb_range) {
+            match Index::open_octree(path, opening.read.rgb_range, opening.read.strict) {
                 Ok(index) => {
                     progress.note(&format!("drawn in place, because {why}"));
                     return opening.equipped(index, progress);

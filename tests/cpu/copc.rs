@@ -20,10 +20,10 @@ use std::collections::HashSet;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-const WANTED: ColumnSet = ColumnSet { source: false, normal: false, ..ColumnSet::ALL };
+pub const WANTED: ColumnSet = ColumnSet { source: false, normal: false, ..ColumnSet::ALL };
 
 /// Points of a slope with some height, and their colours.
-fn slope(points: usize) -> (Vec<[i32; 3]>, Vec<[u8; 3]>) {
+pub fn slope(points: usize) -> (Vec<[i32; 3]>, Vec<[u8; 3]>) {
     let mut random = Random(0x5EED);
     let mut below = |most: u64| (random.bits() % most) as i32;
     let point = |_| {
@@ -57,7 +57,7 @@ impl Place {
     }
 
     fn open(&self) -> Index {
-        Index::open_copc(&self.path(), None).unwrap()
+        Index::open_octree(&self.path(), None, false).unwrap()
     }
 }
 
@@ -83,9 +83,9 @@ fn points(columns: &Columns, origin: [i64; 3]) -> Vec<Point> {
     (0..columns.len()).map(point).collect()
 }
 
-fn check_points(path: &Path) -> Index {
-    let index = Index::open_copc(path, None).unwrap();
-    assert!(Index::is_copc(path) && !Index::is_one(path));
+pub fn check_points(path: &Path) -> Index {
+    let index = Index::open_octree(path, None, false).unwrap();
+    assert!(Index::is_octree(path) && !Index::is_one(path));
     let cloud = cloud::read(&[path.to_owned()], &ReadOptions::new(WANTED, false), &Silent).unwrap();
     let mut expected = points(&cloud.parts[0].columns, [0; 3]);
     let mut found = Vec::new();
@@ -214,7 +214,8 @@ impl Crafted {
             std::fs::File::options().write(true).open(&path).unwrap().set_len(length).unwrap();
         }
         let began = Instant::now();
-        let error = Index::open_copc(&path, None).err().expect("a crafted octree").to_string();
+        let error =
+            Index::open_octree(&path, None, false).err().expect("a crafted octree").to_string();
         assert!(began.elapsed() < Duration::from_secs(2), "{:?}: {error}", began.elapsed());
         assert!(error.contains("crafted.copc.laz"), "{error}");
         error
@@ -222,7 +223,7 @@ impl Crafted {
 }
 
 /// Returns most memory of this process so far `[bytes]`.
-fn peak() -> u64 {
+pub fn peak() -> u64 {
     let status = std::fs::read_to_string("/proc/self/status").unwrap();
     let line = status.lines().find(|line| line.starts_with("VmHWM:")).unwrap();
     line.split_whitespace().nth(1).unwrap().parse::<u64>().unwrap() << 10
@@ -348,6 +349,39 @@ fn a_long_chain_of_pages_is_refused() {
     assert!(error.contains("entries (page at byte"), "{error}");
 }
 
+/// A table of 2^32 chunks in a file that is long enough for them, but has nothing there: chunks are
+/// found by their own sizes.
+#[test]
+fn a_table_of_more_chunks_than_there_can_be_is_not_believed() {
+    let crafted = Crafted::new();
+    let points_at = u32::from_le_bytes(crafted.bytes[96..100].try_into().unwrap()) as usize;
+    let length = crafted.bytes.len() as u64;
+    let path = crafted.place.folder.path().join("crafted.copc.laz");
+    let told = |at: u64, count: u32, length: u64| {
+        let mut bytes = crafted.bytes.clone();
+        bytes[points_at..points_at + 8].copy_from_slice(&at.to_le_bytes());
+        std::fs::write(&path, bytes).unwrap();
+        let file = std::fs::File::options().write(true).open(&path).unwrap();
+        file.set_len(length).unwrap();
+        let head = [[0; 4], count.to_le_bytes()].concat();
+        std::os::unix::fs::FileExt::write_all_at(&file, &head, at).unwrap();
+        let began = Instant::now();
+        let options = ReadOptions::new(WANTED, false);
+        let cloud = cloud::read(std::slice::from_ref(&path), &options, &Silent).unwrap();
+        assert!(began.elapsed() < Duration::from_secs(2), "{:?}", began.elapsed());
+        assert_eq!(cloud.len(), 200_000);
+        cloud.notes.join("; ")
+    };
+    let many = told(1 << 39, u32::MAX, 1 << 40);
+    assert!(many.contains("lists 4294967295 chunks; at most"), "{many}");
+    let few = told(length, u32::MAX, length + 100);
+    assert!(few.contains("bytes can hold"), "{few}");
+    // As many as are read, of which the file has none.
+    let zeros = told(1 << 39, 1 << 21, 1 << 40);
+    assert!(zeros.contains("LAZ chunk table"), "{zeros}");
+    assert!(peak() < 256 << 20, "{} MiB", peak() >> 20);
+}
+
 /// Points in a node that is not theirs are found when they are read.
 #[test]
 fn points_outside_of_their_node_are_refused_when_they_are_read() {
@@ -359,7 +393,7 @@ fn points_outside_of_their_node_are_refused_when_they_are_read() {
     bytes[last..last + 16].copy_from_slice(&key);
     let path = crafted.place.folder.path().join("swapped.copc.laz");
     std::fs::write(&path, bytes).unwrap();
-    let index = Index::open_copc(&path, None).unwrap();
+    let index = Index::open_octree(&path, None, false).unwrap();
     let errors: Vec<String> = (0..index.nodes().len())
         .filter_map(|node| index.columns(node, WANTED).err())
         .map(|error| error.to_string())
@@ -384,7 +418,7 @@ proptest! {
         }
         let path = crafted.place.folder.path().join("damaged.copc.laz");
         std::fs::write(&path, bytes).unwrap();
-        if let Ok(index) = Index::open_copc(&path, None) {
+        if let Ok(index) = Index::open_octree(&path, None, false) {
             for node in 0..index.nodes().len() {
                 let _ = index.columns(node, WANTED);
             }

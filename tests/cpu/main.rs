@@ -14,6 +14,8 @@ mod files;
 mod index_file;
 #[path = "../support/made.rs"]
 mod made;
+#[path = "../support/octree_files.rs"]
+mod octree_files;
 #[path = "../support/points.rs"]
 mod points;
 #[path = "../support/program.rs"]
@@ -36,6 +38,7 @@ mod imports;
 mod index;
 mod keys;
 mod navigation;
+mod octrees;
 mod public_api;
 mod registry;
 mod stream;

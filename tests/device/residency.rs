@@ -623,7 +623,7 @@ fn copc() -> Planted {
     let folder = tempfile::tempdir().unwrap();
     let (points, colors) = bumpy(COPC_POINTS, 20_000, &mut Random(0xC0BC));
     write_copc(&folder.path().join("cloud.copc.laz"), &points, &colors);
-    let index = Index::open_copc(&folder.path().join("cloud.copc.laz"), None).unwrap();
+    let index = Index::open_octree(&folder.path().join("cloud.copc.laz"), None, false).unwrap();
     assert!(index.nodes().len() > 5);
     Planted { folder, index: Arc::new(index) }
 }

@@ -1,7 +1,8 @@
-//! COPC files drawn in place: pictures of the file if everything is drawn, otherwise of the nodes
-//! that the view needs; what their nodes cannot tell is indexed as before.
+//! COPC, Potree 2 and EPT drawn in place: pictures of the file if everything is drawn, otherwise of
+//! the nodes that the view needs; what their nodes cannot tell is indexed as before.
 
 use crate::files::scan;
+use crate::octree_files::{KINDS, Kind, records, write, write_laz};
 use crate::png_file::read_png;
 use crate::program::{failed, pointillist, render, succeeded};
 use crate::shared::shared;
@@ -15,9 +16,13 @@ struct Place {
 }
 
 impl Place {
+    fn empty() -> Place {
+        Place { folder: tempfile::tempdir().unwrap() }
+    }
+
     /// A scan of this many points, as COPC.
     fn new(points: u64) -> Place {
-        let place = Place { folder: tempfile::tempdir().unwrap() };
+        let place = Place::empty();
         scan(&place.at("street.las"), SceneKind::Street, points);
         place.export(&place.at("street.las"), "street.copc.laz");
         place
@@ -49,7 +54,12 @@ fn explained(output: &Output) -> Value {
 
 /// Checks that the picture of all nodes is that of the whole file.
 fn check_whole(place: &Place, file: &Path, line: &str) {
-    let whole = place.render(file, &format!("{POINTS} {line} -o @whole.png --explain=json"));
+    check_same(place, file, file, line);
+}
+
+/// Checks that the picture of all nodes is that of another file, drawn whole.
+fn check_same(place: &Place, other: &Path, file: &Path, line: &str) {
+    let whole = place.render(other, &format!("{POINTS} {line} -o @whole.png --explain=json"));
     assert!(!succeeded(&whole).contains("in place"));
     // The root's points are framed a little otherwise than all.
     std::fs::write(place.at("camera.json"), explained(&whole)["camera"].to_string()).unwrap();
@@ -132,4 +142,63 @@ fn an_octree_that_lies_is_said_and_its_points_are_drawn() {
     assert!(said.contains("claims") && said.contains("indexed instead"), "{said}");
     let refused = failed(&place.render(&place.at("lies.copc.laz"), &format!("{line} --strict")), 1);
     assert!(refused.contains("claims") && refused.contains(&list.to_string()), "{refused}");
+}
+
+/// Returns points of a hill, with all attributes.
+fn hill(points: i32) -> Vec<[u8; 36]> {
+    let point = |i: i32| {
+        let [x, y] = [i.wrapping_mul(7919), i.wrapping_mul(104_729)].map(|v| v.rem_euclid(100_003));
+        let z = 20_000.0 + 9000.0 * (x as f64 / 16_000.0).sin() * (y as f64 / 13_000.0).cos();
+        ([x, y, z as i32], [(x >> 9) as u8, (y >> 9) as u8, 90])
+    };
+    let (at, rgb): (Vec<_>, Vec<_>) = (0..points).map(point).unzip();
+    records(&at, &rgb)
+}
+
+#[test]
+fn potree_and_ept_are_drawn_as_their_own_laz_is() {
+    let place = Place::empty();
+    let (records, laz) = (hill(60_000), place.at("hill.laz"));
+    write_laz(&laz, &records);
+    for kind in KINDS {
+        let folder = place.at(&format!("{kind:?}"));
+        write(kind, &folder, &records);
+        check_same(&place, &laz, &folder, "--color rgb");
+    }
+    check_same(&place, &laz, &place.at("PotreeBrotli/metadata.json"), "--color class --view top");
+    check_same(&place, &laz, &place.at("EptLaszip/ept.json"), "--color return --only class=2..9");
+    let line = format!("{POINTS} --color source --lod 4 -o @a.png");
+    let said = succeeded(&place.render(&place.at("EptBinary"), &line));
+    assert!(said.contains("indexed in") && !said.contains("in place"), "{said}");
+    let said = succeeded(&place.render(&place.at("EptBinary"), &line));
+    assert!(said.contains("drawn from"), "{said}");
+}
+
+#[test]
+fn potree_and_ept_are_inputs_of_all_commands() {
+    let place = Place::empty();
+    let (records, laz) = (hill(20_000), place.at("hill.laz"));
+    write_laz(&laz, &records);
+    let run = |words: &[&str]| {
+        let output = pointillist().current_dir(place.folder.path()).args(words).output().unwrap();
+        (succeeded(&output), output.stdout)
+    };
+    let told = |file: &str| -> Value {
+        let mut told: Value = serde_json::from_slice(&run(&["info", file, "--json"]).1).unwrap();
+        let part = told["parts"][0].take();
+        let same = ["points", "bounds", "attributes", "step"].map(|what| part[what].clone());
+        same.into()
+    };
+    for kind in [Kind::PotreeBrotli, Kind::EptBinary] {
+        let name = format!("{kind:?}");
+        write(kind, &place.at(&name), &records);
+        assert_eq!(told(&name), told("hill.laz"));
+        run(&["export", &name, "-o", "a.laz"]);
+        assert_eq!(told("a.laz"), told("hill.laz"));
+        run(&["index", &name, "-o", "a.pnti"]);
+        let said = String::from_utf8(run(&["info", "a.pnti"]).1).unwrap();
+        assert!(said.contains("20000") && said.contains(&name), "{said}");
+    }
+    let said = failed(&pointillist().arg("info").arg(place.folder.path()).output().unwrap(), 1);
+    assert!(said.contains("without metadata.json"), "{said}");
 }

@@ -10,6 +10,8 @@ mod files;
 mod index_file;
 #[path = "../support/made.rs"]
 mod made;
+#[path = "../support/octree_files.rs"]
+mod octree_files;
 #[path = "../support/png_file.rs"]
 mod png_file;
 #[path = "../support/program.rs"]

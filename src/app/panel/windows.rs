@@ -60,8 +60,10 @@ pub fn hint(context: &Context, state: &UiState, actions: &mut Vec<Action>) {
         ui.vertical_centered(|ui| {
             ui.label(RichText::new("drop point clouds here").heading().color(theme::TEXT));
             ui.label(
-                RichText::new("LAS, LAZ, COPC, PLY, E57, OBJ, XYZ, CSV, TXT, PTS, PTX, PNTI")
-                    .color(theme::WEAK),
+                RichText::new(
+                    "LAS, LAZ, COPC, Potree 2, EPT, PLY, E57, OBJ, XYZ, CSV, TXT, PTS, PTX, PNTI",
+                )
+                .color(theme::WEAK),
             );
             ui.add_space(8.0);
             header::open(ui, state, actions);

@@ -7,7 +7,7 @@
 use crate::cloud::crs::{Crs, geotiff, wkt};
 use crate::cloud::digits::number;
 use crate::cloud::input::Input;
-use crate::cloud::{Header, Lattice};
+use crate::cloud::{ColumnSet, Header, Lattice};
 use crate::error::Result;
 use glam::DVec3;
 
@@ -35,6 +35,8 @@ pub struct Layout {
     pub header: Header,
     /// What a file with some of the points takes over.
     pub kept: Kept,
+    /// Columns that the fields of records fill, if their format has these.
+    pub holds: ColumnSet,
 }
 
 /// A variable-length record.
@@ -148,6 +150,7 @@ pub fn read(input: &Input, notes: &mut Vec<String>) -> Result<Layout> {
             system: text(&head[26..58]),
             ..Kept::default()
         },
+        holds: ColumnSet::ALL,
     };
     let (mut facts, mut projection) = (Vec::new(), Projection::default());
     for (what, range) in [("system", 26..58), ("software", 58..90)] {
@@ -213,12 +216,8 @@ pub fn read(input: &Input, notes: &mut Vec<String>) -> Result<Layout> {
 /// Largest coordinate `[steps]`: beyond, neighbouring steps are the same f64.
 const MOST_STEPS: f64 = (1u64 << 53) as f64;
 
-/// Returns the file's scale and offset, if every i32 has a distinct position. A negative scale is
-/// replaced by a positive one with the same positions: `!q` steps up instead of `q` down.
-fn lattice(input: &Input, head: &[u8], notes: &mut Vec<String>) -> Result<(Lattice, [i32; 3])> {
-    let triple =
-        |at: usize| DVec3::new(f64_at(head, at), f64_at(head, at + 8), f64_at(head, at + 16));
-    let (step, offset) = (triple(131), triple(155));
+/// Returns an error unless every i32 has a distinct position.
+pub fn check_lattice(input: &Input, step: DVec3, offset: DVec3) -> Result<()> {
     if !step.is_finite() || step.abs().min_element() == 0.0 {
         return Err(input.wrong(format!(
             "has the scale {}; coordinates need three finite scales other than 0",
@@ -235,6 +234,16 @@ fn lattice(input: &Input, head: &[u8], notes: &mut Vec<String>) -> Result<(Latti
             )));
         }
     }
+    Ok(())
+}
+
+/// Returns the file's scale and offset, if every i32 has a distinct position. A negative scale is
+/// replaced by a positive one with the same positions: `!q` steps up instead of `q` down.
+fn lattice(input: &Input, head: &[u8], notes: &mut Vec<String>) -> Result<(Lattice, [i32; 3])> {
+    let triple =
+        |at: usize| DVec3::new(f64_at(head, at), f64_at(head, at + 8), f64_at(head, at + 16));
+    let (step, offset) = (triple(131), triple(155));
+    check_lattice(input, step, offset)?;
     let negative: Vec<&str> =
         (0..3).filter(|&axis| step[axis] < 0.0).map(|axis| ["x", "y", "z"][axis]).collect();
     if !negative.is_empty() {
@@ -290,7 +299,7 @@ fn vlrs(
             ("LASF_Projection", _) => projection.take(record, contents()?, facts),
             ("LASF_Spec", 4) => {
                 let declared: Vec<ExtraBytes> =
-                    contents()?.chunks_exact(192).map(ExtraBytes::of).collect();
+                    contents()?.chunks_exact(DECLARATION_BYTES).map(ExtraBytes::of).collect();
                 extra_bytes += declared.iter().map(|attribute| attribute.bytes).sum::<usize>();
                 let room = layout.record_bytes - RECORD_BYTES[layout.format as usize] as usize;
                 let ends = declared.iter().scan(0, |end, attribute| {
@@ -352,6 +361,9 @@ impl Projection {
     }
 }
 
+/// Bytes of a declaration of extra bytes.
+pub const DECLARATION_BYTES: usize = 192;
+
 /// A declaration of an extra-bytes attribute.
 #[derive(Clone, Debug)]
 pub struct ExtraBytes {
@@ -370,6 +382,37 @@ impl ExtraBytes {
     /// Tests whether it is one number, with a name.
     pub fn is_number(&self) -> bool {
         (1..=10).contains(&self.kind) && !self.name.is_empty()
+    }
+
+    /// Returns bytes of the name, or numbers, as declared without a scale.
+    pub fn plain(name: &str, kind: u8, bytes: usize) -> ExtraBytes {
+        ExtraBytes { name: name.into(), bytes, kind, scale: 1.0, offset: 0.0, no_data: None }
+    }
+
+    /// Returns the declaration. Bytes that are no number are at most 255.
+    pub fn declared(&self) -> [u8; DECLARATION_BYTES] {
+        let mut declared = [0; DECLARATION_BYTES];
+        let name = &self.name;
+        let end =
+            (0..=32.min(name.len())).rev().find(|&end| name.is_char_boundary(end)).unwrap_or(0);
+        declared[2] = self.kind;
+        declared[4..4 + end].copy_from_slice(&name.as_bytes()[..end]);
+        if self.kind == 0 {
+            declared[3] = self.bytes as u8;
+            return declared;
+        }
+        let own = [
+            (1, 40, self.no_data),
+            (8, 112, Some(self.scale.to_le_bytes()).filter(|_| self.scale != 1.0)),
+            (16, 136, Some(self.offset.to_le_bytes()).filter(|_| self.offset != 0.0)),
+        ];
+        for (bit, at, bytes) in own {
+            if let Some(bytes) = bytes {
+                declared[3] |= bit;
+                declared[at..at + 8].copy_from_slice(&bytes);
+            }
+        }
+        declared
     }
 
     /// Parses a declaration of 192 bytes. Types from 1: eight integers of growing width, two

@@ -24,10 +24,14 @@ use std::io::{BufReader, Cursor, Read};
 
 /// Most points per compressed byte: a million coincident points come to about 100. It bounds the
 /// memory a crafted file can take.
-const POINTS_PER_BYTE: u64 = 256;
+pub const POINTS_PER_BYTE: u64 = 256;
 
 /// Most bytes of a chunk's entry in the table, two compressed 32-bit numbers.
 const TABLE_ENTRY_BYTES: u64 = 16;
+
+/// Most chunks of a table, 48 bytes each in memory: with the usual 50,000 points each, a hundred
+/// billion points. A sparse file may have room for more without having them.
+const MOST_CHUNKS: u64 = 1 << 21;
 
 /// Records per decoding step.
 const DECODED: usize = 512;
@@ -241,6 +245,11 @@ fn table(
             at - first
         ));
     }
+    if count > MOST_CHUNKS {
+        return Err(format!(
+            "the LAZ chunk table at byte {at} lists {count} chunks; at most {MOST_CHUNKS} are read"
+        ));
+    }
     let bytes = read(8 + TABLE_ENTRY_BYTES * (count + 1))?;
     let entries = catch_panic(|| {
         ChunkTable::read(&mut Cursor::new(&bytes), chunk_points.is_none())
@@ -251,15 +260,17 @@ fn table(
     let mut chunks = Vec::with_capacity(count as usize);
     let mut next = first;
     for entry in &entries {
-        if entry.byte_count > at - next {
+        let points = chunk_points.unwrap_or(entry.point_count);
+        // The first point of a chunk is not compressed.
+        let least = if points.min(layout.points) > 0 { layout.record_bytes as u64 } else { 0 };
+        if entry.byte_count > at - next || entry.byte_count < least {
             return Err("the LAZ chunk table does not fit the file".into());
         }
-        chunks.push(Stretch {
-            at: next,
-            bytes: entry.byte_count,
-            points: chunk_points.unwrap_or(entry.point_count),
-        });
+        chunks.push(Stretch { at: next, bytes: entry.byte_count, points });
         next += entry.byte_count;
+    }
+    if layout.points > 0 && chunks.iter().all(|chunk| chunk.points == 0) {
+        return Err("the LAZ chunk table lists no points".into());
     }
     if let (Some(size), Some(last)) = (chunk_points, chunks.last_mut()) {
         let before = size.saturating_mul(count - 1);

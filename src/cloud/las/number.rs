@@ -73,26 +73,10 @@ impl Number {
     /// Returns the number of a record; NaN if it has none.
     #[inline]
     pub fn value(&self, row: &[u8]) -> f64 {
-        let stored = self.stored(&row[self.at..]);
+        let stored = stored(self.kind, &row[self.at..]);
         match self.no_data {
             Some(none) if none == stored => f64::NAN,
             _ => stored * self.scale + self.offset,
-        }
-    }
-
-    #[inline]
-    fn stored(&self, row: &[u8]) -> f64 {
-        match self.kind {
-            1 => row[0].into(),
-            I8 => i8::from_le_bytes(array_at(row, 0)).into(),
-            U16 => u16::from_le_bytes(array_at(row, 0)).into(),
-            I16 => i16::from_le_bytes(array_at(row, 0)).into(),
-            5 => u32::from_le_bytes(array_at(row, 0)).into(),
-            6 => i32::from_le_bytes(array_at(row, 0)).into(),
-            7 => u64::from_le_bytes(array_at(row, 0)) as f64,
-            8 => i64::from_le_bytes(array_at(row, 0)) as f64,
-            9 => f32::from_le_bytes(array_at(row, 0)).into(),
-            _ => f64::from_le_bytes(array_at(row, 0)),
         }
     }
 
@@ -103,5 +87,22 @@ impl Number {
             2 | 4 | 6 | 8 => i64::from_le_bytes(bytes) as f64,
             _ => f64::from_le_bytes(bytes),
         }
+    }
+}
+
+/// Returns the first number of bytes, of a type as in declarations of extra bytes.
+#[inline]
+pub fn stored(kind: u8, bytes: &[u8]) -> f64 {
+    match kind {
+        1 => bytes[0].into(),
+        I8 => i8::from_le_bytes(array_at(bytes, 0)).into(),
+        U16 => u16::from_le_bytes(array_at(bytes, 0)).into(),
+        I16 => i16::from_le_bytes(array_at(bytes, 0)).into(),
+        5 => u32::from_le_bytes(array_at(bytes, 0)).into(),
+        6 => i32::from_le_bytes(array_at(bytes, 0)).into(),
+        7 => u64::from_le_bytes(array_at(bytes, 0)) as f64,
+        8 => i64::from_le_bytes(array_at(bytes, 0)) as f64,
+        9 => f32::from_le_bytes(array_at(bytes, 0)).into(),
+        _ => f64::from_le_bytes(array_at(bytes, 0)),
     }
 }

@@ -1,28 +1,31 @@
-//! The octree of a COPC file: which LAZ chunk is which node.
+//! Clouds whose points are nodes of an octree: COPC, Potree 2 and EPT.
 //!
-//! The list of nodes is in pages, which point at each other. Nothing in it is believed: every node
-//! is one chunk of the LAZ table, every chunk is one node, and no page is read twice. So a crafted
-//! list can neither run in a circle nor claim more than the file has.
+//! A node's points are in none of its children. Each format lists its nodes in its own way, and
+//! nothing in such a list is believed: `copc`, `potree` and `ept` check it. The nodes of a COPC file
+//! are chunks of a LAZ file, which [`Las`] decodes. Those of the others become records
+//! by [`NodeReader`]; `layout` says which attribute is which field.
 
-use super::header::{array_at, u32_at};
-use super::{Las, MAGIC, Places, Stretch};
-use crate::cloud::input::Input;
+pub mod copc;
+mod ept;
+mod layout;
+mod potree;
+
+use super::header::Layout;
+use super::{Las, Stretch};
+use crate::cloud::ColumnSet;
+use crate::cloud::input::{Input, OCTREES};
 use crate::error::Result;
 use glam::DVec3;
-use std::collections::{HashMap, HashSet};
-
-/// Place and length of the information record, which every COPC file has first `[bytes]`.
-const INFO_AT: u64 = 375 + 54;
-const INFO_BYTES: u64 = 160;
-
-/// Length of a node in a page `[bytes]`.
-const ENTRY_BYTES: u64 = 32;
+use std::path::PathBuf;
 
 /// Deepest level, so that numbers of nodes fit 32 bits.
 const DEEPEST: i32 = 30;
 
-/// Most entries of all pages for each chunk: nodes without points and other pages are entries too.
-const ENTRIES_PER_CHUNK: u64 = 8;
+/// Most bytes of a JSON file: of a list, about 800,000 nodes.
+const MOST_JSON: u64 = 16 << 20;
+
+/// Most bytes of a node's points, unpacked. Honest nodes have a few megabytes.
+const MOST_NODE_BYTES: u64 = 96 << 20;
 
 /// Level of a node, and its number along each axis.
 pub type Key = [i32; 4];
@@ -31,145 +34,121 @@ pub type Key = [i32; 4];
 #[derive(Clone, Copy, Debug)]
 pub struct OctreeNode {
     pub key: Key,
+    /// Its points. Where each node is a file, its place is its number.
     pub chunk: Stretch,
-    /// Index of its first point in the file.
+    /// Index of its first point in the cloud.
     pub first: u64,
 }
 
-/// The cube of the root, and the nodes below each other in it.
+/// The box of the root, and the nodes below each other in it.
 #[derive(Clone, Debug)]
 pub struct Octree {
-    /// Least world corner, and length of the sides.
+    /// Least world corner, and lengths of the sides.
     pub corner: DVec3,
-    pub side: f64,
+    pub sides: DVec3,
     /// Distance of the root's points.
     pub spacing: f64,
     /// Nodes level by level.
     pub nodes: Vec<OctreeNode>,
-}
-
-/// Tests whether a file says that it is COPC.
-pub fn is_copc(input: &Input) -> Result<bool> {
-    let head = input.take(0, INFO_AT)?;
-    Ok(head.starts_with(MAGIC) && head.get(377..382) == Some(b"copc\0"))
-}
-
-/// Reads all pages. Errors say what is wrong with which bytes.
-pub fn read(input: &Input, las: &Las) -> Result<Octree> {
-    let wrong = |what: String| input.wrong(format!("has an octree {what}"));
-    let info = input.take(INFO_AT, INFO_BYTES)?;
-    let Places::Known(chunks) = &las.places else {
-        return Err(wrong("whose LAZ chunks cannot be located".into()));
-    };
-    if info.len() < INFO_BYTES as usize || !is_copc(input)? {
-        return Err(wrong(format!("without an information record at byte {INFO_AT}")));
-    }
-    let number = |k: usize| f64::from_le_bytes(array_at(&info, 8 * k));
-    let offset = |k: usize| u64::from_le_bytes(array_at(&info, 8 * k));
-    let (center, half, spacing) =
-        (DVec3::new(number(0), number(1), number(2)), number(3), number(4));
-    let is_cube = center.is_finite() && half.is_finite() && half > 0.0;
-    if !(is_cube && spacing > 0.0 && spacing <= 2.0 * half) {
-        return Err(wrong(format!(
-            "of an impossible cube: center {center}, half side {half}, spacing {spacing} (bytes {INFO_AT} to {})",
-            INFO_AT + 40
-        )));
-    }
-    let (mut nodes, mut taken) = (HashMap::new(), HashSet::new());
-    let mut first = 0;
-    let chunks: HashMap<u64, (Stretch, u64)> = chunks
-        .iter()
-        .filter(|chunk| chunk.points > 0)
-        .map(|chunk| {
-            first += chunk.points;
-            (chunk.at, (*chunk, first - chunk.points))
-        })
-        .collect();
-    let most = ENTRIES_PER_CHUNK * (chunks.len() as u64 + 1);
-    let mut pages = vec![(offset(5), offset(6))];
-    let (mut seen, mut entries) = (HashSet::from([offset(5)]), 0);
-    while let Some((at, bytes)) = pages.pop() {
-        if !bytes.is_multiple_of(ENTRY_BYTES)
-            || at.checked_add(bytes).is_none_or(|end| end > input.length)
-        {
-            return Err(wrong(format!(
-                "with a page of {bytes} bytes at byte {at}, which the file of {} does not have",
-                input.length
-            )));
-        }
-        entries += bytes / ENTRY_BYTES;
-        if entries > most {
-            return Err(wrong(format!(
-                "with more than {most} entries (page at byte {at}), but the file has {} chunks",
-                chunks.len()
-            )));
-        }
-        let page = input.take(at, bytes)?;
-        for (k, entry) in page.chunks_exact(ENTRY_BYTES as usize).enumerate() {
-            let key: Key = [0, 1, 2, 3].map(|i| u32_at(entry, 4 * i) as i32);
-            let (start, length) =
-                (u64::from_le_bytes(array_at(entry, 16)), u32_at(entry, 24) as i32);
-            let points = u32_at(entry, 28) as i32;
-            let wrong = |what: String| {
-                let [level, x, y, z] = key;
-                let place = at + ENTRY_BYTES * k as u64;
-                wrong(format!("whose node {level}-{x}-{y}-{z} {what} (entry at byte {place})"))
-            };
-            let is_inside = (0..=DEEPEST).contains(&key[0])
-                && key[1..].iter().all(|v| (0..1 << key[0]).contains(v));
-            if !is_inside {
-                return Err(wrong("is outside of the root".into()));
-            }
-            match points {
-                -1 if !seen.insert(start) => {
-                    return Err(wrong(format!("points at a page that is known, at byte {start}")));
-                }
-                -1 => pages.push((start, length as u32 as u64)),
-                0 => {}
-                _ => {
-                    let (chunk, first) = *chunks.get(&start).ok_or_else(|| {
-                        wrong(format!("begins at byte {start}, where no chunk does"))
-                    })?;
-                    let own = [chunk.bytes, chunk.points];
-                    if own != [length, points].map(|v| v as i64 as u64) {
-                        return Err(wrong(format!(
-                            "claims {points} points in {length} bytes, but its chunk has {} in {}",
-                            chunk.points, chunk.bytes
-                        )));
-                    }
-                    if !taken.insert(start) {
-                        return Err(wrong(format!("has the chunk of another at byte {start}")));
-                    }
-                    if nodes.insert(key, OctreeNode { key, chunk, first }).is_some() {
-                        return Err(wrong("comes twice".into()));
-                    }
-                }
-            }
-        }
-    }
-    if let Some((at, _)) = chunks.iter().find(|(at, _)| !taken.contains(at)) {
-        return Err(wrong(format!(
-            "with {} nodes for {} chunks: none has that at byte {at}",
-            nodes.len(),
-            chunks.len()
-        )));
-    }
-    let mut nodes: Vec<OctreeNode> = nodes.into_values().collect();
-    nodes.sort_unstable_by_key(|node| node.key);
-    Ok(Octree { corner: center - half, side: 2.0 * half, spacing, nodes })
+    /// Length of all files `[bytes]`.
+    pub bytes: u64,
 }
 
 impl Octree {
-    /// Returns the world corners of a node's cube.
+    /// Returns the world corners of a node's box.
     pub fn cube(&self, [level, x, y, z]: Key) -> [DVec3; 2] {
-        let side = self.side / 2f64.powi(level);
+        let sides = self.sides / 2f64.powi(level);
         [0, 1].map(|end| {
-            self.corner + side * DVec3::new((x + end) as f64, (y + end) as f64, (z + end) as f64)
+            self.corner + sides * DVec3::new((x + end) as f64, (y + end) as f64, (z + end) as f64)
         })
+    }
+
+    /// Returns the nodes in the order of their keys, without those that have no points.
+    fn nodes_of(chunks: impl Iterator<Item = (Key, Stretch)>) -> Vec<OctreeNode> {
+        let chunks = chunks.filter(|(_, chunk)| chunk.points > 0);
+        let mut nodes: Vec<OctreeNode> =
+            chunks.map(|(key, chunk)| OctreeNode { key, chunk, first: 0 }).collect();
+        nodes.sort_unstable_by_key(|node| node.key);
+        let mut first = 0;
+        for node in &mut nodes {
+            node.first = first;
+            first += node.chunk.points;
+        }
+        nodes
     }
 }
 
 /// Returns the node above in which a node lies; `None` for the root.
 pub fn parent([level, x, y, z]: Key) -> Option<Key> {
     (level > 0).then(|| [level - 1, x >> 1, y >> 1, z >> 1])
+}
+
+/// Returns a node as errors and the files of EPT name it.
+pub fn named([level, x, y, z]: Key) -> String {
+    format!("{level}-{x}-{y}-{z}")
+}
+
+/// Tests whether a node lies in the root.
+fn is_inside(key: Key) -> bool {
+    (0..=DEEPEST).contains(&key[0]) && key[1..].iter().all(|v| (0..1 << key[0]).contains(v))
+}
+
+/// A reader of nodes that are no chunks of a LAZ file.
+pub trait NodeReader: Send + Sync {
+    /// Gives the points of a node as records, in order, in blocks of at most
+    /// [`BATCH`](crate::cloud::stream::BATCH). `wanted` are the columns that are looked at.
+    fn records(
+        &self,
+        chunk: &Stretch,
+        wanted: ColumnSet,
+        take: &mut dyn FnMut(&[u8]) -> Result<()>,
+    ) -> Result<()>;
+}
+
+/// A cloud in several files, which its JSON describes.
+pub struct Opened {
+    pub layout: Layout,
+    pub octree: Octree,
+    pub reader: Box<dyn NodeReader>,
+}
+
+/// Tests whether a file describes an octree in other files. JSON has no signature, so it is by name.
+pub fn is_description(input: &Input) -> bool {
+    OCTREES.iter().any(|name| input.path.ends_with(name))
+}
+
+/// Tests whether a file is an octree: COPC, or the description of one.
+pub fn is_one(input: &Input) -> Result<bool> {
+    Ok(is_description(input) || copc::is_copc(input)?)
+}
+
+/// Opens the description of an octree.
+pub fn open(input: &Input, keeps_records: bool) -> Result<Opened> {
+    let text = input.take(0, input.length.min(MOST_JSON + 1))?;
+    if text.len() as u64 > MOST_JSON {
+        return Err(input.wrong(format!("is larger than {} MiB", MOST_JSON >> 20)));
+    }
+    if input.path.ends_with(OCTREES[0]) {
+        potree::open(input, &text)
+    } else {
+        ept::open(input, &text, keeps_records)
+    }
+}
+
+/// Returns the files that tell whether a cloud is the same as before.
+pub fn files(input: &Input) -> Vec<PathBuf> {
+    let beside: &[&str] = match () {
+        () if input.path.ends_with(OCTREES[0]) => &potree::FILES,
+        () if input.path.ends_with(OCTREES[1]) => &ept::FILES,
+        () => &[],
+    };
+    let beside = beside.iter().map(|name| input.path.with_file_name(name));
+    [input.path.clone()].into_iter().chain(beside.filter(|path| path.exists())).collect()
+}
+
+impl Las {
+    /// Returns the octree; an error if there is none.
+    pub fn octree(&self, input: &Input) -> Result<Octree> {
+        self.octree.clone().map_or_else(|| copc::read(input, self), Ok)
+    }
 }

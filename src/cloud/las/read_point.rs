@@ -1,21 +1,28 @@
-//! A single LAS record with all its fields, in the file's own numbers, read with the `las` crate.
+//! A single LAS record with all its fields, in the file's own numbers, parsed with the `las` crate.
 
 use super::super::point_lookup::Extras;
-use glam::DVec3;
+use super::Las;
+use crate::cloud::ColumnSet;
+use crate::cloud::input::Input;
+use crate::error::Result;
+use las::Transform;
+use las::point::Format;
 use std::path::Path;
 
-/// Returns the colour and the extra fields of a record; `None` if the crate cannot read the file.
-/// `place` is its position, within half a step.
-pub fn record(
-    path: &Path,
-    number: u64,
-    place: DVec3,
-    step: DVec3,
-) -> Option<(Option<[u16; 3]>, Extras)> {
-    let point = sought(path, number)
-        .filter(|point| is_at(point, place, step))
-        .or_else(|| counted(path, number))?;
-    let point = is_at(&point, place, step).then_some(point)?;
+/// Returns the colour and the extra fields of a record by its number; `None` if there is none, or the
+/// crate cannot parse it.
+pub fn record(path: &Path, number: u64) -> Result<Option<(Option<[u16; 3]>, Extras)>> {
+    let input = Input::open(path)?;
+    let las = Las::located(&input, ColumnSet::ALL, true, &mut Vec::new())?;
+    let record = las.record(&input, number)?;
+    Ok(record.and_then(|record| parsed(&las, &record)))
+}
+
+fn parsed(las: &Las, record: &[u8]) -> Option<(Option<[u16; 3]>, Extras)> {
+    let extra_bytes = las.layout.extra_width() as u16;
+    let format = Format { extra_bytes, ..Format::new(las.layout.format).ok()? };
+    let point = las::raw::Point::read_from(record, &format).ok()?;
+    let point = las::Point::new(point, &las::Vector::<Transform>::default());
     let flags = [
         (point.is_synthetic, "synthetic"),
         (point.is_key_point, "key point"),
@@ -31,26 +38,4 @@ pub fn record(
         extra_bytes: point.extra_bytes,
     };
     Some((point.color.map(|color| [color.red, color.green, color.blue]), extras))
-}
-
-fn is_at(point: &las::Point, place: DVec3, step: DVec3) -> bool {
-    (DVec3::new(point.x, point.y, point.z) - place).abs().cmple(0.5 * step.abs()).all()
-}
-
-/// Reads a record by seeking. With chunks of varying size, as in COPC, the crate returns another
-/// one.
-fn sought(path: &Path, number: u64) -> Option<las::Point> {
-    let mut reader = las::Reader::from_path(path).ok()?;
-    reader.seek(number).ok()?;
-    reader.read_points(1).ok()?.points().next()?.ok()
-}
-
-/// Reads a record after all before it.
-fn counted(path: &Path, number: u64) -> Option<las::Point> {
-    const AT_ONCE: u64 = 1 << 16;
-    let mut reader = las::Reader::from_path(path).ok()?;
-    for _ in 0..number / AT_ONCE {
-        reader.read_points(AT_ONCE).ok()?;
-    }
-    reader.read_points(number % AT_ONCE + 1).ok()?.points().last()?.ok()
 }

@@ -32,6 +32,8 @@ pub struct Fields {
     scalars: Vec<(Scalar, Number)>,
     /// Colour range.
     pub range: RgbRange,
+    /// [`Layout::holds`].
+    holds: ColumnSet,
 }
 
 const INTENSITY: usize = 12;
@@ -62,17 +64,21 @@ impl Fields {
             rgb,
             scalars: number::wanted(layout, wanted),
             range: RgbRange::Words,
+            holds: layout.holds,
         }
     }
 
     /// Returns the columns that are both requested and present.
     pub fn available(&self, wanted: ColumnSet) -> ColumnSet {
         ColumnSet {
-            rgb: wanted.rgb && self.rgb.is_some(),
-            gps_time: wanted.gps_time && self.gps_time.is_some(),
+            rgb: wanted.rgb && self.holds.rgb && self.rgb.is_some(),
+            intensity: wanted.intensity && self.holds.intensity,
+            class: wanted.class && self.holds.class,
+            returns: wanted.returns && self.holds.returns,
+            source: wanted.source && self.holds.source,
+            gps_time: wanted.gps_time && self.holds.gps_time && self.gps_time.is_some(),
             normal: false,
             scalars: self.scalars.iter().map(|(scalar, _)| *scalar).collect(),
-            ..wanted
         }
     }
 }

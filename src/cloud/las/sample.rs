@@ -4,7 +4,7 @@
 //! together, and a few long pieces would look like slices of the scene.
 
 use super::header::Layout;
-use super::{Las, Places, Sequence, Stretch};
+use super::{Las, Packing, Places, Sequence, Stretch};
 use crate::cloud::input::Input;
 use crate::cloud::{ColumnSet, Part};
 use crate::error::Result;
@@ -40,8 +40,8 @@ pub fn sample(
     let mut las = Las::open(input, wanted, &mut Vec::new())?;
     let all = las.points();
     let Places::Known(stretches) = &las.places else { return Ok(None) };
-    las.places = Places::Known(match &las.coding {
-        Some(coding) => beginnings(stretches, CHUNKS, points, coding.is_layered()),
+    las.places = Places::Known(match is_whole(&las.packing) {
+        Some(whole) => beginnings(stretches, CHUNKS, points, whole),
         None => {
             // Only the first bytes of very wide records are read.
             let every = (all / points.max(1)).clamp(1, STRIDE);
@@ -65,12 +65,12 @@ fn runs(at: u64, all: u64, record_bytes: u64, points: u64) -> Vec<Stretch> {
 
 /// Returns the places of few points that represent the rest, from all over the file if possible.
 pub fn few(las: &Las) -> Places {
-    match (&las.places, &las.coding) {
+    match (&las.places, is_whole(&las.packing)) {
         (Places::Sequence(sequence), _) => {
             Places::Sequence(Sequence { points: sequence.points.min(FEW_POINTS), ..*sequence })
         }
-        (Places::Known(chunks), Some(coding)) => {
-            Places::Known(beginnings(chunks, FEW_CHUNKS, FEW_POINTS, coding.is_layered()))
+        (Places::Known(chunks), Some(whole)) => {
+            Places::Known(beginnings(chunks, FEW_CHUNKS, FEW_POINTS, whole))
         }
         (Places::Known(_), None) => {
             let Layout { points_at, record_bytes, .. } = las.layout;
@@ -79,8 +79,17 @@ pub fn few(las: &Las) -> Places {
     }
 }
 
+/// Returns whether the beginning of a chunk takes all of its bytes; `None` without chunks.
+fn is_whole(packing: &Packing) -> Option<bool> {
+    match packing {
+        Packing::Plain => None,
+        Packing::Laz(coding) => Some(coding.is_layered()),
+        Packing::Nodes(_) => Some(true),
+    }
+}
+
 /// Returns the first points of at most `most` chunks: a chunk is decoded from its beginning.
-fn beginnings(chunks: &[Stretch], most: usize, points: u64, layered: bool) -> Vec<Stretch> {
+fn beginnings(chunks: &[Stretch], most: usize, points: u64, whole: bool) -> Vec<Stretch> {
     let chosen = || chunks.iter().step_by(chunks.len().div_ceil(most).max(1));
     let all = chosen().map(|chunk| chunk.points).sum::<u64>().max(1);
     let beginning = |chunk: &Stretch| {
@@ -88,7 +97,7 @@ fn beginnings(chunks: &[Stretch], most: usize, points: u64, layered: bool) -> Ve
             |of: u64| (of as u128 * points as u128).div_ceil(all as u128).min(of as u128) as u64;
         // If the beginning takes more than twice its share of bytes, its last points are missing.
         let bytes =
-            if layered { chunk.bytes } else { chunk.bytes.min(2 * share(chunk.bytes) + SLACK) };
+            if whole { chunk.bytes } else { chunk.bytes.min(2 * share(chunk.bytes) + SLACK) };
         Stretch { bytes, points: share(chunk.points), ..*chunk }
     };
     chosen().map(beginning).collect()

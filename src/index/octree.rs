@@ -1,17 +1,17 @@
-//! COPC files as indexes: their nodes are drawn in place.
+//! Octrees of other programs as indexes: the nodes of COPC, Potree 2 and EPT are drawn in place.
 //!
-//! A node of the octree is one LAZ chunk. Its points are in none of its children, so that they are
-//! drawn together ([`Refinement::Adds`]). A chunk of more points than a page holds is several
-//! records, of which the first has the children. Positions count on the file's own lattice from the
-//! corner of the node's box, and points are in Morton order, as in files NAME.pnti. Of that, only
-//! the list of nodes is read when a file is opened, and the root, for the ranges of what is shown.
+//! A node's points are in none of its children, so that they are drawn together
+//! ([`Refinement::Adds`]). A node of more points than a page holds is several records, of which the
+//! first has the children. Positions count on the file's own lattice from the corner of the node's
+//! box, and points are in Morton order, as in files NAME.pnti. Of that, only the list of nodes is
+//! read when a file is opened, and the first nodes, for the ranges of what is shown.
 
 use super::format::{
     Contents, Directory, Index, IndexedPart, NodeRecord, NodeSource, Plane, Refinement, morton,
 };
 use crate::cloud::attribute::percentiles;
 use crate::cloud::input::Input;
-use crate::cloud::las::octree::{self, Key, Octree, OctreeNode};
+use crate::cloud::las::octree::{self, Key, Octree, OctreeNode, named};
 use crate::cloud::las::{INTENSITY_RANGE, Las};
 use crate::cloud::rgb_range::RgbRange;
 use crate::cloud::{ColumnSet, Columns, Header, Lattice, Station, crs, title};
@@ -26,14 +26,21 @@ use std::sync::{Arc, Mutex, PoisonError};
 /// Points of decoded nodes that are kept, for their next plane; about 40 bytes each.
 const KEPT_POINTS: usize = 1 << 20;
 
+/// Points that tell the ranges of intensities and heights, and most nodes below the roots that are
+/// read for them.
+const ENOUGH_POINTS: u64 = 1 << 16;
+const FIRST_NODES: usize = 8;
+
 /// Columns that can be read in place. Point source ids cannot: the stations are those of all points.
 pub const COLUMNS: ColumnSet = ColumnSet { source: false, normal: false, ..ColumnSet::ALL };
 
-/// An open COPC file.
-struct Copc {
+/// An open octree.
+struct InPlace {
     input: Input,
     las: Las,
     nodes: Vec<OctreeNode>,
+    /// Length of all files `[bytes]`.
+    bytes: u64,
     /// The node of every record, and the index of its first point among the node's.
     pieces: Vec<(usize, usize)>,
     decoded: Mutex<Decoded>,
@@ -55,26 +62,31 @@ struct DecodedNode {
 }
 
 impl Index {
-    /// Tests whether a file says that it is COPC. A pipe is not opened.
-    pub fn is_copc(path: &Path) -> bool {
-        Input::open(path).and_then(|input| octree::is_copc(&input)).unwrap_or(false)
+    /// Tests whether a file or folder says that it is an octree of COPC, Potree 2 or EPT. A pipe is
+    /// not opened.
+    pub fn is_octree(path: &Path) -> bool {
+        Input::open(path).and_then(|input| octree::is_one(&input)).unwrap_or(false)
     }
 
-    /// Opens a COPC file. Its octree is checked, and its points when they are read.
-    pub fn open_copc(path: &Path, rgb_range: Option<RgbRange>) -> Result<Index> {
+    /// Opens an octree. Its nodes are checked, and their points when they are read. If `strict`, a
+    /// header that the nodes contradict is an error.
+    pub fn open_octree(path: &Path, rgb_range: Option<RgbRange>, strict: bool) -> Result<Index> {
         let input = Input::open(path)?.counting_to(rgb_range);
         let mut notes = Vec::new();
         // Colours are judged by the root, below.
         let mut las = Las::open(&input, ColumnSet::default(), &mut notes)?;
-        let octree = octree::read(&input, &las)?;
+        if let Some(lie) = las.layout.lies.first().filter(|_| strict) {
+            return Err(input.wrong(lie));
+        }
+        let octree = las.octree(&input)?;
         if las.points() != las.layout.points {
             return Err(input.wrong(format!(
-                "declares {} points, but its chunks have {}",
+                "declares {} points, but its nodes have {}",
                 las.layout.points,
                 las.points()
             )));
         }
-        let title = title(None, path);
+        let title = title(None, &input.path);
         let lattice = las.layout.lattice;
         if crs::settle(&mut las.layout.header, lattice, &mut None, &title, &mut notes) != lattice {
             return Err(input.wrong("has angles as coordinates, which are converted first"));
@@ -82,7 +94,16 @@ impl Index {
         let bounds = stated(&las.layout.header).unwrap_or_else(|| octree.cube([0; 4]));
         let Records { records: mut nodes, pieces, roots } =
             Records::of(&input, &octree, lattice, bounds)?;
-        let mut planes = [Plane::Intensity, Plane::Class, Plane::Returns, Plane::GpsTime].to_vec();
+        let holds = las.holds();
+        let mut planes: Vec<Plane> = [
+            (holds.intensity, Plane::Intensity),
+            (holds.class, Plane::Class),
+            (holds.returns, Plane::Returns),
+            (holds.gps_time, Plane::GpsTime),
+        ]
+        .into_iter()
+        .filter_map(|(has, plane)| has.then_some(plane))
+        .collect();
         let mut decoded = Decoded::default();
         if let Some((root, record)) = octree.nodes.first().zip(nodes.first()) {
             let has =
@@ -116,7 +137,7 @@ impl Index {
             points: las.points(),
             bounds: Some(bounds),
             parts: vec![IndexedPart {
-                path: path.to_owned(),
+                path: input.path.clone(),
                 name: None,
                 header,
                 step: lattice.step,
@@ -132,26 +153,44 @@ impl Index {
         for node in &octree.nodes {
             identity.update(bytemuck::bytes_of(&node.key));
             identity.update(&node.chunk.at.to_le_bytes());
+            identity.update(&node.chunk.bytes.to_le_bytes());
         }
-        identity.update(&input.length.to_le_bytes());
+        identity.update(&octree.bytes.to_le_bytes());
         let [identity, ..]: [u64; 4] = bytemuck::cast(*identity.finalize().as_bytes());
-        let copc = Copc { input, las, nodes: octree.nodes, pieces, decoded: Mutex::new(decoded) };
+        let Octree { nodes: own, bytes, .. } = octree;
+        let decoded = Mutex::new(decoded);
+        let in_place = InPlace { input, las, nodes: own, bytes, pieces, decoded };
         let directory = Directory { nodes, roots, contents };
-        let mut index = Index::of(Box::new(copc), directory, Refinement::Adds, identity);
+        let mut index = Index::of(Box::new(in_place), directory, Refinement::Adds, identity);
         index.find_stretches()?;
         Ok(index)
     }
 
-    /// Sets the ends of the colour ramps by the points of the roots.
+    /// Sets the ends of the colour ramps by the points of the first nodes: of the roots, and of so
+    /// many below that there are enough.
     fn find_stretches(&mut self) -> Result<()> {
         let (mut intensities, mut heights) = (vec![0u64; 1 << 16], vec![0u64; 1 << 16]);
         let [low, high] = self.directory.contents.bounds.unwrap_or_default();
         let share = if high.z > low.z { 65_535.0 / (high.z - low.z) } else { 0.0 };
-        for root in 0..self.directory.roots as usize {
+        let mut seen = 0;
+        let roots = self.directory.roots as usize;
+        for node in 0..self.nodes().len().min(roots + FIRST_NODES) {
+            let is_root = node < roots;
+            if !is_root && seen >= ENOUGH_POINTS {
+                break;
+            }
             let wanted = ColumnSet { intensity: true, ..ColumnSet::default() };
-            let greys = self.columns(root, wanted)?.intensity.unwrap_or_default();
+            let read = self.columns(node, wanted).and_then(|own| Ok((own, self.samples(node)?)));
+            let (columns, samples) = match read {
+                Ok(read) => read,
+                Err(error) if is_root => return Err(error),
+                // Said when it is drawn.
+                Err(_) => continue,
+            };
+            seen += samples.len() as u64;
+            let greys = columns.intensity.unwrap_or_default();
             greys.into_iter().for_each(|grey| intensities[grey as usize] += 1);
-            for (position, _) in self.samples(root)? {
+            for (position, _) in samples {
                 heights[((position.z - low.z) * share).clamp(0.0, 65_535.0) as usize] += 1;
             }
         }
@@ -244,8 +283,7 @@ fn record(
     lattice: Lattice,
     [low, high]: [DVec3; 2],
 ) -> Result<NodeRecord> {
-    let [level, x, y, z] = node.key;
-    let wrong = |what: &str| input.wrong(format!("has a node {level}-{x}-{y}-{z} {what}"));
+    let wrong = |what: &str| input.wrong(format!("has a node {} {what}", named(node.key)));
     if node.chunk.points > MOST_NODE_POINTS {
         return Err(wrong(&format!(
             "of {} points; at most {MOST_NODE_POINTS} are read at a time",
@@ -271,13 +309,13 @@ fn record(
         extent: sides.map(|side| side as u32),
         at: node.chunk.at,
         bits: bits as u8,
-        level: level as u8,
+        level: node.key[0] as u8,
         planes: (1 << bits.div_ceil(BITS_PER_PLANE)) - 1,
         ..NodeRecord::zeroed()
     })
 }
 
-impl Copc {
+impl InPlace {
     /// Returns a node with at least these columns, and how many bytes were read for it.
     fn node(
         &self,
@@ -324,15 +362,14 @@ fn order(
     record: &NodeRecord,
     columns: &Columns,
 ) -> Result<Vec<u32>> {
-    let [level, x, y, z] = node.key;
     let axes = [&columns.x, &columns.y, &columns.z];
     for axis in 0..3 {
         let inside = 0..=record.extent[axis] as i64;
         let outside = |q: &&i32| !inside.contains(&(**q as i64 - record.origin[axis]));
         if let Some(q) = axes[axis].iter().find(outside) {
             return Err(input.wrong(format!(
-                "has a point outside of its node {level}-{x}-{y}-{z} (chunk at byte {}): {} {q} is not within {} to {}",
-                record.at,
+                "has a point outside of its node {}: {} {q} is not within {} to {}",
+                named(node.key),
                 ["x", "y", "z"][axis],
                 record.origin[axis],
                 record.origin[axis] + record.extent[axis] as i64
@@ -357,13 +394,13 @@ fn cell(record: &NodeRecord, axis: usize, q: i32) -> u32 {
     ((q as i64 - record.origin[axis]) as u32) << pad
 }
 
-impl NodeSource for Copc {
+impl NodeSource for InPlace {
     fn path(&self) -> &Path {
         &self.input.path
     }
 
     fn bytes(&self) -> u64 {
-        self.input.length
+        self.bytes
     }
 
     fn copy(&self, at: u64, into: &mut [u8]) -> Result<()> {
