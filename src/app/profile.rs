@@ -57,7 +57,7 @@ impl Profile {
             place: found.place,
             position: found.point.position,
             labels: measure::kind(&found.point),
-            number: None,
+            numbers: Vec::new(),
             color: colormap::color_of(&self.shown, found.shown),
         }
     }
@@ -75,7 +75,7 @@ impl Profile {
     /// and their unit.
     pub fn csv(&self, reference: &Reference) -> String {
         let line = |found: &SlabPoint| section::line(&self.point(found), reference);
-        std::iter::once(section::head("station", None))
+        std::iter::once(section::head("station", &[]))
             .chain(self.section.points.iter().map(line))
             .collect()
     }

@@ -84,7 +84,8 @@ pub struct Arguments {
     #[arg(long, value_name = "WxH", default_value_t = Size([1600, 800]))]
     pub size: Size,
     /// What the points show [default: rgb if the files have it, else intensity, else elevation];
-    /// ramps are those of the profile's points. Times and scalars are in the table, too
+    /// ramps are those of the profile's points. The table has intensities and times, and what the
+    /// points show
     #[arg(
         long,
         value_name = "rgb|intensity|elevation|class|time|nir|height-above-ground|extra:NAME|..."
@@ -222,17 +223,17 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
         let path = path.to_owned();
         move |error| Error::io("write", &path, error)
     };
-    let named = is_column(shown.attribute).then(|| shown.attribute.name());
+    let numbers = numbers(has, shown.attribute);
+    let names: Vec<String> = numbers.iter().map(|own| own.name()).collect();
     let mut files = Vec::new();
     for table in &tables {
         let file = File::create(table.whole.partial()).map_err(wrote(&table.path))?;
         let mut file = BufWriter::new(file);
-        file.write_all(section::head("source", named.as_deref()).as_bytes())
-            .map_err(wrote(&table.path))?;
+        file.write_all(section::head("source", &names).as_bytes()).map_err(wrote(&table.path))?;
         files.push(file);
     }
     let side = side(&axes, ranges.points);
-    let map = |batch: &Batch| Ok(points(&input, batch, &slab, &shown));
+    let map = |batch: &Batch| Ok(points(&input, batch, &slab, &shown, &numbers));
     let mut take = |points: Vec<SectionPoint>| {
         canvas
             .iter_mut()
@@ -268,9 +269,12 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
     Ok(())
 }
 
-/// Tests whether what the points show is a column of tables.
-fn is_column(shown: Attribute) -> bool {
-    matches!(shown, Attribute::Time | Attribute::Scalar(_))
+/// Returns the attributes that are numbers of tables: intensity, time, and what the points show.
+fn numbers(has: ColumnSet, shown: Attribute) -> Vec<Attribute> {
+    let intensity = has.intensity.then_some(Attribute::Intensity);
+    let time = has.gps_time.then_some(Attribute::Time);
+    let scalar = Some(shown).filter(|shown| matches!(shown, Attribute::Scalar(_)));
+    [intensity, time, scalar].into_iter().flatten().collect()
 }
 
 /// Returns the sides of points on a canvas: larger where there are few `[px]`.
@@ -285,9 +289,13 @@ fn points(
     batch: &Batch,
     slab: &Slab,
     shown: &DisplayAttribute,
+    numbers: &[Attribute],
 ) -> Vec<SectionPoint> {
     let (lattice, columns) = (&input.parts()[batch.part].lattice, batch.columns);
-    let (is_column, numbers) = (is_column(shown.attribute), shown.attribute.numbers_of(columns));
+    let number = |attribute: &Attribute, i: usize| match attribute {
+        Attribute::Intensity => columns.intensity.as_ref().map(|column| column[i] as f64),
+        other => other.numbers_of(columns).map(|column| column[i]),
+    };
     let point = |&i: &u32| {
         let i = i as usize;
         let position = lattice.world(batch.steps(i));
@@ -301,7 +309,7 @@ fn points(
             place: slab.place(position)?,
             position,
             labels: Some([class.into(), returned.into(), batch.source(i).into()]),
-            number: is_column.then(|| numbers.map_or(f64::NAN, |numbers| numbers[i])),
+            numbers: numbers.iter().map(|of| number(of, i).unwrap_or(f64::NAN)).collect(),
             color: colormap::color_of(shown, word),
         })
     };

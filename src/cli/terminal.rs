@@ -61,12 +61,15 @@ impl Progress for Terminal {
         let mut shown = self.bar.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
         if shown.as_ref().is_none_or(|(what, _)| what != doing) {
             let bar = ProgressBar::new(total);
-            if let Ok(style) = ProgressStyle::with_template(
-                "{msg} {bar:30} {human_pos}/{human_len} {per_sec} {eta} left",
-            ) {
+            if let Ok(style) =
+                ProgressStyle::with_template("{msg} {bar:30} {human_pos}/{human_len} {eta} left")
+            {
                 bar.set_style(style);
             }
             bar.set_message(doing.to_string());
+            // What was done before the bar appeared was not done in no time.
+            bar.set_position(done);
+            bar.reset_eta();
             if let Some((_, old)) = shown.replace((doing.to_string(), bar)) {
                 old.finish_and_clear();
             }

@@ -547,6 +547,8 @@ impl FromStr for Attribute {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, String> {
+        // Filters call it so.
+        let text = if text.eq_ignore_ascii_case("gps-time") { "time" } else { text };
         let named = Attribute::NAMED.into_iter().find(|own| own.name().eq_ignore_ascii_case(text));
         let scalar = || text.parse().ok().map(Attribute::Scalar);
         named.or_else(scalar).ok_or_else(|| {

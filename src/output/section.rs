@@ -10,7 +10,7 @@ use glam::{DVec2, DVec3};
 use std::fmt::Write;
 
 /// A point of a profile.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct SectionPoint {
     /// Distance from the start along the slab, and to its left `[m]`.
     pub place: DVec2,
@@ -18,16 +18,16 @@ pub struct SectionPoint {
     pub position: DVec3,
     /// Class, return number, and station or source.
     pub labels: Option<[u32; 3]>,
-    /// Time or scalar that the points show, if they show one.
-    pub number: Option<f64>,
+    /// Intensity, time and others, as tables name them ([`head`]); not a number if unknown.
+    pub numbers: Vec<f64>,
     pub color: [u8; 3],
 }
 
-/// Returns the names of the columns of a table; the last label and the number that is shown have
-/// their own.
-pub fn head(label: &str, number: Option<&str>) -> String {
-    let number = number.map_or(String::new(), |name| format!(",\"{}\"", name.replace('"', "\"\"")));
-    format!("distance,height,left,x,y,z,class,return,{label},red,green,blue,unit{number}\n")
+/// Returns the names of the columns of a table; the last label and the numbers have their own.
+pub fn head(label: &str, numbers: &[String]) -> String {
+    let quoted = |name: &String| format!(",\"{}\"", name.replace('"', "\"\""));
+    let numbers: String = numbers.iter().map(quoted).collect();
+    format!("distance,height,left,x,y,z,class,return,{label},red,green,blue,unit{numbers}\n")
 }
 
 /// Returns the line of a point in a table: its place in the profile, its place in the world, and
@@ -39,12 +39,9 @@ pub fn line(point: &SectionPoint, reference: &Reference) -> String {
     let labels =
         point.labels.map_or(",,".into(), |labels| labels.map(|label| label.to_string()).join(","));
     let ([r, g, b], DVec2 { x: along, y: left }) = (point.color, point.place);
-    let number = match point.number {
-        None => String::new(),
-        Some(number) if number.is_nan() => ",".into(),
-        Some(number) => format!(",{number}"),
-    };
-    format!("{along},{z},{left},{x},{y},{z},{labels},{r},{g},{b},{unit}{number}\n")
+    let known = |number: &f64| if number.is_nan() { ",".into() } else { format!(",{number}") };
+    let numbers: String = point.numbers.iter().map(known).collect();
+    format!("{along},{z},{left},{x},{y},{z},{labels},{r},{g},{b},{unit}{numbers}\n")
 }
 
 /// What a picture of a profile shows, and how large.
@@ -294,7 +291,7 @@ mod tests {
             place: DVec2::new(5.0, left),
             position: DVec3::new(0.0, 0.0, 2.5),
             labels: None,
-            number: None,
+            numbers: Vec::new(),
             color,
         };
         let points = [point(0.2, [9; 3]), point(-0.3, [1, 2, 3]), point(0.0, [7; 3])];

@@ -52,7 +52,8 @@ fn a_profile_lists_the_points_of_its_slab() {
         .collect();
     let rows = std::fs::read_to_string(&csv).unwrap();
     let mut lines = rows.lines();
-    assert!(lines.next().unwrap().starts_with("distance,height,left,x,y,z,"));
+    let head = lines.next().unwrap();
+    assert!(head.starts_with("distance,height,left,x,y,z,") && head.ends_with(",unit"), "{head}");
     let row = |line: &str| {
         let mut fields = line.split(',').map(|field| field.parse::<f64>().unwrap());
         [(); 3].map(|()| fields.next().unwrap())

@@ -240,7 +240,9 @@ fn job_11_a_profile_has_the_points_of_its_slab() {
     let said = desk.types(
         "profile SCAN --from 770505,6277510 --to 770545,6277540 --width 1 -o @p.svg -o @p.csv",
     );
-    let rows = fs::read_to_string(desk.at("p.csv")).unwrap().lines().count() as u64 - 1;
+    let table = fs::read_to_string(desk.at("p.csv")).unwrap();
+    assert!(table.lines().next().unwrap().ends_with("unit,\"intensity\",\"time\""), "{table}");
+    let rows = table.lines().count() as u64 - 1;
     assert!(said.contains(&format!("{rows} points, 50.000 m long")), "{said}");
     let svg = fs::read_to_string(desk.at("p.svg")).unwrap();
     assert!(svg.starts_with("<svg") && svg.contains("distance [m]") && svg.contains("1 : 1"));
