@@ -220,6 +220,61 @@ const GDAL_METADATA: Tag = Tag::Unknown(42112);
 /// A value that is defined by other keys.
 const OF_THE_USER: u16 = 32767;
 
+/// Units of length by their EPSG numbers, and what they are in metres: metre, foot, foot of the US.
+const LENGTHS: [(u16, f64); 3] = [(9001, 1.0), (9002, 0.3048), (9003, 1200.0 / 3937.0)];
+
+/// A projection without an EPSG number.
+#[derive(Clone, Debug)]
+struct Projection {
+    /// Transverse Mercator, Lambert's conic with two parallels, or Albers'.
+    method: u16,
+    /// Keys and values, in rising order; lengths in units of the system.
+    parameters: Vec<(u16, f64)>,
+    /// Larger radius `[m]`, and inverse flattening.
+    ellipsoid: [f64; 2],
+}
+
+impl Projection {
+    /// Reads a PROJ definition; `None` of other projections, and of ellipsoids without numbers.
+    fn of(proj: &str) -> Option<Projection> {
+        let value = |name: &str| {
+            let mut words = proj.split_whitespace().filter_map(|word| word.split_once('='));
+            words.find(|(key, _)| key.strip_prefix('+') == Some(name)).map(|(_, value)| value)
+        };
+        let number = |name: &str| value(name)?.parse::<f64>().ok();
+        let metres = number("to_meter").or_else(|| value("units").is_none().then_some(1.0));
+        let [east, north] = ["x_0", "y_0"].map(|name| number(name).unwrap_or(0.0));
+        let [latitude, longitude] = ["lat_0", "lon_0"].map(|name| number(name).unwrap_or(0.0));
+        let (east, north) = (east / metres?, north / metres?);
+        let parallels = || Some([(3078, number("lat_1")?), (3079, number("lat_2")?)]);
+        let origin = [(3080, longitude), (3081, latitude), (3082, east), (3083, north)];
+        let (method, parameters) = match value("proj")? {
+            "tmerc" => {
+                let scale = number("k").or_else(|| number("k_0")).unwrap_or(1.0);
+                (1, [&origin[..], &[(3092, scale)]].concat())
+            }
+            "lcc" => (
+                8,
+                [
+                    parallels()?,
+                    [(3084, longitude), (3085, latitude)],
+                    [(3086, east), (3087, north)],
+                ]
+                .concat(),
+            ),
+            "aea" => (11, [&parallels()?[..], &origin].concat()),
+            _ => return None,
+        };
+        let ellipsoid = match (number("a"), number("rf"), value("ellps")) {
+            (Some(radius), Some(flattening), _) => [radius, flattening],
+            (_, _, Some("GRS80")) => [6_378_137.0, 298.257_222_101],
+            (_, _, Some("WGS84")) => [6_378_137.0, 298.257_223_563],
+            _ => return None,
+        };
+        Some(Projection { method, parameters, ellipsoid })
+    }
+}
+
 /// The coordinate system as GeoTIFF keys, in rising order.
 #[derive(Default)]
 struct Keys {
@@ -257,22 +312,38 @@ impl Keys {
         let code = system.epsg.and_then(|code| u16::try_from(code).ok());
         let name = || system.name.clone().unwrap_or_else(|| "unnamed".into());
         match system.kind {
+            Kind::Projected if code.is_some() => self.number(3072, code.unwrap_or(OF_THE_USER)),
             Kind::Projected => {
-                self.number(3072, code.unwrap_or(OF_THE_USER));
-                if code.is_none() {
-                    // Text of the first version after these words is read by GDAL and ArcGIS.
-                    let text = text.filter(|text| text.starts_with("PROJCS") && text.is_ascii());
-                    self.text(
-                        3073,
-                        &text.map_or_else(name, |wkt| format!("ESRI PE String = {wkt}")),
-                    );
-                    let metres = system.unit().metres;
-                    self.number(3076, if metres == 1.0 { 9001 } else { OF_THE_USER });
-                    if metres != 1.0 {
-                        self.directory.extend([3077, 34736, 1, self.numbers.len() as u16]);
-                        self.numbers.push(metres);
+                let projection = system.proj.as_deref().and_then(Projection::of);
+                if let Some(&Projection { ellipsoid: [radius, flattening], .. }) =
+                    projection.as_ref()
+                {
+                    self.number(2048, OF_THE_USER);
+                    self.number(2050, OF_THE_USER);
+                    self.number(2054, 9102);
+                    self.number(2056, OF_THE_USER);
+                    self.double(2057, radius);
+                    self.double(2059, flattening);
+                }
+                self.number(3072, OF_THE_USER);
+                // Text of the first version after these words is read by GDAL and ArcGIS.
+                let text = text.filter(|text| text.starts_with("PROJCS") && text.is_ascii());
+                let text = text.filter(|_| projection.is_none());
+                self.text(3073, &text.map_or_else(name, |wkt| format!("ESRI PE String = {wkt}")));
+                if let Some(Projection { method, .. }) = &projection {
+                    self.number(3074, OF_THE_USER);
+                    self.number(3075, *method);
+                }
+                let metres = system.unit().metres;
+                match LENGTHS.iter().find(|(_, own)| *own == metres) {
+                    Some(&(code, _)) => self.number(3076, code),
+                    None => {
+                        self.number(3076, OF_THE_USER);
+                        self.double(3077, metres);
                     }
                 }
+                let parameters = projection.iter().flat_map(|own| &own.parameters);
+                parameters.for_each(|&(key, value)| self.double(key, value));
             }
             Kind::Geographic => {
                 self.number(2048, code.unwrap_or(OF_THE_USER));
@@ -287,6 +358,11 @@ impl Keys {
 
     fn number(&mut self, key: u16, value: u16) {
         self.directory.extend([key, 0, 1, value]);
+    }
+
+    fn double(&mut self, key: u16, value: f64) {
+        self.directory.extend([key, 34736, 1, self.numbers.len() as u16]);
+        self.numbers.push(value);
     }
 
     /// Adds a text, which ends with a bar.

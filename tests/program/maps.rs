@@ -312,6 +312,25 @@ fn gdal_reads_the_highest_points_of_a_real_scan() {
     }
 }
 
+/// Lambert's conic of a state, in feet, which no EPSG number names.
+#[test]
+fn gdal_knows_a_projection_without_a_number() {
+    let Some(file) = shared("data/aerial/autzen_trim.laz") else { return };
+    let place = Place::new();
+    let output = place.at("map.tif");
+    succeeded(&raster(&file, &output, "--resolution 10"));
+    let Some(info) = gdalinfo(&output) else { return };
+    let wkt = info["coordinateSystem"]["wkt"].as_str().unwrap();
+    let parts = [
+        "PROJCRS[",
+        "Lambert Conic Conformal (2SP)",
+        "\"Latitude of 2nd standard parallel\",45.5",
+        "\"Easting at false origin\",400000",
+        "6378137,298.257222101",
+    ];
+    parts.iter().for_each(|part| assert!(wkt.contains(part), "no {part} in {wkt}"));
+}
+
 /// Degrees are drawn on a plane, and the map lies in degrees.
 #[test]
 fn maps_of_degrees_lie_in_degrees() {
