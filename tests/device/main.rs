@@ -2,6 +2,8 @@
 
 #[path = "../support/ancestors.rs"]
 mod ancestors;
+#[path = "../support/browser.rs"]
+mod browser;
 #[path = "../support/cameras.rs"]
 mod cameras;
 #[path = "../support/copc_file.rs"]

@@ -42,15 +42,15 @@ impl Place {
 #[test]
 fn a_tuned_cloud_is_drawn_in_a_time_and_with_an_error() {
     let place = Place::new(60_000);
-    let tuned = place.run("tune street.las --quick -o front.svg -o front.json");
+    let tuned = place.run("tune street.las --quick -o front.html -o front.json");
     let said = succeeded(&tuned);
     assert!(said.contains("kept: "), "{said}");
     let table = text(&tuned.stdout);
     for word in ["the default", "the finest", "px", "depth %", "rounds on"] {
         assert!(table.contains(word), "{word} is missing in {table}");
     }
-    let chart = std::fs::read_to_string(place.at("front.svg")).unwrap();
-    assert!(chart.contains("<svg") && chart.contains("the default"));
+    let chart = std::fs::read_to_string(place.at("front.html")).unwrap();
+    assert!(chart.contains("<figure") && chart.contains("the default"));
 
     // The fastest first; nothing is both slower and worse than another in both errors: at rest, or
     // while it moves.
