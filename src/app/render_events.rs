@@ -18,7 +18,9 @@ impl App {
             // The frame is not done yet, so the title stays.
             RenderEvent::FrameStarted => return self.move_on(),
             RenderEvent::FrameDone(report) => return self.frame_done(*report),
-            RenderEvent::Measured(errors) => self.ui.pace.measured = Some(errors),
+            RenderEvent::Measured(measured) => {
+                (self.ui.pace.measured, self.ui.pace.texture) = (Some(measured), None);
+            }
             RenderEvent::Counted(points) => (self.ui.drawn, self.ui.at_most) = (points, false),
             RenderEvent::Uploaded(info, token) => self.uploaded(*info, &token),
             RenderEvent::Picked { point, adds } => self.picked(point, adds),

@@ -39,7 +39,9 @@ use crate::renderer::{CloudId, Renderer};
 use crate::tune::Governor;
 use crate::view::View;
 use draw_frame::{Moved, Superseded};
-pub use messages::{FrameReport, FrameTimes, Loading, Message, Moving, RenderEvent, Upload};
+pub use messages::{
+    FrameReport, FrameTimes, Loading, Measured, Message, Moving, RenderEvent, Upload,
+};
 use saving::SaveQueue;
 use std::collections::VecDeque;
 use std::panic::{AssertUnwindSafe, catch_unwind};

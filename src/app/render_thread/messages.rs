@@ -82,7 +82,7 @@ pub enum RenderEvent {
     FrameStarted,
     FrameDone(Box<FrameReport>),
     /// Errors of the last moving frame against the picture that the window has settled on.
-    Measured(Errors),
+    Measured(Arc<Measured>),
     /// Number of points in the last frame, if filters or clip boxes leave some out.
     Counted(u64),
     /// A cloud is on the device.
@@ -153,6 +153,16 @@ pub struct Loading {
     pub bytes_read: u64,
     /// Processor time of the loader thread until the frame was on the screen.
     pub worked: Duration,
+}
+
+/// How far a moving frame is from the picture that the window has settled on.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Measured {
+    pub errors: Errors,
+    /// Size of the picture `[px]`.
+    pub size: [u32; 2],
+    /// Error of each of its pixels `[px]`.
+    pub map: Vec<f32>,
 }
 
 /// The tuning of a moving frame, among those that no other beats.
