@@ -35,7 +35,7 @@ use crate::present::Present;
 use crate::render::scene::Scene;
 #[cfg(doc)]
 use crate::render::settings::FrameConfig;
-use crate::renderer::{CloudId, Renderer};
+use crate::renderer::{CloudId, Renderer, prices};
 use crate::tune::Governor;
 use crate::view::View;
 use draw_frame::{Moved, Superseded};
@@ -357,6 +357,7 @@ impl RenderLoop {
                     None => (self.report)(RenderEvent::PickLater { at, adds }),
                 }
             }
+            Message::Prices => self.price()?,
             Message::Section(slab) => {
                 self.restore_scene()?;
                 if let Some(cloud) = self.cloud {
@@ -369,6 +370,25 @@ impl RenderLoop {
             }
             Message::Save { path, size, layers, over } => self.save(path, size, layers, *over)?,
             Message::Close => {}
+        }
+        Ok(())
+    }
+
+    /// Measures what each effect costs, until the picture changes.
+    fn price(&mut self) -> Result<()> {
+        self.restore_scene()?;
+        let (Some(scene), Some(cloud), Some(present)) = (&self.scene, self.cloud, &self.present)
+        else {
+            return Ok(());
+        };
+        let view = View::new(scene.camera, present.size())?;
+        let config = self.renderer.config(cloud, &view)?;
+        let newer = self.inbox.picture_superseded();
+        match prices::of(&mut self.renderer, cloud, &view, &config, &newer) {
+            Ok(prices) => (self.report)(RenderEvent::Priced(prices)),
+            Err(Error::Interrupted) => {}
+            Err(error @ Error::Request(_)) => (self.report)(RenderEvent::Failed(error)),
+            Err(error) => return Err(error),
         }
         Ok(())
     }

@@ -27,6 +27,7 @@ mod governed;
 mod host;
 mod own_queue;
 mod picture;
+pub(crate) mod prices;
 mod projection;
 mod words;
 

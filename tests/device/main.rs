@@ -32,6 +32,7 @@ mod tree;
 static HEAP: counting::CountingHeap = counting::CountingHeap;
 
 mod baselines;
+mod called_for;
 mod clip;
 mod derive;
 mod embedding;

@@ -1,6 +1,7 @@
 //! The studies at tiny sizes: their files hold what they promise.
 
 use crate::browser::look;
+use crate::files::scan;
 use crate::gpu::{self, Way};
 use crate::shared::shared;
 use glam::DVec3;
@@ -13,7 +14,7 @@ use pointillist::study::truth::{Errors, Surface, Truth};
 use pointillist::study::{self, Plan, Row, report};
 use pointillist::synth::{self, SceneKind, World};
 use pointillist::view::{Camera, Preset, View};
-use std::collections::{BTreeMap, HashMap};
+use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::path::Path;
 
 const PLAN: Plan = Plan {
@@ -908,4 +909,26 @@ fn the_tune_study_keeps_its_promises() {
     }
     // A coarser error asked for never gets a finer picture's time.
     assert_eq!(of("error_most").len(), 5);
+}
+
+/// Nothing is nearer to the finest picture than itself, and every knob that acts has a chart.
+#[test]
+fn the_files_study_keeps_its_promises() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a street.las");
+    scan(&path, SceneKind::Street, 20_000);
+    let plan = Plan { repeat: 1, size: [64, 48], files: vec![path], ..PLAN };
+    let (rows, text, charts) = made("files", &plan);
+    assert_eq!(rows.len() + 1, text.lines().count());
+    fronts_are_fronts(&rows);
+    for ((scene, view, metric), rows) in groups(&rows) {
+        assert!(scene == "a street.las" && metric.starts_with("self_"), "{scene} {metric}");
+        let error = |value: &str| rows.iter().find(|row| row.value == value).unwrap().error;
+        assert_eq!(error("finest"), 0.0, "{view} {metric}");
+        assert!(error("fill=off,levels=7") > error("auto"), "{view} {metric}");
+    }
+    let knobs: BTreeSet<_> = rows.iter().map(|row| row.parameter).collect();
+    // Besides knobs, the default and the finest; besides charts of knobs, those of both metrics.
+    assert!(knobs.contains("shape") && !knobs.contains("luminance"), "{knobs:?}");
+    assert_eq!(charts, knobs.len() - 2 + 2);
 }

@@ -11,6 +11,7 @@ use crate::cloud::histograms::Histograms;
 use crate::output::annotations::{Annotations, Shown};
 use crate::passes::EffectDecisions;
 use crate::render::scene::Scene;
+use crate::renderer::prices::Price;
 use crate::tune::Limit;
 use crate::view::camera_path::CameraPath;
 use egui::TextureHandle;
@@ -60,6 +61,8 @@ pub struct UiState {
     pub picture_notes: Vec<String>,
     /// Tuning of moving pictures.
     pub pace: Pace,
+    /// What each effect costs, once it is asked for.
+    pub prices: Vec<Price>,
     /// Loading of an index; None for files.
     pub loading: Option<Loading>,
     /// Bytes read of the index.

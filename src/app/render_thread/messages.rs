@@ -11,6 +11,7 @@ use crate::passes::project::Statistics;
 use crate::present::overlay::Overlay;
 use crate::render::scene::Scene;
 use crate::render::source::PreparedCloud;
+use crate::renderer::prices::Price;
 use crate::resident::Point;
 use crate::select::slab::Slab;
 use crate::tune::{Errors, Limit, Tuning};
@@ -51,6 +52,8 @@ pub enum Message {
         at: DVec2,
         adds: bool,
     },
+    /// Measures what each effect costs.
+    Prices,
     /// Reads the points of a slab, for a profile.
     Section(Slab),
     /// Saves the current picture with this size `[px]`: as PNG, or its layers as EXR.
@@ -67,12 +70,12 @@ pub enum Message {
 impl Message {
     /// Returns whether it changes the picture, so that a frame in progress is superseded.
     pub fn changes_picture(&self) -> bool {
-        !matches!(self, Message::Panel { .. } | Message::Limit(_))
+        !matches!(self, Message::Panel { .. } | Message::Limit(_) | Message::Prices)
     }
 
     /// Returns whether a refinement of the picture is interrupted for it.
     pub fn is_urgent(&self) -> bool {
-        !matches!(self, Message::Panel { answers: false, .. } | Message::Limit(_))
+        !matches!(self, Message::Panel { answers: false, .. } | Message::Limit(_) | Message::Prices)
     }
 }
 
@@ -83,6 +86,8 @@ pub enum RenderEvent {
     FrameDone(Box<FrameReport>),
     /// Errors of the last moving frame against the picture that the window has settled on.
     Measured(Arc<Measured>),
+    /// What each effect costs in the picture at rest.
+    Priced(Vec<Price>),
     /// Number of points in the last frame, if filters or clip boxes leave some out.
     Counted(u64),
     /// A cloud is on the device.
