@@ -32,10 +32,11 @@ use crate::error::{Error, Result};
 use crate::graph::Graph;
 use crate::passes::{count_visible, project};
 use crate::present::Present;
+use crate::prices;
 use crate::render::scene::Scene;
 #[cfg(doc)]
 use crate::render::settings::FrameConfig;
-use crate::renderer::{CloudId, Renderer, prices};
+use crate::renderer::{CloudId, Renderer};
 use crate::tune::Governor;
 use crate::view::View;
 use draw_frame::{Moved, Superseded};

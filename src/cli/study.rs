@@ -68,10 +68,20 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
         scenes: arguments.scenes.clone(),
         files: arguments.files.clone(),
     };
+    // Said before anything is measured.
+    if let Some(old) = &arguments.compare {
+        arguments
+            .names
+            .iter()
+            .try_for_each(|name| compare::read(&compare::path(old, name)).map(drop))?;
+    }
     let mut gpu = Gpu::open(&arguments.device.to_options())?;
     let mut sections = study::run(&arguments.names, &mut gpu, &plan, progress)?;
     for section in &mut sections {
-        let Some(old) = &arguments.compare else { break };
+        let old = arguments.compare.as_ref();
+        let Some(old) = old.filter(|old| compare::path(old, section.name).is_file()) else {
+            continue;
+        };
         let (table, moved) = compare::table(section, old, plan.seed)?;
         section.tables.insert(0, table);
         let said =

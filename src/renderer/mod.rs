@@ -27,7 +27,6 @@ mod governed;
 mod host;
 mod own_queue;
 mod picture;
-pub(crate) mod prices;
 mod projection;
 mod words;
 

@@ -108,7 +108,10 @@ impl Chart {
     /// Returns how the automatic setting stands against the others or, if there is none, what the
     /// front has.
     fn conclude(&self) -> String {
-        let costs = |mark: &Mark| format!("{} {}", number(mark.x[1]), self.unit);
+        let costs = |mark: &Mark| match mark.x[1] {
+            0.0 => "nothing".into(),
+            cost => format!("{} {}", number(cost), self.unit),
+        };
         let of = |mark: &Mark| format!("an error of {} for {}", number(mark.y), costs(mark));
         let Some(auto) = self.pooled.auto() else {
             let mut front: Vec<&Mark> =

@@ -10,7 +10,7 @@ use super::{Row, chart, metrics};
 use crate::error::{Error, Result};
 use crate::synth::noise::Random;
 use std::collections::BTreeMap;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// Least change that counts.
 const LEAST: f64 = 0.02;
@@ -29,7 +29,12 @@ pub struct Kept {
     pub front: bool,
 }
 
-/// Reads the CSV of a study.
+/// Returns the table of a study in the folder of a report.
+pub fn path(report: &Path, study: &str) -> PathBuf {
+    report.join(format!("{study}.csv"))
+}
+
+/// Reads the table of a study.
 pub fn read(path: &Path) -> Result<BTreeMap<Key, Kept>> {
     let text = std::fs::read_to_string(path).map_err(|error| Error::io("read", path, error))?;
     let mut lines = text.lines();
@@ -159,7 +164,7 @@ fn ratios(pairs: &[[Kept; 2]], random: &mut Random) -> [[f64; 3]; 2] {
 /// Returns a table of the changes of a section, those that moved first, and a line for each of
 /// those.
 pub fn table(section: &Section, old: &Path, seed: u64) -> Result<(Table, Vec<String>)> {
-    let kept = read(&old.join(format!("{}.csv", section.name)))?;
+    let kept = read(&path(old, section.name))?;
     let mut changes = compare(&section.rows, &kept, seed);
     changes.sort_by_key(|change| change.words().is_empty());
     let ratio = |[low, ratio, high]: [f64; 3]| {

@@ -11,7 +11,7 @@ use super::tuner::{Subject, Tuner, views};
 use super::{Plan, Row, mark_fronts, rows};
 use crate::cloud::filter::Filter;
 use crate::cloud::{ColumnSet, ReadOptions};
-use crate::error::{Error, Result};
+use crate::error::Result;
 use crate::graph::Gpu;
 use crate::progress::Progress;
 use crate::render::settings::RenderSettings;
@@ -35,9 +35,6 @@ const MOST_SIDE: u32 = 512;
 const MOST_ROUNDS: usize = 5;
 
 pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Section> {
-    if plan.files.is_empty() {
-        return Err(Error::Request("study files draws your files; name them with --file".into()));
-    }
     let size = plan.size.map(|side| side.min(MOST_SIDE));
     let rounds = plan.repeat.min(MOST_ROUNDS);
     let mut all: Vec<Row> = Vec::new();

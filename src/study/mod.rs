@@ -134,6 +134,12 @@ pub fn run(
     let all = STUDIES.iter().map(|(name, _)| *name).filter(can_run);
     let all: Vec<String> = all.map(String::from).collect();
     let names = if names.is_empty() { &all } else { names };
+    // Said before anything is measured.
+    if names.iter().any(|name| name == "files") == plan.files.is_empty() {
+        return Err(Error::Request(
+            "the study files draws your files: name it, and them with --file".into(),
+        ));
+    }
     names.iter().map(|name| section(name, gpu, plan, progress)).collect()
 }
 

@@ -4,11 +4,11 @@
 //! the effect's: their time is its cost, or what skipping it has saved. Where a software device
 //! cannot time passes, since it has rasterised, the difference of the whole pictures counts.
 
-use super::{CloudId, Renderer};
 use crate::error::{Error, Result};
 use crate::passes::{Effect, encode};
 use crate::progress::Progress;
 use crate::render::settings::FrameConfig;
+use crate::renderer::{CloudId, Renderer};
 use crate::view::View;
 use std::collections::HashSet;
 use std::time::Instant;
