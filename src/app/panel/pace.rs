@@ -34,6 +34,12 @@ pub fn show(ui: &mut Ui, pace: &mut Pace, actions: &mut Vec<Action>) {
             actions.push(Action::Limit(Limit::Time(ms)));
         }
     });
+    ui.checkbox(&mut pace.shows_errors, "show their errors").on_hover_text(
+        "where the last moving picture differs from the one at rest, once that is there (T)",
+    );
+    if pace.shows_errors {
+        heat_map::bar(ui);
+    }
     let Some(moving) = &pace.moving else {
         // Leave the curve its room, so that no row moves when it comes.
         ui.allocate_exact_size(vec2(ui.available_width(), HEIGHT), Sense::hover());
@@ -53,12 +59,6 @@ pub fn show(ui: &mut Ui, pace: &mut Pace, actions: &mut Vec<Action>) {
         moving.tuning, expected
     );
     line(ui, said).on_hover_text(all);
-    ui.checkbox(&mut pace.shows_errors, "show its errors").on_hover_text(
-        "where the last moving picture differs from the one at rest, once that is there (T)",
-    );
-    if pace.shows_errors {
-        heat_map::bar(ui);
-    }
 }
 
 /// Draws errors against times, both logarithmic, with the time that was asked for and the last
