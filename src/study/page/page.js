@@ -116,8 +116,8 @@ const draw = (chart, panel, [x, y], [width, height]) => {
   const place = (mark) => [across(at.x(mark)), down(at.y(mark))];
   // What is longer than the chart is wide is written smaller.
   const fit = (text) => {
-    const long = text.node().getComputedTextLength();
-    if (long > width) text.attr("font-size", (LETTERS * width) / long);
+    const [long, room] = [text.node().getComputedTextLength(), width - margin.right];
+    if (long > room) text.attr("font-size", (LETTERS * room) / long);
   };
   const texts = d3.select(svg).append("g").attr("fill", "var(--ink)").attr("font-size", LETTERS);
   const named = [];
