@@ -85,10 +85,13 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
     };
     let mut charts = METRICS.map(|metric| of("Every value of every knob", metric, &all)).to_vec();
     for knob in &KNOBS {
-        let own = |row: &&Row| row.parameter == knob.name || row.auto;
-        let own: Vec<Row> = all.iter().filter(own).cloned().collect();
-        if own.iter().any(|row| !row.auto) {
-            charts.push(of(&format!("Knob {}", knob.name), METRICS[0], &own));
+        let own = |row: &&Row| row.parameter == knob.name;
+        // Files where it can change a picture.
+        let acts: Vec<&str> = all.iter().filter(own).map(|row| row.scene).collect();
+        let shown = |row: &&Row| own(row) || row.auto && acts.contains(&row.scene);
+        let shown: Vec<Row> = all.iter().filter(shown).cloned().collect();
+        if !shown.is_empty() {
+            charts.push(of(&format!("Knob {}", knob.name), METRICS[0], &shown));
         }
     }
     let method = format!(
