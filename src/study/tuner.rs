@@ -430,7 +430,7 @@ impl<'t> Tuner<'t> {
     fn front(&self, of: &[Tuning], most: usize, moves: bool) -> Vec<Tuning> {
         let mut sorted: Vec<&Measured> = of
             .iter()
-            .filter(|tuning| if moves { tuning.is_no_finer() } else { tuning.divisor() == 1 })
+            .filter(|tuning| moves || tuning.divisor() == 1)
             .filter_map(|tuning| self.get(tuning))
             .collect();
         sorted.sort_by(|a, b| self.ms(a)[1].total_cmp(&self.ms(b)[1]));
@@ -451,7 +451,8 @@ impl<'t> Tuner<'t> {
                 best = Errors { px: best.px.min(own.px), depth: best.depth.min(own.depth) };
             }
             let needed = always.contains(&found.tuning);
-            if gain > 0.0 || needed {
+            // Finer ones than the default draw no moving picture, but may beat those that do.
+            if (gain > 0.0 || needed) && (!moves || found.tuning.is_no_finer()) {
                 gains.push((if needed { f64::INFINITY } else { gain }, found.tuning));
             }
         }
