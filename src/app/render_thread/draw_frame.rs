@@ -54,8 +54,9 @@ impl Moved {
         };
         let settled = pixels(settled);
         let own = pixels(self).enlarged(settled.size);
-        let map = own.map(&settled).into_iter().map(|px| px as f32).collect();
-        Measured { errors: own.errors(&settled), size: settled.size, map }
+        let map = own.map(&settled);
+        let errors = own.errors_of(&settled, &map);
+        Measured { errors, size: settled.size, map: map.into_iter().map(|px| px as f32).collect() }
     }
 }
 
