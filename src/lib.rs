@@ -23,6 +23,7 @@
 //! - [`renderer`]: clouds, drawn into the images of another Vulkan application or on a device of
 //!   our own, as the programs here do. [`c`]: the same for C.
 //!   These two are the interface that stays; the other modules change with the program.
+//! - [`prices`]: what each effect costs in a picture, or would cost.
 //! - [`output`]: PNG and EXR files, and pictures larger than a device's images.
 //! - [`present`]: a window's swapchain. [`app`]: the window with its panel and navigation.
 //! - [`bench`](mod@bench): timings of passes. [`study`]: accuracy against time. [`cli`]: the
@@ -78,6 +79,7 @@ pub mod output;
 pub mod passes;
 #[cfg(feature = "app")]
 pub mod present;
+pub mod prices;
 pub mod progress;
 pub mod render;
 pub mod renderer;

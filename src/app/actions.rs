@@ -43,6 +43,10 @@ pub enum Action {
     Play,
     /// Sets what moving pictures keep.
     Limit(Limit),
+    /// Measures what each effect costs.
+    Prices,
+    /// Shows or hides the errors of the last moving picture.
+    Errors,
     FullScreen,
     /// Asks for files to open.
     Open,
@@ -131,6 +135,8 @@ impl App {
             Action::ForgetPath => self.ui.path.keys.clear(),
             Action::Play => self.play(),
             Action::Limit(limit) => self.post(Message::Limit(limit)),
+            Action::Prices => self.post(Message::Prices),
+            Action::Errors => self.ui.pace.shows_errors = !self.ui.pace.shows_errors,
             Action::FullScreen => self.full_screen(),
             Action::Open => self.ask_for_files(),
             Action::OpenRecent(number) => {

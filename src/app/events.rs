@@ -87,6 +87,7 @@ impl App {
             thread.close();
         }
         self.ui.profile.iter_mut().for_each(Profile::forget_texture);
+        self.ui.pace.texture = None;
         self.pending_saves.clear();
         // Nothing is on the screen, like at the start.
         (self.load.displayed, self.pick_buffer, self.ui.shown, self.ui.loading) =

@@ -125,6 +125,12 @@ const KEYS: &[Key] = &[
         Binding::Do(Action::Play),
         "fly along the camera path, or stop",
     ),
+    key(
+        &[KeyCode::KeyT],
+        "T",
+        Binding::Do(Action::Errors),
+        "show or hide the errors of the last moving picture, once one at rest is there",
+    ),
     key(&[KeyCode::F6], "F6", Binding::Do(Action::LoadScene), "load the scene saved last"),
     key(
         &[KeyCode::F7],

@@ -18,7 +18,10 @@ impl App {
             // The frame is not done yet, so the title stays.
             RenderEvent::FrameStarted => return self.move_on(),
             RenderEvent::FrameDone(report) => return self.frame_done(*report),
-            RenderEvent::Measured(errors) => self.ui.pace.measured = Some(errors),
+            RenderEvent::Measured(measured) => {
+                (self.ui.pace.measured, self.ui.pace.texture) = (Some(measured), None);
+            }
+            RenderEvent::Priced(prices) => self.ui.prices = prices,
             RenderEvent::Counted(points) => (self.ui.drawn, self.ui.at_most) = (points, false),
             RenderEvent::Uploaded(info, token) => self.uploaded(*info, &token),
             RenderEvent::Picked { point, adds } => self.picked(point, adds),
@@ -73,6 +76,7 @@ impl App {
         self.ui.loading = report.loading;
         if report.moving.is_some() {
             (self.ui.pace.moving, self.ui.pace.measured) = (report.moving, None);
+            self.ui.prices.clear();
         }
         self.ui.bytes_read += report.loading.map_or(0, |loading| loading.bytes_read);
         (self.ui.latency, self.ui.took) = (report.latency, report.took);

@@ -32,6 +32,7 @@ use crate::error::{Error, Result};
 use crate::graph::Graph;
 use crate::passes::{count_visible, project};
 use crate::present::Present;
+use crate::prices;
 use crate::render::scene::Scene;
 #[cfg(doc)]
 use crate::render::settings::FrameConfig;
@@ -39,7 +40,9 @@ use crate::renderer::{CloudId, Renderer};
 use crate::tune::Governor;
 use crate::view::View;
 use draw_frame::{Moved, Superseded};
-pub use messages::{FrameReport, FrameTimes, Loading, Message, Moving, RenderEvent, Upload};
+pub use messages::{
+    FrameReport, FrameTimes, Loading, Measured, Message, Moving, RenderEvent, Upload,
+};
 use saving::SaveQueue;
 use std::collections::VecDeque;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -355,6 +358,7 @@ impl RenderLoop {
                     None => (self.report)(RenderEvent::PickLater { at, adds }),
                 }
             }
+            Message::Prices => self.price()?,
             Message::Section(slab) => {
                 self.restore_scene()?;
                 if let Some(cloud) = self.cloud {
@@ -367,6 +371,25 @@ impl RenderLoop {
             }
             Message::Save { path, size, layers, over } => self.save(path, size, layers, *over)?,
             Message::Close => {}
+        }
+        Ok(())
+    }
+
+    /// Measures what each effect costs, until the picture changes.
+    fn price(&mut self) -> Result<()> {
+        self.restore_scene()?;
+        let (Some(scene), Some(cloud), Some(present)) = (&self.scene, self.cloud, &self.present)
+        else {
+            return Ok(());
+        };
+        let view = View::new(scene.camera, present.size())?;
+        let config = self.renderer.config(cloud, &view)?;
+        let newer = self.inbox.picture_superseded();
+        match prices::of(&mut self.renderer, cloud, &view, &config, &newer) {
+            Ok(prices) => (self.report)(RenderEvent::Priced(prices)),
+            Err(Error::Interrupted) => {}
+            Err(error @ Error::Request(_)) => (self.report)(RenderEvent::Failed(error)),
+            Err(error) => return Err(error),
         }
         Ok(())
     }

@@ -11,7 +11,6 @@ pub mod indexed_info;
 pub mod info;
 mod limits;
 pub mod options;
-mod prices;
 pub mod profile;
 pub mod raster;
 pub mod renamed;

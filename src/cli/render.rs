@@ -4,7 +4,6 @@ use super::files::{check_extension, refuse_to_overwrite};
 use super::frames;
 use super::limits::{Chosen, LimitOptions, Target};
 use super::options::{DeviceOptions, PictureOptions};
-use super::prices;
 use super::raster::note_system;
 use super::streams;
 use super::tune;
@@ -22,6 +21,7 @@ use crate::passes::phong::{self, Backfaces};
 use crate::passes::project::{self, Statistics};
 use crate::passes::tile_stats::{self, Counts};
 use crate::passes::{Effect, Effects, count_visible, shadows, significant, strokes};
+use crate::prices;
 use crate::progress::Progress;
 use crate::render::settings::FrameConfig;
 use crate::render::source::{SelectionReport, Source};
@@ -104,9 +104,10 @@ pub struct Arguments {
     #[command(flatten)]
     pub device: DeviceOptions,
     /// Print which passes run and why: to standard error, or as JSON to standard output. `prices`
-    /// also measures what each effect costs or would cost, by pictures without and with it
-    #[arg(long, value_name = "json|prices", num_args = 0..=1, require_equals = true, default_missing_value = "text", value_parser = ["text", "json", "prices"])]
-    pub explain: Option<String>,
+    /// also measures what each effect costs or would cost, by pictures without and with it; both:
+    /// json,prices
+    #[arg(long, value_name = "json|prices", num_args = 0..=1, require_equals = true, default_missing_value = "text", value_delimiter = ',', value_parser = ["text", "json", "prices"])]
+    pub explain: Option<Vec<String>>,
     /// Print how long every stage and pass took, in ms
     #[arg(long)]
     pub timings: bool,
@@ -116,6 +117,13 @@ pub struct Arguments {
     /// List the effects and their settings, instead of drawing
     #[arg(long, exclusive = true)]
     pub help_effects: bool,
+}
+
+impl Arguments {
+    /// Tests whether this is explained.
+    fn explains(&self, what: &str) -> bool {
+        self.explain.iter().flatten().any(|asked| asked == what)
+    }
 }
 
 pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
@@ -133,7 +141,7 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
     }
     let pictures = [&arguments.output, &arguments.exr].into_iter().flatten();
     let to_output = pictures.filter(|path| path.as_path() == Path::new(STANDARD_OUTPUT)).count();
-    if to_output > 0 && (arguments.explain.as_deref() == Some("json") || to_output > 1) {
+    if to_output > 0 && (arguments.explains("json") || to_output > 1) {
         return Err(Error::Request(
             "standard output takes one picture, and no --explain=json beside it; name a file"
                 .into(),
@@ -272,28 +280,34 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
             Some((chosen, got))
         }
     };
+    let prices = match arguments.explains("prices") {
+        true => prices::of(&mut renderer, cloud, &view, &config, progress)?,
+        false => Vec::new(),
+    };
     if let Some(counts) = counts {
         let (gpu, cloud) = renderer.cloud(cloud)?;
         let resident = cloud.resident();
         facts.left = left(gpu, &view, resident, &config)?;
         let counts = counts.counts(&frame, view.size, &config.effects);
-        match arguments.explain.as_deref() {
-            Some("json") => {
+        match arguments.explains("json") {
+            true => {
                 let mut explained =
                     explain_json(&facts, gpu, resident, &config, &statistics, &counts, &frame);
                 explained["chosen"] = got.as_ref().map(|(chosen, got)| chosen.json(got)).into();
+                if !prices.is_empty() {
+                    explained["prices"] = prices::json(&prices);
+                }
                 streams::print(&format!("{explained}\n"))?
             }
-            _ => {
+            false => {
                 let text = explain(&facts, gpu, resident, &config, &statistics, &counts, &frame);
                 let columns = got.iter().map(|(chosen, got)| chosen.columns(got));
-                streams::say(columns.chain([text]).collect::<String>().trim_end())
+                streams::say(columns.chain([text]).collect::<String>().trim_end());
+                if !prices.is_empty() {
+                    streams::say(prices::table(&prices).trim_end());
+                }
             }
         }
-    }
-    if arguments.explain.as_deref() == Some("prices") {
-        let prices = prices::of(&mut renderer, cloud, &view, &config, &frame.passes, progress)?;
-        streams::say(prices::table(&prices).trim_end());
     }
     if arguments.timings {
         stages.print(&frame);

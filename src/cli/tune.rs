@@ -11,14 +11,14 @@ use crate::progress::Progress;
 use crate::render::source::{OpenOptions, Source};
 use crate::study::tuner::{self, Effort, Subject, Tuner};
 use crate::tune::store::{self, switches};
-use crate::view::{Camera, View};
+use crate::view::View;
 use std::path::{Path, PathBuf};
 
 const EXAMPLES: &str = "\
 Examples:
   pointillist tune                                 this device, on simulated scenes
   pointillist tune --quick                         the same in less than 20 s, with fewer pictures
-  pointillist tune scan.laz -o tuned.svg           this cloud on this device, and a chart
+  pointillist tune scan.laz -o tuned.html          this cloud on this device, and a chart
   pointillist tune scan.laz --camera cam.json --effect shadows=on --light direction:0.3,0.8,-0.8
                                                    in this view, with these effects
   pointillist render scan.laz -o out.png --time 50ms
@@ -34,7 +34,7 @@ pub struct Arguments {
     #[arg(long)]
     pub quick: bool,
     /// Also write a chart, error against milliseconds, or the front itself; repeatable
-    #[arg(short, long, value_name = "OUT.svg|json")]
+    #[arg(short, long, value_name = "OUT.html|json")]
     pub output: Vec<PathBuf>,
     #[command(flatten)]
     pub picture: PictureOptions,
@@ -78,7 +78,7 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
     let picture = arguments.picture.with_scene()?;
     for output in &arguments.output {
         refuse_to_overwrite(output, &arguments.files)?;
-        check_extension(output, &["svg", "json"])?;
+        check_extension(output, &["html", "json"])?;
     }
     if arguments.files.is_empty() && (picture.camera.is_some() || picture.scene.is_some()) {
         return Err(Error::Request(
@@ -109,9 +109,9 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
     let front = tuner.search(&effort, progress)?;
     let kept = subject.keep(&place, &front)?;
     for output in &arguments.output {
-        let is_chart = output.extension().is_some_and(|own| own.eq_ignore_ascii_case("svg"));
-        if is_chart {
-            write(output, &tuner::chart(&front))?;
+        let is_page = output.extension().is_some_and(|own| own.eq_ignore_ascii_case("html"));
+        if is_page {
+            write(output, &tuner::page(&front))?;
         } else {
             store::write(output, &front)?;
         }
@@ -137,8 +137,5 @@ fn views(picture: &PictureOptions, source: &Source, effort: &Effort) -> Result<V
     if picture.camera()?.is_some() {
         return Ok(vec![whole]);
     }
-    let camera = whole.camera;
-    let nearer = Camera { eye: camera.target + (camera.eye - camera.target) / 2.0, ..camera };
-    let turned = camera.turned(source.up().axis(), 2.0);
-    [camera, nearer, turned].into_iter().map(|camera| View::new(camera, effort.size)).collect()
+    tuner::views(whole.camera, source.up().axis(), effort.size)
 }

@@ -32,8 +32,9 @@
 //! `slope` is where that is `threshold`.
 
 use super::{
-    EffectDecisions, Effects, FrameContext, GBuffer, Holes, LIST_HEADER, MOST_LEVELS, Reason,
-    Scattered, Setting, Switch, TILE_PX, TileLists, Value, fill, predicate, significant, tiles,
+    Effect, EffectDecisions, Effects, FrameContext, GBuffer, Holes, LIST_HEADER, MOST_LEVELS,
+    Reason, Scattered, Setting, Switch, TILE_PX, TileLists, Value, fill, predicate, significant,
+    tiles,
 };
 use crate::graph::{Buffer, Dispatch, Graph, Image, Kind};
 use crate::shader::{
@@ -158,9 +159,13 @@ fn kernel_px(settings: &Settings) -> u32 {
     (settings.kernel as u32 / 2 + 1) << (settings.levels as u32 - 1)
 }
 
-pub fn called_for(context: &FrameContext, asked: &Effects, _before: &EffectDecisions) -> Reason {
+pub fn called_for(context: &FrameContext, asked: &Effects, before: &EffectDecisions) -> Reason {
     match context.points {
         0 => Reason { runs: false, why: "there are no points".to_string() },
+        _ if before.runs(Effect::Scattered) && context.sampling.scattered >= 1.0 => Reason {
+            runs: false,
+            why: "no point in view lies on a surface that could hide others".to_string(),
+        },
         _ if asked.fill.switch != Switch::Off && asked.fill.settings.method == fill::Method::Mask => beside_masks(context),
         _ => Reason {
             runs: true,

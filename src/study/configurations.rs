@@ -1,5 +1,5 @@
 //! Common parts of the studies `visibility`, `fill`, `smooth` and `shape`: from settings of effects
-//! to rows, figures and tables.
+//! to rows, charts and tables.
 //!
 //! ```text
 //!     case (scene, view, density) -> every configuration drawn once for its errors,
@@ -11,7 +11,8 @@
 //! is that of its passes after points have become pixels.
 
 use super::cases::{self, Case, Options, Sampling};
-use super::report::{Figure, Section, Table};
+use super::chart::{ALL, Chart};
+use super::report::{self, Section, Table};
 use super::surface::render_settings;
 use super::{Plan, Row, mark_fronts, metrics, sweep};
 use crate::cloud::attribute::{Attribute, DisplayAttribute};
@@ -29,7 +30,6 @@ const DENSITIES: [(f64, &str); 3] =
     [(0.1, "0.1 points/px"), (0.5, "0.5 points/px"), (2.0, "2 points/px")];
 const VERTICES: &str = "its vertices";
 const SCENES: [&str; 4] = ["sphere", "torus", "street", "dragon"];
-const ALL: &str = "all scenes";
 
 /// Most rounds: with many configurations, a study takes minutes, not hours, on a software device.
 const MOST_ROUNDS: usize = 3;
@@ -106,7 +106,7 @@ pub trait Experiment {
         reference: &Self::Reference,
         drawing: &Drawing,
     ) -> (Vec<Part>, Vec<f64>);
-    fn more_figures(_rows: &[Row]) -> Vec<Figure> {
+    fn more_charts(_rows: &[Row]) -> Vec<Chart> {
         Vec::new()
     }
 }
@@ -168,29 +168,15 @@ pub fn run<E: Experiment>(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -
     let mut rows: Vec<Row> =
         pools.iter().flat_map(|pool| pool.sums.iter().flat_map(|sum| of::<E>(pool, sum))).collect();
     mark_fronts(&mut rows);
-    let mut figures = E::more_figures(&rows);
-    figures.extend(
-        parameters(&rows)
-            .into_iter()
-            .flat_map(|parameter| E::METRICS.iter().map(move |metric| (parameter, metric)))
-            .map(|(parameter, metric)| {
-                let shown: Vec<Row> = rows
-                    .iter()
-                    .filter(|row| row.parameter == parameter || row.auto)
-                    .cloned()
-                    .collect();
-                let label = |row: &Row| if row.auto { AUTO.to_string() } else { row.value.clone() };
-                let axes = ["milliseconds of the passes (bars: quartiles)", metric.axis];
-                Figure::of(
-                    &format!("{}-{parameter}", E::NAME),
-                    metric.name,
-                    axes,
-                    &format!("{parameter}. {}", metric.about),
-                    &shown,
-                    &label,
-                )
-            }),
-    );
+    let label = |row: &Row| {
+        if row.auto { AUTO.to_string() } else { format!("{} {}", row.parameter, row.value) }
+    };
+    let of = |metric: &Metric| {
+        let axes = ["milliseconds of the passes", metric.axis];
+        report::chart(metric.name, axes, metric.about, &rows, &label)
+    };
+    let mut charts: Vec<Chart> = E::METRICS.iter().map(of).collect();
+    charts.extend(E::more_charts(&rows));
     let method = format!(
         "{} Truth is the surface itself, ray-cast in f64. All scenes at one density are pooled: errors are sums over all pixels, milliseconds are sums over the frames, of \
          {} x {} pixels. Milliseconds are those of the passes that the settings change. n = {rounds} interleaved rounds after one that is not \
@@ -201,7 +187,7 @@ pub fn run<E: Experiment>(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -
         if left_out.is_empty() { "nothing".into() } else { left_out.join("; ") }
     );
     let tables = vec![table::<E>(&pools)];
-    Ok(Section { name: E::NAME, title: E::TITLE.into(), method, rows, figures, tables })
+    Ok(Section { name: E::NAME, title: E::TITLE.into(), method, rows, charts, tables })
 }
 
 fn measured<E: Experiment>(
@@ -325,19 +311,6 @@ fn of<E: Experiment>(pool: &Pool, sum: &Sum) -> Vec<Row> {
         front: false,
     };
     E::METRICS.iter().zip(&sum.parts).map(row).collect()
-}
-
-/// Returns the parameters except `auto`, which is on every curve.
-fn parameters(rows: &[Row]) -> Vec<&'static str> {
-    rows.iter().map(|row| row.parameter).filter(|parameter| *parameter != AUTO).fold(
-        Vec::new(),
-        |mut parameters, parameter| {
-            if !parameters.contains(&parameter) {
-                parameters.push(parameter);
-            }
-            parameters
-        },
-    )
 }
 
 fn table<E: Experiment>(pools: &[Pool]) -> Table {

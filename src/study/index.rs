@@ -13,7 +13,7 @@
 
 use super::oracle::project::relative;
 use super::precision::{cameras, finest_step};
-use super::report::{Figure, Section, Table};
+use super::report::{self, Section, Table};
 use super::scan::Scan;
 use super::{Plan, Row, mark_fronts, metrics, sweep};
 use crate::cloud::Lattice;
@@ -125,11 +125,11 @@ pub fn run(_: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Section>
     mark_fronts(&mut rows);
     let label =
         |row: &Row| if row.auto { row.value.clone() } else { format!("{} bits", row.value) };
-    let figure = |&(metric, y_axis, caption): &_| {
-        let x_axis = "milliseconds to read and check the planes of all leaves (bars: quartiles)";
-        Figure::of("index", metric, [x_axis, y_axis], caption, &rows, &label)
+    let chart = |&(metric, y_axis, caption): &_| {
+        let x_axis = "milliseconds to read and check the planes of all leaves";
+        report::chart(metric, [x_axis, y_axis], caption, &rows, &label)
     };
-    let figures = METRICS.iter().map(figure).collect();
+    let charts = METRICS.iter().map(chart).collect();
     let method = format!(
         "{} points a scene at E 500 km, N 5000 km, on the finest lattice that a LAS file holds, indexed; n = {} interleaved rounds after one that is not counted. Errors are those \
          of all points in the leaves against the file's own coordinates, compared as integers: <em>all</em> planes must be exactly 0, and are what leaves keep whatever is drawn. \
@@ -143,7 +143,7 @@ pub fn run(_: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Section>
         title: "What an index keeps".into(),
         method,
         rows,
-        figures,
+        charts,
         tables: vec![planes, levels],
     })
 }

@@ -6,7 +6,7 @@
 
 use super::configurations::AUTO;
 use super::oracle::transparency::{self as oracle, Over};
-use super::report::{Figure, Section, Table};
+use super::report::{self, Section, Table};
 use super::{Plan, Row, mark_fronts, metrics, sweep};
 use crate::cloud::attribute::{Attribute, DisplayAttribute};
 use crate::cloud::colormap::srgb_to_linear;
@@ -160,20 +160,19 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
             .push([parameter.to_string(), value.to_string()].into_iter().chain(numbers).collect());
     }
     mark_fronts(&mut rows);
-    let figure = |(metric, axis): (&str, &str)| {
+    let chart = |(metric, axis): (&str, &str)| {
         let label = |row: &Row| {
             if row.auto { AUTO.to_string() } else { format!("{} {}", row.parameter, row.value) }
         };
-        Figure::of(
-            "layers",
+        report::chart(
             metric,
-            ["milliseconds of a whole frame (bars: quartiles)", axis],
+            ["milliseconds of a whole frame", axis],
             &format!("Layers: {metric}"),
             &rows,
             &label,
         )
     };
-    let figures = METRICS.map(figure).into_iter().collect();
+    let charts = METRICS.map(chart).into_iter().collect();
     let pixels = truth.iter().flatten().count();
     let method = format!(
         "Nested tori of {} points in all, each of one colour and opacity {OPACITY}, unshaded; {pixels} of {} pixels, those two pixels away from contours and where surfaces are twice the automatic \
@@ -188,7 +187,7 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
         title: "Layers: number, distance, filling".into(),
         method,
         rows,
-        figures,
+        charts,
         tables: vec![table],
     })
 }

@@ -9,7 +9,7 @@
 
 use super::flip::{self, Seen};
 use super::popping::{self, Popping};
-use super::report::{Figure, Section, Table};
+use super::report::{self, Section, Table};
 use super::scan::Scan;
 use super::{Plan, Row, mark_fronts, metrics, sweep};
 use crate::cloud::attribute::Attribute;
@@ -192,13 +192,13 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
         rows[i].front =
             rows.iter().any(|row| row.metric == "rms" && row.front && key(row) == key(&rows[i]));
     }
-    let figure = |&(metric, y_axis, caption): &_| {
-        let x_axis = "milliseconds to clear and project (bars: quartiles)";
-        Figure::of("lod", metric, [x_axis, y_axis], caption, &rows, &|row| {
+    let chart = |&(metric, y_axis, caption): &_| {
+        let x_axis = "milliseconds to clear and project";
+        report::chart(metric, [x_axis, y_axis], caption, &rows, &|row| {
             if row.auto { row.value.clone() } else { format!("{} px", row.value) }
         })
     };
-    let figures = METRICS.iter().chain(&POPPING).map(figure).collect();
+    let charts = METRICS.iter().chain(&POPPING).map(chart).collect();
     let method = format!(
         "{} points a scene, indexed, drawn at {} x {} pixels without effects; n = {} interleaved rounds after one that is not counted. The reference is the full cloud's own \
          picture (kind <em>self</em>, lod 0): errors are those of the cut and of nothing else. <em>auto</em> is lod {} with a budget of {} points a pixel; the other settings have \
@@ -222,7 +222,7 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
         title: "Level of detail".into(),
         method,
         rows,
-        figures,
+        charts,
         tables: vec![counters, dollies],
     })
 }

@@ -9,7 +9,7 @@
 pub mod problems;
 
 use super::configurations::AUTO;
-use super::report::{Figure, Section, Table};
+use super::report::{self, Section, Table};
 use super::{Plan, Row, mark_fronts, metrics, sweep};
 use crate::cloud::Cloud;
 use crate::cloud::attribute::{Attribute, DisplayAttribute};
@@ -214,12 +214,11 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
             format!("{} {}", row.parameter, row.value)
         }
     };
-    let figures = METRICS
+    let charts = METRICS
         .map(|(metric, axis, about)| {
-            Figure::of(
-                "luminance",
+            report::chart(
                 metric,
-                ["milliseconds of the sums and the correction (bars: quartiles)", axis],
+                ["milliseconds of the sums and the correction", axis],
                 about,
                 &rows,
                 &label,
@@ -239,7 +238,7 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
         title: "Luminance correction: steps and details".into(),
         method,
         rows,
-        figures,
+        charts,
         tables: vec![table, problems::table(gpu, plan, progress)?],
     })
 }

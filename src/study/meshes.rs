@@ -7,8 +7,9 @@
 //! `surface`.
 
 use super::cases;
+use super::configurations::AUTO;
 use super::mesh::Mesh;
-use super::report::{Section, Table};
+use super::report::{self, Section, Table};
 use super::surface::{draw, render_settings};
 use super::truth::{Surface, Truth, compare};
 use super::{Plan, mark_fronts, rows, sweep};
@@ -102,7 +103,8 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
                     errors.hole_share(),
                     errors.spilled_share(),
                 ];
-                all.extend(rows([scene, view_name], ["fill", style], METRICS, &shares, times));
+                let parameter = if *style == AUTO { AUTO } else { "fill" };
+                all.extend(rows([scene, view_name], [parameter, style], METRICS, &shares, times));
                 let line = [scene, view_name, style]
                     .map(String::from)
                     .into_iter()
@@ -115,6 +117,10 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
         }
     }
     mark_fronts(&mut all);
+    let charts = METRICS.map(|metric| {
+        let axes = ["milliseconds of a frame", "share of pixels"];
+        report::chart(metric, axes, &metric.replace('_', " "), &all, &|row| row.value.clone())
+    });
     let method = format!(
         "Vertices of meshes, and their triangles as truth, ray-cast in f64 as in <em>surface</em>. With c the middle of the bounding box and e its diagonal the eye is at \
          c + e (0.1, 0.15, 1.3), 45 degrees (whole), and at c + e (0.3, 0.35, 0.9), 30 degrees (near). n = {} interleaved rounds.",
@@ -125,7 +131,7 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
         title: "Vertices of meshes".into(),
         method,
         rows: all,
-        figures: Vec::new(),
+        charts: charts.into(),
         tables: vec![table],
     })
 }

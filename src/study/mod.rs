@@ -2,7 +2,7 @@
 //!
 //! ```text
 //!     registry of studies -> scenes with known truth (`synth`) -> `sweep` (interleaved runs)
-//!                         -> `metrics` -> `report` (CSV, SVG by `chart`, one HTML page)
+//!                         -> `metrics` -> `report` (CSV, and one HTML page of `chart`s)
 //! ```
 //!
 //! The reference of errors is never the renderer itself, except where a metric says so: `oracle`
@@ -11,7 +11,9 @@
 pub mod ao;
 pub mod cases;
 pub mod chart;
+pub mod compare;
 pub mod configurations;
+pub mod files;
 pub mod fill;
 pub mod flip;
 pub mod index;
@@ -44,6 +46,7 @@ use crate::error::{Error, Result};
 use crate::graph::Gpu;
 use crate::progress::Progress;
 use report::Section;
+use std::path::PathBuf;
 
 /// Size and repetitions of studies.
 #[derive(Clone, Debug)]
@@ -57,6 +60,8 @@ pub struct Plan {
     pub size: [u32; 2],
     /// Names of `cases` for studies of surfaces; each study's own if empty.
     pub scenes: Vec<String>,
+    /// Files for the study `files`.
+    pub files: Vec<PathBuf>,
 }
 
 /// One configuration under one metric: a line of the CSV.
@@ -113,6 +118,7 @@ studies! {
     tangents,  // how evenly strokes flow
     strokes,   // strokes over each other
     layers,    // surfaces behind each other
+    files,     // every knob on files of yours
     tune,      // times and errors that were asked for, on other scenes
 }
 
@@ -123,8 +129,17 @@ pub fn run(
     plan: &Plan,
     progress: &dyn Progress,
 ) -> Result<Vec<Section>> {
-    let all: Vec<String> = STUDIES.iter().map(|(name, _)| name.to_string()).collect();
+    // Without files there is nothing to draw.
+    let can_run = |name: &&str| *name != "files" || !plan.files.is_empty();
+    let all = STUDIES.iter().map(|(name, _)| *name).filter(can_run);
+    let all: Vec<String> = all.map(String::from).collect();
     let names = if names.is_empty() { &all } else { names };
+    // Said before anything is measured.
+    if names.iter().any(|name| name == "files") == plan.files.is_empty() {
+        return Err(Error::Request(
+            "the study files draws your files: name it, and them with --file".into(),
+        ));
+    }
     names.iter().map(|name| section(name, gpu, plan, progress)).collect()
 }
 

@@ -7,7 +7,7 @@
 //! that between lines, since a plane has two normals. A point whose neighbours determine no plane
 //! has none, and counts as unknown, not as wrong.
 
-use super::report::{Figure, Section, Table};
+use super::report::{self, Section, Table};
 use super::{Plan, Row, mark_fronts, metrics, sweep};
 use crate::error::Result;
 use crate::graph::Gpu;
@@ -141,17 +141,10 @@ pub fn run(_gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Secti
     }
     mark_fronts(&mut rows);
     let label = |row: &Row| format!("{} {}", row.value, row.parameter);
-    let figure = |&(metric, y_axis, caption): &_| {
-        Figure::of(
-            "normals",
-            metric,
-            ["milliseconds a million (bars: quartiles)", y_axis],
-            caption,
-            &rows,
-            &label,
-        )
+    let chart = |&(metric, y_axis, caption): &_| {
+        report::chart(metric, ["milliseconds a million", y_axis], caption, &rows, &label)
     };
-    let figures = METRICS.iter().map(figure).collect();
+    let charts = METRICS.iter().map(chart).collect();
     let method = format!(
         "{} points a scene, of which at most {PLACES} in runs of {RUN} are looked at; n = {} interleaved rounds after one that is not counted, on one core of the CPU, without building the tree. <em>auto</em> is what <code>index --normals</code> does: {} neighbours and {} radii.",
         plan.points, plan.repeat, FIT.near, FIT.reach
@@ -161,7 +154,7 @@ pub fn run(_gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Secti
         title: "Normals".into(),
         method,
         rows,
-        figures,
+        charts,
         tables: vec![table],
     })
 }

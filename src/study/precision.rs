@@ -9,7 +9,7 @@
 
 use super::metrics::{self, Errors};
 use super::oracle::points::Points;
-use super::report::{Figure, Section, Table};
+use super::report::{self, Section, Table};
 use super::{Plan, Row, mark_fronts, sweep};
 use crate::cloud::attribute::{Attribute, DisplayAttribute};
 use crate::config::NO_POINT;
@@ -143,17 +143,10 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
             row.value.clone()
         }
     };
-    let figure = |&(metric, y_axis, caption): &_| {
-        Figure::of(
-            "precision",
-            metric,
-            ["milliseconds to project (bars: quartiles)", y_axis],
-            caption,
-            &rows,
-            &label,
-        )
+    let chart = |&(metric, y_axis, caption): &_| {
+        report::chart(metric, ["milliseconds to project", y_axis], caption, &rows, &label)
     };
-    let figures = METRICS.iter().map(figure).collect();
+    let charts = METRICS.iter().map(chart).collect();
     let method = format!(
         "{} points a scene at E 500 km, N 5000 km, drawn at {} x {} pixels; n = {} interleaved rounds after one that is not counted. Errors are those of what was drawn: \
          every pixel names its point and depth, and the scan says in f64 where that point is. A pixel's error is how far outside of the pixel its point truly lies. Errors \
@@ -166,7 +159,7 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
         title: "Bits of position".into(),
         method,
         rows,
-        figures,
+        charts,
         tables: vec![counters],
     })
 }

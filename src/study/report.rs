@@ -1,6 +1,9 @@
-//! Reports: `NAME.csv`, `NAME-*.svg` and one self-contained `study.html`, each written atomically.
+//! Reports: `NAME.csv` and one self-contained `study.html`, each written atomically.
+//!
+//! The page draws its charts itself, with Observable Plot and D3, which it contains: `page/` has
+//! them as their makers publish them, with their licences.
 
-use super::chart::{Chart, Mark, Panel, SMALL};
+use super::chart::{Chart, Mark, Panel};
 use super::{Plan, Row};
 use crate::atomic_file::write_atomically;
 use crate::error::{Error, Result};
@@ -15,55 +18,29 @@ pub struct Section {
     /// Method and interpretation, HTML.
     pub method: String,
     pub rows: Vec<Row>,
-    pub figures: Vec<Figure>,
+    /// The first one is shown, the others on request.
+    pub charts: Vec<Chart>,
     pub tables: Vec<Table>,
 }
 
-pub struct Figure {
-    pub file: String,
-    pub caption: String,
-    pub svg: String,
-}
-
-impl Figure {
-    /// Plots one metric over time, with a panel per scene and view.
-    pub fn of(
-        study: &str,
-        metric: &str,
-        [x_axis, y_axis]: [&str; 2],
-        caption: &str,
-        rows: &[Row],
-        label: &dyn Fn(&Row) -> String,
-    ) -> Figure {
-        let mut panels: Vec<Panel> = Vec::new();
-        for row in rows.iter().filter(|row| row.metric == metric) {
-            let title = format!("{}, {}", row.scene, row.view);
-            if panels.last().is_none_or(|panel| panel.title != title) {
-                panels.push(Panel { title, marks: Vec::new() });
-            }
-            let mark = Mark {
-                label: label(row),
-                x: row.ms,
-                y: row.error,
-                front: row.front,
-                auto: row.auto,
-            };
-            panels.last_mut().expect("pushed above").marks.push(mark);
+/// Returns the chart of one metric over time, with a panel per scene and view.
+pub fn chart(
+    metric: &str,
+    axes: [&str; 2],
+    title: &str,
+    rows: &[Row],
+    label: &dyn Fn(&Row) -> String,
+) -> Chart {
+    let mut panels: Vec<Panel> = Vec::new();
+    for row in rows.iter().filter(|row| row.metric == metric) {
+        let title = format!("{}, {}", row.scene, row.view);
+        if panels.last().is_none_or(|panel| panel.title != title) {
+            panels.push(Panel { title, marks: Vec::new() });
         }
-        let chart = Chart {
-            plot: SMALL,
-            title: caption.into(),
-            x_axis: x_axis.into(),
-            y_axis: y_axis.into(),
-            columns: 3,
-            panels,
-        };
-        Figure {
-            file: format!("{study}-{}.svg", metric.replace('_', "-")),
-            caption: caption.into(),
-            svg: chart.svg(),
-        }
+        let mark = Mark::new(label(row), row.ms, row.error, row.auto);
+        panels.last_mut().expect("pushed above").marks.push(mark);
     }
+    Chart::new(title, axes, "ms", panels)
 }
 
 pub struct Table {
@@ -115,7 +92,6 @@ pub fn write(folder: &Path, sections: &[Section], plan: &Plan, origin: &Origin) 
     };
     for section in sections {
         put(&format!("{}.csv", section.name), &csv(section, origin))?;
-        section.figures.iter().try_for_each(|figure| put(&figure.file, &figure.svg))?;
     }
     put("study.html", &html(sections, plan, origin))
 }
@@ -154,32 +130,21 @@ pub fn csv(section: &Section, origin: &Origin) -> String {
     text
 }
 
-const STYLE: &str = "body{font:16px/1.5 Helvetica,Arial,sans-serif;color:#22262b;max-width:1080px;margin:40px auto;padding:0 24px}\
-h1{font-size:30px;margin-bottom:4px}h2{font-size:23px;margin-top:44px;border-top:1px solid #e4e7ea;padding-top:28px}h3{font-size:16px;margin-top:32px}\
-p{max-width:46em}.soft{color:#6b727a}figure{margin:24px 0}svg{max-width:100%;height:auto}table{border-collapse:collapse;font-size:14px;font-variant-numeric:tabular-nums}\
-th,td{padding:3px 14px 3px 0;border-bottom:1px solid #e4e7ea}th{text-align:left;color:#6b727a;font-weight:normal}.scroll th{border-color:#6b727a}\
-td.n,th.n{text-align:right}code{background:#f3f4f6;padding:1px 4px;border-radius:3px;overflow-wrap:anywhere}.scroll{overflow-x:auto}";
+const STYLE: &str = include_str!("page/page.css");
+/// D3 7.9.0 and Observable Plot 0.6.17.
+const LIBRARIES: [&str; 2] = [include_str!("page/d3.min.js"), include_str!("page/plot.min.js")];
+const LICENSES: [&str; 2] = [include_str!("page/LICENSE-d3"), include_str!("page/LICENSE-plot")];
+const SCRIPT: &str = include_str!("page/page.js");
 
-const READING: &str = "Each mark is one setting: time to the right, error upwards, both logarithmic, so down and left is better. Filled marks are on the front: no other setting is \
-both faster and more accurate; a step joins them. Hollow marks are beaten. The ring is the default. Bars are the quartiles of the times; \
-where bars overlap, the times are not told apart. All panels of a figure share their axes.";
+const READING: &str = "Each mark is one setting. What it costs lies to the right, its error upwards, both logarithmic: down and left is better. \
+Errors of exactly 0, and what costs nothing (none), have a place of their own beside the scale. A step joins the front. Bars are quartiles of the costs; where they overlap, costs are not told apart. \
+Point at a mark for its name and numbers.";
 
+const LEGEND: &str = r#"<p class="legend"><span><svg width="20" height="20"><circle cx="10" cy="10" r="4" fill="var(--front)"/></svg> on the front: nothing is both cheaper and more accurate</span> <span><svg width="20" height="20"><circle cx="10" cy="10" r="4" fill="none" stroke="var(--soft)" stroke-width="1.5"/></svg> beaten</span> <span><svg width="20" height="20"><circle cx="10" cy="10" r="8" fill="none" stroke="var(--auto)" stroke-width="2"/></svg> what is done automatically</span></p>"#;
+
+/// Returns the page: a section per study with one chart and its conclusion; the rest opens on
+/// request.
 pub fn html(sections: &[Section], plan: &Plan, origin: &Origin) -> String {
-    let mut page = format!(
-        "<!DOCTYPE html>\n<html lang=\"en\"><head><meta charset=\"utf-8\"><title>pointillist: accuracy against time</title><style>{STYLE}</style></head><body>\n"
-    );
-    let _ = writeln!(
-        page,
-        "<h1>Accuracy against time</h1>\n<p class=\"soft\">pointillist {}</p>",
-        env!("CARGO_PKG_VERSION")
-    );
-    let _ = writeln!(page, "<p>{READING}</p>");
-    if origin.is_cpu {
-        let _ = writeln!(
-            page,
-            "<p>These times are of a software device: they compare settings with each other, and say nothing about a GPU.</p>"
-        );
-    }
     let commit = origin.commit.as_deref().unwrap_or("unknown (no git here)");
     let facts = [
         ("device", origin.device.clone()),
@@ -191,36 +156,102 @@ pub fn html(sections: &[Section], plan: &Plan, origin: &Origin) -> String {
         ("picture", format!("{} x {}", plan.size[0], plan.size[1])),
         ("command", origin.command.clone()),
     ];
-    let _ = write!(page, "<table>");
+    let mut body = format!(
+        "<h1>Accuracy against time</h1>\n<p class=\"soft\">pointillist {} on {}</p>\n<p>{READING}</p>\n{LEGEND}\n",
+        env!("CARGO_PKG_VERSION"),
+        escaped(&origin.device)
+    );
+    if origin.is_cpu {
+        body += "<p>These times are of a software device: they compare settings with each other, and say nothing about a GPU.</p>\n";
+    }
+    body += "<details><summary>Where these numbers are from</summary><table>";
     for (what, value) in facts {
-        let _ = write!(page, "<tr><th>{what}</th><td><code>{}</code></td></tr>", escaped(&value));
+        let _ = write!(body, "<tr><th>{what}</th><td><code>{}</code></td></tr>", escaped(&value));
     }
-    let _ = writeln!(page, "</table>");
-    for section in sections {
-        let _ = writeln!(
-            page,
-            "<h2 id=\"{}\">{}</h2>\n<p>{}</p>",
-            section.name,
-            escaped(&section.title),
-            section.method
-        );
-        for figure in &section.figures {
-            let _ = writeln!(
-                page,
-                "<figure role=\"img\" aria-label=\"{}\">{}</figure>",
-                escaped(&figure.caption),
-                inline(&figure.svg)
-            );
-        }
-        section.tables.iter().for_each(|table| write_table(&mut page, table));
-        write_table(&mut page, &all_rows(section));
+    body += "</table></details>\n<nav>";
+    for Section { name, title, .. } in sections {
+        let _ = write!(body, "<a href=\"#{name}\">{}</a>", escaped(title));
     }
-    page + "</body></html>\n"
+    body += "</nav>\n";
+    let mut charts = Vec::new();
+    let from = format!("{}, commit {commit}", origin.device);
+    sections.iter().for_each(|section| write_section(&mut body, section, &mut charts, &from));
+    page("pointillist: accuracy against time", &body, &charts)
 }
 
-/// Strips the XML prologue, which HTML does not have.
-fn inline(svg: &str) -> &str {
-    svg.find("<svg").map_or(svg, |at| &svg[at..])
+/// Returns a page of one chart.
+pub fn chart_page(chart: &Chart, table: &Table) -> String {
+    let mut body = format!("<h1>{}</h1>\n<p>{READING}</p>\n{LEGEND}\n", escaped(&chart.title));
+    let mut charts = Vec::new();
+    write_chart(&mut body, chart, &mut charts);
+    write_table(&mut body, table);
+    page(&chart.title, &body, &charts)
+}
+
+fn page(title: &str, body: &str, charts: &[&Chart]) -> String {
+    // Nothing within ends the element.
+    let data = serde_json::to_string(charts).expect("numbers and texts").replace("</", "<\\/");
+    let [d3, plot] = LIBRARIES;
+    format!(
+        "<!DOCTYPE html>\n<html lang=\"en\"><head><meta charset=\"utf-8\"><meta name=\"viewport\" content=\"width=device-width\">\
+         <title>{}</title>\n<style>\n{STYLE}</style></head><body>\n{body}\
+         <script id=\"charts\" type=\"application/json\">{data}</script>\n\
+         <!-- D3\n{}\nObservable Plot\n{} -->\n\
+         <script>{d3}</script>\n<script>{plot}</script>\n<script>\n{SCRIPT}</script>\n</body></html>\n",
+        escaped(title),
+        LICENSES[0],
+        LICENSES[1]
+    )
+}
+
+fn write_section<'c>(
+    page: &mut String,
+    section: &'c Section,
+    charts: &mut Vec<&'c Chart>,
+    from: &str,
+) {
+    let _ = writeln!(page, "<section id=\"{}\"><h2>{}</h2>", section.name, escaped(&section.title));
+    let (first, others) = section.charts.split_at(section.charts.len().min(1));
+    first.iter().for_each(|chart| write_chart(page, chart, charts));
+    if !others.is_empty() {
+        let _ = writeln!(page, "<details><summary>{} other measures</summary>", others.len());
+        others.iter().for_each(|chart| write_chart(page, chart, charts));
+        let _ = writeln!(page, "</details>");
+    }
+    section.tables.iter().for_each(|table| write_table(page, table));
+    write_table(page, &all_rows(section));
+    let _ = writeln!(
+        page,
+        "<details><summary>How this was measured</summary><p>{}</p></details>\n<p class=\"soft\">{}</p></section>",
+        section.method,
+        escaped(from)
+    );
+}
+
+/// Writes the places that the page's script draws a chart in.
+fn write_chart<'c>(page: &mut String, chart: &'c Chart, charts: &mut Vec<&'c Chart>) {
+    let own = charts.len();
+    charts.push(chart);
+    let _ = writeln!(
+        page,
+        "<figure><figcaption><b>{}</b><br>{}</figcaption><div class=\"panel\"><h4>{}</h4><div data-chart=\"{own}\"></div></div></figure>",
+        escaped(&chart.title),
+        escaped(&chart.conclusion),
+        escaped(&chart.pooled.title)
+    );
+    if chart.apart.is_empty() {
+        return;
+    }
+    let _ =
+        writeln!(page, "<details><summary>Scenes and views apart</summary><div class=\"panels\">");
+    for (number, panel) in chart.apart.iter().enumerate() {
+        let _ = writeln!(
+            page,
+            "<div class=\"panel\"><h4>{}</h4><div data-chart=\"{own}\" data-panel=\"{number}\"></div></div>",
+            escaped(&panel.title)
+        );
+    }
+    let _ = writeln!(page, "</div></details>");
 }
 
 fn all_rows(section: &Section) -> Table {
@@ -247,7 +278,11 @@ fn all_rows(section: &Section) -> Table {
 }
 
 fn write_table(page: &mut String, table: &Table) {
-    let _ = write!(page, "<h3>{}</h3>\n<div class=\"scroll\"><table><tr>", escaped(&table.title));
+    let _ = write!(
+        page,
+        "<details><summary>Table: {}</summary><div class=\"scroll\"><table><tr>",
+        escaped(&table.title)
+    );
     // Columns of numbers are aligned right.
     let numeric = |column: usize| {
         table.rows.iter().all(|row| row[column].starts_with(|c: char| c.is_ascii_digit()))
@@ -264,7 +299,7 @@ fn write_table(page: &mut String, table: &Table) {
             let _ = write!(page, "<td{class}>{}</td>", escaped(cell));
         }
     }
-    let _ = writeln!(page, "</tr></table></div>");
+    let _ = writeln!(page, "</tr></table></div></details>");
 }
 
 fn escaped(text: &str) -> String {

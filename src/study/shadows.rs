@@ -6,7 +6,7 @@
 //! one at a time.
 
 use super::configurations::AUTO;
-use super::report::{Figure, Section, Table};
+use super::report::{self, Section, Table};
 use super::{Plan, Row, mark_fronts, metrics, sweep};
 use crate::cloud::attribute::{Attribute, DisplayAttribute};
 use crate::config::POINTS_PER_PAGE;
@@ -131,20 +131,19 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
             .push([parameter.to_string(), value.to_string()].into_iter().chain(numbers).collect());
     }
     mark_fronts(&mut rows);
-    let figure = |(metric, axis): (&str, &str)| {
+    let chart = |(metric, axis): (&str, &str)| {
         let label = |row: &Row| {
             if row.auto { AUTO.to_string() } else { format!("{} {}", row.parameter, row.value) }
         };
-        Figure::of(
-            "shadows",
+        report::chart(
             metric,
-            ["milliseconds of all light passes (bars: quartiles)", axis],
+            ["milliseconds of all light passes", axis],
             &format!("Light visibility: {metric}"),
             &rows,
             &label,
         )
     };
-    let figures = METRICS.map(figure).into_iter().collect();
+    let charts = METRICS.map(chart).into_iter().collect();
     let method = format!(
         "A plate {HEIGHT} m above a floor, {} points in all, under a round light of {} degrees. Truth is the area of the light's disc that the plate's edge leaves, in closed form. \
          <em>rms</em> is over floor points within the half shadow, <em>off</em> the share of all points whose visibility is more than 1/16 off. <em>auto</em> has 16 stratified samples and a picture that \
@@ -158,7 +157,7 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
         title: "Shadows: picture, samples, method".into(),
         method,
         rows,
-        figures,
+        charts,
         tables: vec![table],
     })
 }

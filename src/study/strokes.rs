@@ -4,7 +4,7 @@
 
 use super::configurations::AUTO;
 use super::oracle::strokes as oracle;
-use super::report::{Figure, Section, Table};
+use super::report::{self, Section, Table};
 use super::{Plan, Row, mark_fronts, metrics, sweep};
 use crate::cloud::attribute::DisplayAttribute;
 use crate::error::{Error, Result};
@@ -137,20 +137,19 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
         crossings.rows.extend(crossed(name, scene, plan, progress)?);
     }
     mark_fronts(&mut rows);
-    let figure = |(metric, axis): (&str, &str)| {
+    let chart = |(metric, axis): (&str, &str)| {
         let label = |row: &Row| {
             if row.auto { AUTO.to_string() } else { format!("{} {}", row.parameter, row.value) }
         };
-        Figure::of(
-            "strokes",
+        report::chart(
             metric,
-            ["milliseconds of a whole frame (bars: quartiles)", axis],
+            ["milliseconds of a whole frame", axis],
             &format!("Strokes: {metric}"),
             &rows,
             &label,
         )
     };
-    let figures = METRICS.map(figure).into_iter().collect();
+    let charts = METRICS.map(chart).into_iter().collect();
     let method = format!(
         "{} points a scene. The reference is the renderer's own picture with every pixel's fragments sorted (self), which <em>auto</em> is; its difference to the f64 twin is a test. Blending, order and \
          Gaussians make another painting, not a wrong one; its error is the difference. Which strokes run through each other the twin counts, with {FEW} points. n = {} interleaved rounds after one that \
@@ -162,7 +161,7 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
         title: "Strokes: sorting, blending, order, Gaussians".into(),
         method,
         rows,
-        figures,
+        charts,
         tables: vec![table, crossings],
     })
 }

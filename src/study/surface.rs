@@ -6,8 +6,8 @@
 //! input of every style, so they tell which visible points should be hidden.
 
 use super::cases::{self, Case, Options, Sampling};
-use super::chart::{Chart, Mark, Panel, SMALL};
-use super::report::{Figure, Section, Table};
+use super::chart::{Chart, Mark, Panel};
+use super::report::{Section, Table};
 use super::truth::Errors;
 use super::{Plan, Row, mark_fronts, metrics, sweep};
 use crate::cloud::attribute::{Attribute, DisplayAttribute};
@@ -144,9 +144,9 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
         Ok(())
     })?;
     left_out.iter().for_each(|line| progress.note(&format!("study surface leaves out {line}")));
-    let figures = METRICS
+    let charts = METRICS
         .iter()
-        .map(|&(metric, y_axis, caption)| figure(metric, y_axis, caption, &mut marks))
+        .map(|&(metric, y_axis, caption)| chart(metric, y_axis, caption, &mut marks))
         .collect();
     let method = format!(
         "Truth is the surface itself, ray-cast in f64 at centres, corners and sides of all pixels. Scenes and meshes are sampled uniformly by area, hidden sides too, the street by its \
@@ -162,7 +162,7 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
         title: "The surface itself".into(),
         method,
         rows,
-        figures,
+        charts,
         tables: vec![table],
     })
 }
@@ -267,35 +267,15 @@ fn mark(panels: &mut Vec<(&'static str, Panel)>, case: &Case, row: &Row) {
             panels.push((row.metric, Panel { title, marks: Vec::new() }));
             panels.len() - 1
         });
-    let style = row.value.split(' ').next().unwrap_or_default();
-    let label = if case.noise_px > 0.0 { format!("{style}, noise") } else { style.to_string() };
-    panels[at].1.marks.push(Mark {
-        label,
-        x: [case.density; 3],
-        y: row.error,
-        front: row.front,
-        auto: row.auto,
-    });
+    panels[at].1.marks.push(Mark::new(row.value.clone(), [case.density; 3], row.error, row.auto));
 }
 
-fn figure(
+fn chart(
     metric: &str,
     y_axis: &str,
     caption: &str,
     panels: &mut Vec<(&'static str, Panel)>,
-) -> Figure {
+) -> Chart {
     let panels = panels.extract_if(.., |(of, _)| *of == metric).map(|(_, panel)| panel).collect();
-    let chart = Chart {
-        plot: SMALL,
-        title: caption.into(),
-        x_axis: "points a pixel".into(),
-        y_axis: y_axis.into(),
-        columns: 3,
-        panels,
-    };
-    Figure {
-        file: format!("surface-{}.svg", metric.replace('_', "-")),
-        caption: caption.into(),
-        svg: chart.svg(),
-    }
+    Chart::new(caption, ["points a pixel", y_axis], "points a pixel", panels)
 }

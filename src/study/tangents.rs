@@ -7,7 +7,7 @@
 //! 99th percentile the worst.
 
 use super::oracle::strokes::tangent;
-use super::report::{Figure, Section, Table};
+use super::report::{self, Section, Table};
 use super::{Plan, Row, mark_fronts, metrics};
 use crate::error::Result;
 use crate::graph::Gpu;
@@ -143,17 +143,10 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
     }
     mark_fronts(&mut rows);
     let label = |row: &Row| row.value.clone();
-    let figure = |&(metric, y_axis, caption): &_| {
-        Figure::of(
-            "tangents",
-            metric,
-            ["milliseconds a million (bars: quartiles)", y_axis],
-            caption,
-            &rows,
-            &label,
-        )
+    let chart = |&(metric, y_axis, caption): &_| {
+        report::chart(metric, ["milliseconds a million", y_axis], caption, &rows, &label)
     };
-    let figures = METRICS.iter().map(figure).collect();
+    let charts = METRICS.iter().map(chart).collect();
     let method = format!(
         "{} points a scene; n = {} rounds, on one core of the CPU, f64, from normals that are known, in the axes of the file; and of the kernel, f32, on the device. Covariance is free here, because its direction is found with the normal; the paper counts that \
          search to it. The formula of squareplate is not in the paper: it is read here as the cross product with the normal's own parts, moved on by one.",
@@ -164,7 +157,7 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
         title: "Tangents".into(),
         method,
         rows,
-        figures,
+        charts,
         tables: vec![table],
     })
 }

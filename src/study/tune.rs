@@ -8,7 +8,7 @@
 //! grid of tunings together with the front; errors below 0.01 px count as that. `broken` is the share
 //! of views where the error asked for is exceeded.
 
-use super::report::{Figure, Section, Table};
+use super::report::{Section, Table};
 use super::scan::Scan;
 use super::tuner::{self, Effort, Subject, Tuner};
 use super::{Plan, Row, lod, mark_fronts, metrics, rows};
@@ -235,13 +235,9 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
         plan.size[1],
         sweep.len(),
     );
-    let figures = vec![Figure {
-        file: "tune-front.svg".into(),
-        caption: "The front: error against time".into(),
-        svg: tuner::chart(&front),
-    }];
+    let charts = vec![tuner::chart(&front)];
     let title = "Tuning: times and errors that were asked for".into();
-    Ok(Section { name: "tune", title, method, rows: all, figures, tables: vec![choices] })
+    Ok(Section { name: "tune", title, method, rows: all, charts, tables: vec![choices] })
 }
 
 /// What a time that was asked for led to, in all views.

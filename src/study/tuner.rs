@@ -13,7 +13,8 @@
 //! which is drawn again after every few pictures, and made milliseconds by the median of all of its
 //! times.
 
-use super::chart::{Chart, LARGE, Mark, Panel};
+use super::chart::{Chart, Mark, Panel};
+use super::report::{self, Table};
 use super::{lod, metrics, scan::Scan, sweep};
 use crate::cloud::attribute::Attribute;
 use crate::error::Result;
@@ -29,7 +30,8 @@ use crate::tune::error::{Errors, Pixels};
 use crate::tune::governor::divided;
 use crate::tune::knobs::Knob;
 use crate::tune::{Front, KNOBS, Load, Tuned, Tuning, split};
-use crate::view::View;
+use crate::view::{Camera, View};
+use glam::DVec3;
 
 /// How long and how thoroughly tunings are measured.
 #[derive(Clone, Copy, Debug)]
@@ -178,6 +180,13 @@ pub fn scenes(
         .collect()
 }
 
+/// Returns three views: the camera's, from half as far, and from another side.
+pub fn views(camera: Camera, up: DVec3, size: [u32; 2]) -> Result<Vec<View>> {
+    let nearer = Camera { eye: camera.target + (camera.eye - camera.target) / 2.0, ..camera };
+    let turned = camera.turned(up, 2.0);
+    [camera, nearer, turned].into_iter().map(|camera| View::new(camera, size)).collect()
+}
+
 /// Opens the index of a scan, whose file may be removed then.
 pub(super) fn of_scan(gpu: &mut Gpu, scan: &Scan, progress: &dyn Progress) -> Result<GpuCloud> {
     let shown = source::shown(&scan.index, Attribute::Rgb);
@@ -267,6 +276,11 @@ impl<'t> Tuner<'t> {
         Ok(ms)
     }
 
+    /// Returns the median time of the default `[ms]`.
+    pub fn usual_ms(&self, view: usize) -> f64 {
+        metrics::quartiles(&self.usual_ms[view])[1]
+    }
+
     fn in_view(&self, tuning: &Tuning, view: usize) -> bool {
         self.get(tuning).is_some_and(|found| found.views.len() > view)
     }
@@ -318,14 +332,21 @@ impl<'t> Tuner<'t> {
         Ok((0..KNOBS.len()).filter(|knob| runs[*knob]).collect())
     }
 
-    /// Searches for the tunings that no other beats. Returns their front.
-    pub fn search(&mut self, effort: &Effort, progress: &dyn Progress) -> Result<Front> {
+    /// Returns the default, the finest tuning, and each other value of each knob that can change a
+    /// picture.
+    pub fn singles(&mut self, progress: &dyn Progress) -> Result<Vec<Tuning>> {
         let usual = Tuning::usual();
         let mut singles = vec![usual, Tuning::finest()];
         for knob in self.knobs(progress)? {
             let values = (0..KNOBS[knob].values.len()).map(|value| usual.with(knob, value));
             singles.extend(values.filter(|tuning| *tuning != usual));
         }
+        Ok(singles)
+    }
+
+    /// Searches for the tunings that no other beats. Returns their front.
+    pub fn search(&mut self, effort: &Effort, progress: &dyn Progress) -> Result<Front> {
+        let singles = self.singles(progress)?;
         self.measure(&singles, effort.singles, progress)?;
         // Of moving pictures, and of those at rest.
         let mut tunings = Vec::new();
@@ -409,7 +430,7 @@ impl<'t> Tuner<'t> {
     fn front(&self, of: &[Tuning], most: usize, moves: bool) -> Vec<Tuning> {
         let mut sorted: Vec<&Measured> = of
             .iter()
-            .filter(|tuning| if moves { tuning.is_no_finer() } else { tuning.divisor() == 1 })
+            .filter(|tuning| moves || tuning.divisor() == 1)
             .filter_map(|tuning| self.get(tuning))
             .collect();
         sorted.sort_by(|a, b| self.ms(a)[1].total_cmp(&self.ms(b)[1]));
@@ -430,7 +451,8 @@ impl<'t> Tuner<'t> {
                 best = Errors { px: best.px.min(own.px), depth: best.depth.min(own.depth) };
             }
             let needed = always.contains(&found.tuning);
-            if gain > 0.0 || needed {
+            // Finer ones than the default draw no moving picture, but may beat those that do.
+            if (gain > 0.0 || needed) && (!moves || found.tuning.is_no_finer()) {
                 gains.push((if needed { f64::INFINITY } else { gain }, found.tuning));
             }
         }
@@ -562,17 +584,12 @@ pub fn table(front: &Front) -> String {
     );
     for (number, tuned) in front.tuned.iter().enumerate() {
         let Errors { px, depth } = tuned.mean;
-        let name = name(tuned);
         text += &format!(
             "{number:>3} {:>9.2} {px:>9.4} {:>9.4} {:>9.4}  {}\n",
             tuned.ms[1],
             tuned.most.px,
             100.0 * depth,
-            match (name, tuned.values.join(" ")) {
-                (Some(name), values) if values.is_empty() => name.to_string(),
-                (Some(name), values) => format!("{name}: {values}"),
-                (None, values) => values,
-            }
+            words(tuned)
         );
     }
     text + &format!(
@@ -586,38 +603,49 @@ pub fn table(front: &Front) -> String {
     )
 }
 
-/// Returns the name of the default and of the finest tuning.
-fn name(tuned: &Tuned) -> Option<&'static str> {
-    match tuned.tuning() {
-        Some(tuning) if tuning == Tuning::usual() => Some("the default"),
-        Some(tuning) if tuning == Tuning::finest() => Some("the finest"),
-        _ => None,
-    }
+/// Returns the values that are not the defaults, after the name of the default and the finest one.
+fn words(tuned: &Tuned) -> String {
+    let name = match tuned.tuning() {
+        Some(tuning) if tuning == Tuning::usual() => return "the default".into(),
+        Some(tuning) if tuning == Tuning::finest() => "the finest: ",
+        _ => "",
+    };
+    format!("{name}{}", tuned.values.join(" "))
 }
 
-/// Returns the chart of a front: error against milliseconds. Numbers are those of the table.
-pub fn chart(front: &Front) -> String {
-    let both: Vec<(f64, f64)> =
-        front.tuned.iter().map(|tuned| (tuned.mean.px, tuned.ms[1])).collect();
-    let marks = front.tuned.iter().zip(metrics::front(&both)).enumerate();
-    let marks = marks.map(|(number, (tuned, is_front))| Mark {
-        label: name(tuned).map_or(number.to_string(), |name| format!("{number} {name}")),
-        x: tuned.ms,
-        y: tuned.mean.px,
-        front: is_front,
-        auto: tuned.values.is_empty(),
-    });
+/// Returns the chart of a front: error against milliseconds.
+pub fn chart(front: &Front) -> Chart {
+    let mark = |tuned: &Tuned| {
+        let is_usual = tuned.values.is_empty();
+        Mark::new(words(tuned), tuned.ms, tuned.mean.px, is_usual)
+    };
     let panel = Panel {
         title: format!("{}, {} x {} pixels", front.scenes.join(", "), front.size[0], front.size[1]),
-        marks: marks.collect(),
+        marks: front.tuned.iter().map(mark).collect(),
     };
-    let chart = Chart {
-        plot: LARGE,
-        title: format!("Accuracy against time on {}", front.device),
-        x_axis: "milliseconds a picture (bars: quartiles)".into(),
-        y_axis: "error against the finest picture, px".into(),
-        columns: 1,
-        panels: vec![panel],
+    Chart::new(
+        &format!("Accuracy against time on {}", front.device),
+        ["milliseconds a picture", "error against the finest picture (self), px"],
+        "ms",
+        vec![panel],
+    )
+}
+
+/// Returns a page with the chart of a front and its table.
+pub fn page(front: &Front) -> String {
+    let number = |value: f64| format!("{value:.4}");
+    let row = |tuned: &Tuned| {
+        let [_, ms, _] = tuned.ms;
+        let Errors { px, depth } = tuned.mean;
+        let numbers = [ms, px, tuned.most.px, 100.0 * depth].map(number);
+        numbers.into_iter().chain([words(tuned)]).collect()
     };
-    chart.svg()
+    let table = Table {
+        title: "all settings of the front".into(),
+        head: ["ms", "px", "px most", "depth %", "values that are not the defaults"]
+            .map(String::from)
+            .to_vec(),
+        rows: front.tuned.iter().map(row).collect(),
+    };
+    report::chart_page(&chart(front), &table)
 }

@@ -7,9 +7,9 @@
 //! holes if inside of the silhouette.
 
 use super::cases::Case;
-use super::chart::{Chart, Mark, Panel, SMALL};
+use super::chart::{Chart, Mark, Panel};
 use super::configurations::{self, AUTO, Configuration, Drawing, Experiment, Metric, Part};
-use super::report::{Figure, Section};
+use super::report::Section;
 use super::{Plan, Row};
 use crate::config::NO_POINT;
 use crate::error::Result;
@@ -113,15 +113,13 @@ impl Experiment for Visibility {
         (parts, [counts.looked(), counts.taps, counts.holes].map(|count| count as f64).to_vec())
     }
 
-    fn more_figures(rows: &[Row]) -> Vec<Figure> {
+    fn more_charts(rows: &[Row]) -> Vec<Chart> {
         vec![curve(rows)]
     }
 }
 
 /// Plots precision over recall, a mark per threshold: a threshold trades one for the other.
-fn curve(rows: &[Row]) -> Figure {
-    // A logarithmic axis has no 0.
-    let least = 1e-6;
+fn curve(rows: &[Row]) -> Chart {
     let mut panels: Vec<Panel> = Vec::new();
     let of = |metric: &'static str| {
         rows.iter()
@@ -132,36 +130,13 @@ fn curve(rows: &[Row]) -> Figure {
         if panels.last().is_none_or(|panel| panel.title != title) {
             panels.push(Panel { title, marks: Vec::new() });
         }
-        let mark = Mark {
-            label: shown.value.clone(),
-            x: [lost.error.max(least); 3],
-            y: shown.error,
-            front: false,
-            auto: shown.auto,
-        };
+        let mark = Mark::new(shown.value.clone(), [lost.error; 3], shown.error, shown.auto);
         panels.last_mut().expect("pushed above").marks.push(mark);
     }
-    for panel in &mut panels {
-        let both: Vec<(f64, f64)> = panel.marks.iter().map(|mark| (mark.y, mark.x[1])).collect();
-        panel
-            .marks
-            .iter_mut()
-            .zip(super::metrics::front(&both))
-            .for_each(|(mark, front)| mark.front = front);
-    }
-    let caption =
-        "Threshold: hidden points that show over visible points that are lost, here without time";
-    let chart = Chart {
-        plot: SMALL,
-        title: caption.into(),
-        x_axis: "1 - recall".into(),
-        y_axis: "1 - precision".into(),
-        columns: 3,
+    Chart::new(
+        "Threshold: hidden points that show over visible points that are lost, here without time",
+        ["1 - recall", "1 - precision"],
+        "lost",
         panels,
-    };
-    Figure {
-        file: "visibility-precision-recall.svg".into(),
-        caption: caption.into(),
-        svg: chart.svg(),
-    }
+    )
 }

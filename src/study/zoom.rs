@@ -6,10 +6,11 @@
 //! either covers: maximum and median. Points alone flicker too, whenever they cross into another
 //! pixel.
 
+use super::configurations::AUTO;
 use super::flip::{PIXELS_PER_DEGREE, Seen};
 use super::lod::covered;
 use super::popping::{STEP_PX, mean_flip};
-use super::report::{Section, Table};
+use super::report::{self, Section, Table};
 use super::surface::render_settings;
 use super::{Plan, mark_fronts, metrics, rows};
 use crate::cloud::attribute::{Attribute, DisplayAttribute};
@@ -117,9 +118,15 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
             vec![style.to_string(), format!("{max:.4}"), at.to_string(), format!("{median:.4}")];
         progress.note(&line.join("  "));
         table.rows.push(line);
-        all.extend(rows(["torus", "zoom"], ["surface", style], METRICS, &[max, median], &times));
+        let parameter = if *style == AUTO { AUTO } else { "surface" };
+        all.extend(rows(["torus", "zoom"], [parameter, style], METRICS, &[max, median], &times));
     }
     mark_fronts(&mut all);
+    let charts = METRICS.map(|metric| {
+        let title = format!("{}, FLIP from frame to frame", metric.trim_start_matches("flip_"));
+        let axes = ["milliseconds of a frame", "mean FLIP from frame to frame"];
+        report::chart(metric, axes, &title, &all, &|row| row.value.clone())
+    });
     let method = format!(
         "A torus whose points lie {APART_PX} px apart at first, and {} px at last; {STEP_PX} px a frame. <em>fixed</em> is one level and one filling, whatever the distance.",
         APART_PX / NEARER
@@ -129,7 +136,7 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
         title: "From frame to frame".into(),
         method,
         rows: all,
-        figures: Vec::new(),
+        charts: charts.into(),
         tables: vec![table],
     })
 }

@@ -57,19 +57,19 @@ impl Pixels {
 
     /// Returns the errors against a reference of the same size.
     pub fn errors(&self, reference: &Pixels) -> Errors {
+        self.errors_of(reference, &self.map(reference))
+    }
+
+    /// Returns the errors against a reference, with the map of them.
+    pub fn errors_of(&self, reference: &Pixels, map: &[f64]) -> Errors {
         assert_eq!(self.size, reference.size, "pictures of one size");
-        let steps = steps();
         let width = self.size[0] as usize;
         let row = |y: usize| {
             (y * width..(y + 1) * width)
                 .filter(|&i| self.depth[i].is_finite() || reference.depth[i].is_finite())
                 .fold([0.0; 3], |[count, px, depth], i| {
                     let apart = relative(self.depth[i], reference.depth[i]);
-                    [
-                        count + 1.0,
-                        px + self.error_px(reference, i, &steps),
-                        depth + apart.min(MOST_PX * DEPTH_A_PIXEL),
-                    ]
+                    [count + 1.0, px + map[i], depth + apart.min(MOST_PX * DEPTH_A_PIXEL)]
                 })
         };
         let rows: Vec<[f64; 3]> = (0..self.size[1] as usize).into_par_iter().map(row).collect();

@@ -33,12 +33,13 @@ const EDGES: &[(&str, &[&str])] = &[
         ],
     ),
     ("c", &["renderer"]),
+    ("prices", &["passes", "render", "renderer", "view"]),
     ("output", &["cloud", "graph", "passes", "render", "renderer", "select", "view"]),
     (
         "app",
         &[
-            "cloud", "gpu", "graph", "index", "output", "passes", "present", "render", "renderer",
-            "resident", "select", "tune", "view",
+            "cloud", "gpu", "graph", "index", "output", "passes", "present", "prices", "render",
+            "renderer", "resident", "select", "tune", "view",
         ],
     ),
     (
@@ -59,7 +60,8 @@ const EDGES: &[(&str, &[&str])] = &[
         "cli",
         &[
             "app", "bench", "cloud", "extract", "gpu", "graph", "guide", "index", "output",
-            "passes", "render", "renderer", "resident", "select", "study", "synth", "tune", "view",
+            "passes", "prices", "render", "renderer", "resident", "select", "study", "synth",
+            "tune", "view",
         ],
     ),
 ];

@@ -2,6 +2,8 @@
 
 #[path = "../support/ancestors.rs"]
 mod ancestors;
+#[path = "../support/browser.rs"]
+mod browser;
 #[path = "../support/cameras.rs"]
 mod cameras;
 #[path = "../support/commands.rs"]
@@ -41,6 +43,7 @@ mod navigation;
 mod octrees;
 mod public_api;
 mod registry;
+mod report;
 mod stream;
 mod synth;
 mod units;

@@ -2,6 +2,8 @@
 
 #[path = "../support/ancestors.rs"]
 mod ancestors;
+#[path = "../support/browser.rs"]
+mod browser;
 #[path = "../support/cameras.rs"]
 mod cameras;
 #[path = "../support/copc_file.rs"]
@@ -30,6 +32,7 @@ mod tree;
 static HEAP: counting::CountingHeap = counting::CountingHeap;
 
 mod baselines;
+mod called_for;
 mod clip;
 mod derive;
 mod embedding;

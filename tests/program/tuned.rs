@@ -42,15 +42,15 @@ impl Place {
 #[test]
 fn a_tuned_cloud_is_drawn_in_a_time_and_with_an_error() {
     let place = Place::new(60_000);
-    let tuned = place.run("tune street.las --quick -o front.svg -o front.json");
+    let tuned = place.run("tune street.las --quick -o front.html -o front.json");
     let said = succeeded(&tuned);
     assert!(said.contains("kept: "), "{said}");
     let table = text(&tuned.stdout);
     for word in ["the default", "the finest", "px", "depth %", "rounds on"] {
         assert!(table.contains(word), "{word} is missing in {table}");
     }
-    let chart = std::fs::read_to_string(place.at("front.svg")).unwrap();
-    assert!(chart.contains("<svg") && chart.contains("the default"));
+    let chart = std::fs::read_to_string(place.at("front.html")).unwrap();
+    assert!(chart.contains("<figure") && chart.contains("the default"));
 
     // The fastest first; nothing is both slower and worse than another in both errors: at rest, or
     // while it moves.
@@ -131,6 +131,13 @@ fn every_effect_has_a_price() {
     };
     assert!(of("shape").contains("costs") && of("visibility").contains("costs"), "{prices}");
     assert!(of("ao").contains("saves"), "{prices}");
+    let output = place.run("render street.las -o b.png --size 160x90 --explain=json,prices");
+    succeeded(&output);
+    let json: Value = serde_json::from_slice(&output.stdout).unwrap();
+    let [shape, ao] = ["shape", "ao"].map(|name| json["prices"][name].clone());
+    assert!(shape["runs"] == true && ao["runs"] == false, "{shape} {ao}");
+    let costs = |price: &Value| price["ms"].as_f64().is_some_and(|ms| ms > 0.0);
+    assert!(costs(&shape) && costs(&ao), "{shape} {ao}");
 }
 
 #[test]
@@ -169,4 +176,41 @@ fn limits_that_make_no_sense_are_refused() {
         let said = failed(&place.run(wrong), 1);
         assert!(said.contains(names), "{wrong}: {said}");
     }
+}
+
+#[test]
+fn a_study_says_what_moved_since_an_older_one() {
+    let place = Place(tempfile::tempdir().unwrap());
+    let study = |more: &str| {
+        let line = "study precision --points 5000 --size 64x48 --repeat 3";
+        let mut command = pointillist();
+        command.args(line.split_whitespace()).args(more.split_whitespace());
+        command.current_dir(place.0.path()).output().unwrap()
+    };
+    succeeded(&study("-o before"));
+    let path = place.at("before/precision.csv");
+    // Twice the errors that there were.
+    let table = std::fs::read_to_string(&path).unwrap();
+    let halved = table.lines().map(|line| {
+        let mut fields: Vec<String> = line.split(',').map(String::from).collect();
+        if let Ok(error) = fields[6].parse::<f64>() {
+            fields[6] = format!("{:e}", error / 2.0);
+        }
+        fields.join(",")
+    });
+    std::fs::write(&path, halved.collect::<Vec<_>>().join("\n")).unwrap();
+    let output = study("-o now --compare before");
+    succeeded(&output);
+    let said = text(&output.stdout);
+    let moved = said.lines().find(|line| line.starts_with("precision px_rms, bits 10: "));
+    let moved = moved.unwrap_or_else(|| panic!("{said}"));
+    assert!(
+        moved.contains("less accurate") && moved.contains("2 (2 to 2) of the error"),
+        "{moved}"
+    );
+    let page = std::fs::read_to_string(place.at("now/study.html")).unwrap();
+    assert!(page.contains("since before, in parts of what it was"), "no table of what moved");
+    // A folder without a report.
+    let missing = failed(&study("--compare nowhere"), 1);
+    assert!(missing.contains("precision.csv"), "{missing}");
 }

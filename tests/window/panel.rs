@@ -161,3 +161,29 @@ fn a_desktop_without_a_dialog_is_told_of() {
     let ended = viewer.ended();
     assert!(!text(&ended.stderr).contains("panicked"));
 }
+
+/// The key needs no panel: the map lies over the picture at rest, and is gone when it moves.
+#[test]
+fn errors_of_the_last_moving_picture_are_shown_and_hidden() {
+    let place = Place::new();
+    let cloud = place.street(60_000);
+    let mut viewer = place.view(&[&cloud], "--view top --time 4ms");
+    viewer.shows(&place.picture(&[&cloud], "top.png", "--view top"));
+    viewer.key("1");
+    let front = place.picture(&[&cloud], "front.png", "--view front");
+    viewer.shows(&front);
+    // Where there is no error, the picture is darker.
+    let corner = |viewer: &Viewer| viewer.photograph().pixels[0];
+    let plain = corner(&viewer);
+    viewer.key("t");
+    viewer.until("errors", |viewer| corner(viewer) < plain);
+    viewer.key("t");
+    viewer.shows(&front);
+    viewer.key("t");
+    viewer.until("errors", |viewer| corner(viewer) < plain);
+    // Switched off first: the map of the next picture comes at its own time.
+    viewer.key("t");
+    viewer.key("7");
+    viewer.shows(&place.picture(&[&cloud], "top.png", "--view top"));
+    viewer.close();
+}

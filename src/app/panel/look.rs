@@ -23,7 +23,7 @@ pub fn show(ui: &mut Ui, state: &mut UiState, scene: &mut Scene, actions: &mut V
     in_the_picture(ui, &mut state.annotations, &mut scene.settings.background);
     camera_path::show(ui, state, actions);
     pace::show(ui, &mut state.pace, actions);
-    CollapsingHeader::new("what runs, and why").show(ui, |ui| reasons(ui, state));
+    CollapsingHeader::new("what runs, and why").show(ui, |ui| reasons(ui, state, actions));
     CollapsingHeader::new(format!("picture, {:.1} ms", state.took.as_secs_f64() * 1e3))
         .id_salt("passes")
         .show(ui, |ui| passes(ui, state));
@@ -67,13 +67,20 @@ fn in_the_picture(ui: &mut Ui, own: &mut Annotations, background: &mut [u8; 3]) 
     });
 }
 
-fn reasons(ui: &mut Ui, state: &UiState) {
+fn reasons(ui: &mut Ui, state: &UiState, actions: &mut Vec<Action>) {
     for (effect, reason) in &state.decisions.0 {
         let (switch, color) = if reason.runs { ("on", theme::RUNS) } else { ("off", theme::WEAK) };
         ui.horizontal_wrapped(|ui| {
             ui.label(RichText::new(format!("{} {switch}:", effect.name())).color(color));
             ui.label(spaced_hyphens(ui, &reason.why));
+            if let Some(price) = state.prices.iter().find(|price| price.effect == *effect) {
+                ui.label(RichText::new(price.words()).color(theme::STRONG));
+            }
         });
+    }
+    let asks = ui.button("measure what each costs");
+    if asks.on_hover_text("draws the picture twice with each effect the other way").clicked() {
+        actions.push(Action::Prices);
     }
 }
 

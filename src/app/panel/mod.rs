@@ -16,6 +16,7 @@ mod effects;
 mod filters;
 mod footer;
 mod header;
+mod heat_map;
 mod layers;
 mod light;
 mod look;
@@ -149,6 +150,7 @@ impl Panel {
         let context = self.input.egui_ctx().clone();
         let mut actions = Vec::new();
         let output = context.run_ui(input, |ui| {
+            heat_map::show(ui, &mut state.pace);
             if let Some(view) = view {
                 measure_overlay::show(ui, &state.measure, view);
                 if let Some(named) = state.named(scene).filter(|_| !state.annotations.is_empty()) {

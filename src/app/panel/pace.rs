@@ -1,6 +1,7 @@
 //! Moving pictures: one control from faster to finer, the curve of time against error under it, and
 //! what the last one took.
 
+use super::heat_map;
 use super::state::Pace;
 use super::text::{line, weak};
 use super::theme;
@@ -33,6 +34,12 @@ pub fn show(ui: &mut Ui, pace: &mut Pace, actions: &mut Vec<Action>) {
             actions.push(Action::Limit(Limit::Time(ms)));
         }
     });
+    ui.checkbox(&mut pace.shows_errors, "show their errors").on_hover_text(
+        "where the last moving picture differs from the one at rest, once that is there (T)",
+    );
+    if pace.shows_errors {
+        heat_map::bar(ui);
+    }
     let Some(moving) = &pace.moving else {
         // Leave the curve its room, so that no row moves when it comes.
         ui.allocate_exact_size(vec2(ui.available_width(), HEIGHT), Sense::hover());
@@ -41,8 +48,10 @@ pub fn show(ui: &mut Ui, pace: &mut Pace, actions: &mut Vec<Action>) {
     };
     curve(ui, moving, ms);
     let expected = moving.curve[moving.place][1];
-    let measured =
-        pace.measured.map_or("known at rest".into(), |errors| format!("{:.3} px", errors.px));
+    let measured = pace
+        .measured
+        .as_ref()
+        .map_or("known at rest".into(), |own| format!("{:.3} px", own.errors.px));
     let said =
         format!("{:.1} ms of {:.1} expected; error {measured}", moving.ms, moving.expected_ms);
     let all = format!(

@@ -4,16 +4,19 @@ use crate::app::load_thread::Categories;
 use crate::app::measure::Measure;
 use crate::app::navigation::{Mode, NavigationStyle};
 use crate::app::profile::Profile;
-use crate::app::render_thread::{Loading, Moving};
+use crate::app::render_thread::{Loading, Measured, Moving};
 use crate::cloud::attribute::DisplayAttribute;
 use crate::cloud::filter::Filter;
 use crate::cloud::histograms::Histograms;
 use crate::output::annotations::{Annotations, Shown};
 use crate::passes::EffectDecisions;
+use crate::prices::Price;
 use crate::render::scene::Scene;
-use crate::tune::{Errors, Limit};
+use crate::tune::Limit;
 use crate::view::camera_path::CameraPath;
+use egui::TextureHandle;
 use std::path::PathBuf;
+use std::sync::Arc;
 use std::time::Duration;
 
 #[derive(Default)]
@@ -58,6 +61,8 @@ pub struct UiState {
     pub picture_notes: Vec<String>,
     /// Tuning of moving pictures.
     pub pace: Pace,
+    /// What each effect costs, once it is asked for.
+    pub prices: Vec<Price>,
     /// Loading of an index; None for files.
     pub loading: Option<Loading>,
     /// Bytes read of the index.
@@ -96,7 +101,11 @@ pub struct Pace {
     /// The last moving frame.
     pub moving: Option<Moving>,
     /// Its errors against the picture that the window has settled on, once it has.
-    pub measured: Option<Errors>,
+    pub measured: Option<Arc<Measured>>,
+    /// Whether the errors of its pixels are shown over that.
+    pub shows_errors: bool,
+    /// Their colours, while they are shown.
+    pub texture: Option<TextureHandle>,
 }
 
 /// Filters as text, while they are typed.

@@ -1,7 +1,8 @@
 //! Drawing of one frame.
 
 use super::{
-    FrameReport, FrameTimes, Inbox, Loading, Message, Moving, Redraw, RenderEvent, RenderLoop, SLOW,
+    FrameReport, FrameTimes, Inbox, Loading, Measured, Message, Moving, Redraw, RenderEvent,
+    RenderLoop, SLOW,
 };
 use crate::app::pick_buffer::PickBuffer;
 use crate::config;
@@ -17,9 +18,9 @@ use crate::render::settings::FrameConfig;
 use crate::render::source::GpuCloud;
 use crate::resident::Resident;
 use crate::resident::streaming::Update;
+use crate::tune::Tuning;
 use crate::tune::error::Pixels;
 use crate::tune::governor::divided;
-use crate::tune::{Errors, Tuning};
 use crate::view::View;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
@@ -46,13 +47,16 @@ pub(super) struct Moved {
 impl Moved {
     /// Returns the errors of a frame against another one of the same camera in the window's size;
     /// the same function tells those of `tune`.
-    fn errors(&self, settled: &Moved, blue_first: bool) -> Errors {
+    fn measure(&self, settled: &Moved, blue_first: bool) -> Measured {
         let pixels = |moved: &Moved| {
             let PickBuffer { view, depth, .. } = &*moved.pick_buffer;
             Pixels::of_screen(view.size, &moved.screen, blue_first, depth.clone())
         };
         let settled = pixels(settled);
-        pixels(self).enlarged(settled.size).errors(&settled)
+        let own = pixels(self).enlarged(settled.size);
+        let map = own.map(&settled);
+        let errors = own.errors_of(&settled, &map);
+        Measured { errors, size: settled.size, map: map.into_iter().map(|px| px as f32).collect() }
     }
 }
 
@@ -315,7 +319,9 @@ impl RenderLoop {
             && moved.pick_buffer.view.camera == view.camera
         {
             let (report, blue_first) = (self.report.clone(), screen.blue_first);
-            let errors = move || report(RenderEvent::Measured(moved.errors(&shown, blue_first)));
+            let errors = move || {
+                report(RenderEvent::Measured(Arc::new(moved.measure(&shown, blue_first))));
+            };
             drop(std::thread::Builder::new().name("errors".into()).spawn(errors));
         }
         self.schedule.redraw = match (finest, complete) {

@@ -9,6 +9,7 @@ use crate::output::overlay as triangles;
 use crate::passes::EffectDecisions;
 use crate::passes::project::Statistics;
 use crate::present::overlay::Overlay;
+use crate::prices::Price;
 use crate::render::scene::Scene;
 use crate::render::source::PreparedCloud;
 use crate::resident::Point;
@@ -51,6 +52,8 @@ pub enum Message {
         at: DVec2,
         adds: bool,
     },
+    /// Measures what each effect costs.
+    Prices,
     /// Reads the points of a slab, for a profile.
     Section(Slab),
     /// Saves the current picture with this size `[px]`: as PNG, or its layers as EXR.
@@ -67,12 +70,12 @@ pub enum Message {
 impl Message {
     /// Returns whether it changes the picture, so that a frame in progress is superseded.
     pub fn changes_picture(&self) -> bool {
-        !matches!(self, Message::Panel { .. } | Message::Limit(_))
+        !matches!(self, Message::Panel { .. } | Message::Limit(_) | Message::Prices)
     }
 
     /// Returns whether a refinement of the picture is interrupted for it.
     pub fn is_urgent(&self) -> bool {
-        !matches!(self, Message::Panel { answers: false, .. } | Message::Limit(_))
+        !matches!(self, Message::Panel { answers: false, .. } | Message::Limit(_) | Message::Prices)
     }
 }
 
@@ -82,7 +85,9 @@ pub enum RenderEvent {
     FrameStarted,
     FrameDone(Box<FrameReport>),
     /// Errors of the last moving frame against the picture that the window has settled on.
-    Measured(Errors),
+    Measured(Arc<Measured>),
+    /// What each effect costs in the picture at rest.
+    Priced(Vec<Price>),
     /// Number of points in the last frame, if filters or clip boxes leave some out.
     Counted(u64),
     /// A cloud is on the device.
@@ -153,6 +158,16 @@ pub struct Loading {
     pub bytes_read: u64,
     /// Processor time of the loader thread until the frame was on the screen.
     pub worked: Duration,
+}
+
+/// How far a moving frame is from the picture that the window has settled on.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Measured {
+    pub errors: Errors,
+    /// Size of the picture `[px]`.
+    pub size: [u32; 2],
+    /// Error of each of its pixels `[px]`.
+    pub map: Vec<f32>,
 }
 
 /// The tuning of a moving frame, among those that no other beats.
