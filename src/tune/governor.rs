@@ -118,6 +118,11 @@ impl Governor {
         self.place
     }
 
+    /// Returns whether a frame has told the load, without which times are of another device.
+    pub fn has_measured(&self) -> bool {
+        !self.is_first
+    }
+
     /// Returns the time of a frame of a place that is expected now `[ms]`.
     pub fn expected(&self, place: usize) -> f64 {
         self.steps[place].ms * self.steps[place].own * self.load

@@ -52,8 +52,8 @@ pub fn show(ui: &mut Ui, pace: &mut Pace, actions: &mut Vec<Action>) {
         .measured
         .as_ref()
         .map_or("known at rest".into(), |own| format!("{:.3} px", own.errors.px));
-    let said =
-        format!("{:.1} ms of {:.1} expected; error {measured}", moving.ms, moving.expected_ms);
+    let expected_ms = moving.expected_ms.map(|ms| format!(" of {ms:.1} expected"));
+    let said = format!("{:.1} ms{}; error {measured}", moving.ms, expected_ms.unwrap_or_default());
     let all = format!(
         "{}\n{:.3} px expected against the picture at rest, which is measured when it is there",
         moving.tuning, expected

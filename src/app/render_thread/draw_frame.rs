@@ -164,7 +164,9 @@ impl RenderLoop {
         let moves = self.schedule.redraw == Redraw::Changed;
         let place = self.governor.place();
         let tuning = if moves { self.governor.steps()[place].tuning } else { Tuning::usual() };
-        let (expected_ms, divisor) = (self.governor.expected(place), tuning.divisor());
+        let divisor = tuning.divisor();
+        let known = self.governor.has_measured();
+        let expected_ms = known.then(|| self.governor.expected(place));
         let size = divided(present.size(), divisor);
         let (settings, lod) = tuning.applied(&scene.settings, scene.lod, size);
         let view = View::new(scene.camera, size)?;

@@ -178,8 +178,8 @@ pub struct Moving {
     pub curve: Vec<[f64; 2]>,
     /// Place of the frame's tuning among them.
     pub place: usize,
-    /// Expected time of the frame `[ms]`.
-    pub expected_ms: f64,
+    /// Expected time of the frame `[ms]`; `None` for the first one.
+    pub expected_ms: Option<f64>,
     /// Its time `[ms]`.
     pub ms: f64,
 }
