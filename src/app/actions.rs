@@ -83,10 +83,6 @@ impl App {
         // An error that was dismissed is shown again if this action causes it again.
         self.ui.dismissed_error = None;
         match action {
-            Action::Navigate(Input::Look { from, .. }) => {
-                let covered_px = self.panel.as_ref().map_or(0.0, |panel| panel.covers_px(self.ui.hidden));
-                self.navigate(Input::Look { from, covered_px });
-            }
             Action::Navigate(input) => self.navigate(input),
             Action::SavePicture => self.save_picture(false),
             Action::SaveLayers => self.save_picture(true),
@@ -140,7 +136,13 @@ impl App {
             Action::Redo => self.step_in_history(History::redo),
             Action::CloseAnyway => self.closes = true,
             Action::Help => self.ui.help = !self.ui.help,
-            Action::Panel => self.ui.hidden = !self.ui.hidden,
+            Action::Panel => {
+                self.ui.hidden = !self.ui.hidden;
+                // Room that the panel takes or leaves changes a view that is still as it was framed.
+                if let Some(from) = self.navigation.framed() {
+                    self.navigate(Input::Look { from });
+                }
+            }
         }
         self.title();
     }

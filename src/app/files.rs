@@ -194,16 +194,14 @@ impl App {
             self.load.last = Some(info.request.clone());
         }
         self.navigation.set_subject(subject);
-        self.navigation.clips = self.scene.clips.clone();
+        self.find_room();
         // If the camera has not moved since the sample, the whole is framed as `render` does.
         if !self.framing.chosen || self.framing.sample_camera.take() == Some(self.navigation.camera)
         {
             self.framing.chosen = true;
             match self.options.camera {
                 Some(camera) => self.navigation.camera = camera,
-                None => self
-                    .navigation
-                    .handle(Input::Look { from: self.options.preset, covered_px: 0.0 }),
+                None => self.navigation.handle(Input::Look { from: self.options.preset }),
             }
             self.framing.early_inputs.iter().for_each(|&view| self.navigation.handle(view));
             self.framing.sample_camera = (!is_whole).then_some(self.navigation.camera);

@@ -46,7 +46,7 @@ const fn with(held: Held, key: Key) -> Key {
 }
 
 const fn look(from: Preset) -> Binding {
-    Binding::Do(Action::Navigate(Input::Look { from, covered_px: 0.0 }))
+    Binding::Do(Action::Navigate(Input::Look { from }))
 }
 
 const fn project(onto: Projection) -> Binding {

@@ -131,10 +131,9 @@ impl Panel {
         layer.is_some_and(|layer| layer.order != egui::Order::Background)
     }
 
-    /// Returns the width of the window's left part that the panel covers `[px]`.
-    pub fn covers_px(&self, hidden: bool) -> f64 {
-        let per_point = self.input.egui_ctx().pixels_per_point();
-        if hidden { 0.0 } else { (WIDTH * per_point).into() }
+    /// Returns the width of the window's left part that the panel covers while it is shown `[px]`.
+    pub fn width_px(&self, window: &Window) -> f64 {
+        (WIDTH * egui_winit::pixels_per_point(self.input.egui_ctx(), window)).into()
     }
 
     /// Lays out the panel, and everything over the picture.
