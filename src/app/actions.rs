@@ -187,7 +187,7 @@ impl App {
         let view = View::new(self.navigation.camera, size).ok();
         let over = view
             .zip(self.ui.named(&self.scene))
-            .map(|(view, named)| self.ui.annotations.overlay(&view, &named));
+            .map(|(view, named)| self.scene.annotations.overlay(&view, &named));
         self.post(Message::Save { path, size, layers, over: Box::new(over.unwrap_or_default()) });
     }
 

@@ -216,8 +216,21 @@ impl App {
 
     /// Shows the facts of a cloud that is now drawn, even if another is being loaded by now.
     pub(super) fn uploaded(&mut self, info: CloudInfo, token: &CancelToken) {
-        let CloudInfo { request, is_whole, origins, shown, categories, points, why_shown, notes } =
-            info;
+        let CloudInfo {
+            request,
+            is_whole,
+            origins,
+            shown,
+            mut categories,
+            points,
+            why_shown,
+            notes,
+        } = info;
+        // What an earlier load has read and not found is not there.
+        if self.load.displayed.as_ref().is_some_and(|before| before.files == request.files) {
+            let found = &self.ui.categories.attributes;
+            categories.attributes.retain(|attribute| found.contains(attribute));
+        }
         if is_whole {
             match recent::add(&request.files) {
                 Ok(recent) => self.ui.recent = recent,

@@ -87,7 +87,6 @@ pub fn run(options: Options, progress: &dyn Progress) -> Result<Summary> {
         ui: UiState {
             path: options.path.clone(),
             save_size: options.save_size,
-            annotations: options.annotations.clone(),
             recent: recent::read(),
             ..UiState::default()
         },

@@ -160,6 +160,7 @@ impl Las {
         layout.header.scalars = number::names(&layout);
         notes.extend(layout.lies.iter().map(|what| format!("{}: {what}", input.name())));
         let fields = Fields::new(&layout, wanted.scalars);
+        layout.header.columns = fields.available(ColumnSet::ALL);
         let available = fields.available(wanted);
         let (coding, places, odd) = if layout.compressed {
             let (coding, places, odd) = laz::open(input, &layout, available, keeps_records)?;

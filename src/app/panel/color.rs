@@ -21,7 +21,7 @@ pub fn show(ui: &mut Ui, state: &UiState, scene: &mut Scene) {
             .selected_text(scene.color.map_or_else(automatic, Attribute::name))
             .show_ui(ui, |ui| {
                 ui.selectable_value(&mut scene.color, None, "auto");
-                for &attribute in Attribute::NAMED.iter().chain(&state.categories.scalars) {
+                for &attribute in &state.categories.attributes {
                     ui.selectable_value(&mut scene.color, Some(attribute), attribute.name());
                 }
             });

@@ -5,12 +5,12 @@ use super::text::{self, spaced_hyphens, weak};
 use super::theme;
 use super::{camera_path, color, effects, light, pace};
 use crate::app::actions::Action;
-use crate::output::annotations::Annotations;
+use crate::output::annotations::no_north;
 use crate::passes::Effects;
 use crate::render::scene::Scene;
-use crate::render::settings::Style;
+use crate::render::settings::{RenderSettings, Style};
 use clap::ValueEnum;
-use egui::{CollapsingHeader, ProgressBar, RichText, Ui};
+use egui::{Checkbox, CollapsingHeader, ProgressBar, RichText, Ui};
 
 /// Least share of the frame time that a pass needs to be listed.
 const LEAST_SHARE: f64 = 0.01;
@@ -20,7 +20,7 @@ pub fn show(ui: &mut Ui, state: &mut UiState, scene: &mut Scene, actions: &mut V
     color::show(ui, state, scene);
     light::choose(ui, &mut scene.settings.light, scene.camera.eye);
     effects::show(ui, &mut scene.settings, &state.decisions);
-    in_the_picture(ui, &mut state.annotations, &mut scene.settings.background);
+    in_the_picture(ui, state, scene);
     camera_path::show(ui, state, actions);
     pace::show(ui, &mut state.pace, actions);
     CollapsingHeader::new("what runs, and why").show(ui, |ui| reasons(ui, state));
@@ -46,7 +46,9 @@ fn style(ui: &mut Ui, effects: &mut Effects) {
 }
 
 /// Chooses what is drawn besides points, as `--title` and its like do.
-fn in_the_picture(ui: &mut Ui, own: &mut Annotations, background: &mut [u8; 3]) {
+fn in_the_picture(ui: &mut Ui, state: &UiState, scene: &mut Scene) {
+    let no_north = no_north(state.categories.up);
+    let Scene { annotations: own, settings: RenderSettings { background, .. }, .. } = scene;
     CollapsingHeader::new("in the picture").show(ui, |ui| {
         ui.horizontal(|ui| {
             ui.color_edit_button_srgb(background);
@@ -61,9 +63,13 @@ fn in_the_picture(ui: &mut Ui, own: &mut Annotations, background: &mut [u8; 3]) 
         ui.horizontal_wrapped(|ui| {
             ui.checkbox(&mut own.legend, "legend");
             ui.checkbox(&mut own.scale_bar, "scale bar");
-            ui.checkbox(&mut own.north_arrow, "north arrow");
+            let arrow = Checkbox::new(&mut own.north_arrow, "north arrow");
+            ui.add_enabled(no_north.is_none(), arrow);
             ui.checkbox(&mut own.axes, "axes");
         });
+        if let Some(why) = no_north {
+            weak(ui, format!("no north arrow: {why}"));
+        }
     });
 }
 

@@ -150,11 +150,11 @@ impl Panel {
         let output = context.run_ui(input, |ui| {
             if let Some(view) = view {
                 measure_overlay::show(ui, &state.measure, view);
-                if let Some(named) = state.named(scene).filter(|_| !state.annotations.is_empty()) {
+                if let Some(named) = state.named(scene).filter(|_| !scene.annotations.is_empty()) {
                     let painter = ui.ctx().layer_painter(egui::LayerId::background());
                     let covered = if state.hidden { 0.0 } else { WIDTH };
                     let rect = ui.ctx().content_rect();
-                    state.annotations.draw(&painter, rect, covered, view, &named);
+                    scene.annotations.draw(&painter, rect, covered, view, &named);
                 }
             }
             if let Some(view) = view.filter(|_| !state.hidden) {
