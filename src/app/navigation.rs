@@ -311,7 +311,6 @@ impl Navigation {
                     core.iter().copied().filter(|&p| self.clips.keep(p)).collect();
                 let framed = if kept.is_empty() { &**core } else { &kept };
                 self.camera = Camera::framing_beside(from, framed, self.size, covered, *up);
-                self.framed = Some((from, self.camera));
             }
             Input::Project { onto } => self.project(onto),
             Input::OtherProjection => self.project(match self.camera.projection {
@@ -326,6 +325,9 @@ impl Navigation {
             }
         }
         self.keep_in_front();
+        if let Input::Look { from } = input {
+            self.framed = Some((from, self.camera));
+        }
     }
 
     /// Moves the camera along the held keys.
