@@ -212,7 +212,7 @@ pub struct Navigation {
     size: [u32; 2],
     /// Width of the window's left part that is covered `[px]`.
     pub covered_px: f64,
-    /// The last view that was framed, and its camera.
+    /// The view that was framed, and its camera, until other input.
     framed: Option<(Preset, Camera)>,
     drag: Option<Drag>,
     held: Vec<Direction>,
@@ -251,7 +251,7 @@ impl Navigation {
         self.size = size.map(|side| side.max(1));
     }
 
-    /// Returns the view that was framed last, unless the camera has moved since.
+    /// Returns the view that was framed by the last input, unless the camera has moved since.
     pub fn framed(&self) -> Option<Preset> {
         self.framed.filter(|(_, camera)| *camera == self.camera).map(|(from, _)| from)
     }
@@ -325,9 +325,10 @@ impl Navigation {
             }
         }
         self.keep_in_front();
-        if let Input::Look { from } = input {
-            self.framed = Some((from, self.camera));
-        }
+        self.framed = match input {
+            Input::Look { from } => Some((from, self.camera)),
+            _ => None,
+        };
     }
 
     /// Moves the camera along the held keys.

@@ -11,7 +11,7 @@ use crate::passes::{Asked, Effects, Switch};
 use crate::render::scene::Scene;
 use crate::render::settings::{RenderSettings, Style};
 use clap::ValueEnum;
-use egui::{Checkbox, CollapsingHeader, DragValue, ProgressBar, RichText, Ui};
+use egui::{Button, Checkbox, CollapsingHeader, DragValue, ProgressBar, RichText, Ui};
 
 /// Least share of the frame time that a pass needs to be listed.
 const LEAST_SHARE: f64 = 0.01;
@@ -56,14 +56,14 @@ fn point_size(ui: &mut Ui, splat: &mut Asked<splat::Settings>) {
         false => (size.pixels, " px", PointSize::Pixels),
     };
     let said = |number: f64, _| match number {
-        0.0 => "auto".to_string(),
+        0.0 => "by spacing".to_string(),
         number => format!("{number}{unit}"),
     };
     let read = |text: &str| match text.trim() {
-        "auto" => Some(0.0),
+        "by spacing" => Some(0.0),
         text => text.trim_end_matches(unit.trim()).trim().parse().ok(),
     };
-    let about = "diameter, for the styles that draw round points; auto follows their spacing";
+    let about = "diameter, for the styles that draw round points; auto: by their spacing";
     ui.add_enabled_ui(splat.switch != Switch::Off, |ui| {
         text::named(ui, "size", |ui| {
             let (speed, decimals) = if in_metres { (0.001, 4) } else { (0.05, 2) };
@@ -71,7 +71,7 @@ fn point_size(ui: &mut Ui, splat: &mut Asked<splat::Settings>) {
             let drag = drag.max_decimals(decimals).custom_formatter(said).custom_parser(read);
             let changed = ui.add(drag).on_hover_text(about).changed();
             let is_auto = number == 0.0;
-            if ui.selectable_label(is_auto, "auto").on_hover_text(about).clicked() {
+            if ui.add_enabled(!is_auto, Button::new("auto")).clicked() {
                 size.set_size(PointSize::Auto);
             } else if changed {
                 size.set_size(if is_auto { PointSize::Auto } else { of(number) });
