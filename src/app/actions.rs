@@ -87,10 +87,6 @@ impl App {
         // An error that was dismissed is shown again if this action causes it again.
         self.ui.dismissed_error = None;
         match action {
-            Action::Navigate(Input::Look { from, .. }) => {
-                let covered_px = self.panel.as_ref().map_or(0.0, |panel| panel.covers_px(self.ui.hidden));
-                self.navigate(Input::Look { from, covered_px });
-            }
             Action::Navigate(input) => self.navigate(input),
             Action::SavePicture => self.save_picture(false),
             Action::SaveLayers => self.save_picture(true),
@@ -146,7 +142,13 @@ impl App {
             Action::Redo => self.step_in_history(History::redo),
             Action::CloseAnyway => self.closes = true,
             Action::Help => self.ui.help = !self.ui.help,
-            Action::Panel => self.ui.hidden = !self.ui.hidden,
+            Action::Panel => {
+                self.ui.hidden = !self.ui.hidden;
+                // Room that the panel takes or leaves changes a view that is still as it was framed.
+                if let Some(from) = self.navigation.framed() {
+                    self.navigate(Input::Look { from });
+                }
+            }
         }
         self.title();
     }
@@ -191,7 +193,7 @@ impl App {
         let view = View::new(self.navigation.camera, size).ok();
         let over = view
             .zip(self.ui.named(&self.scene))
-            .map(|(view, named)| self.ui.annotations.overlay(&view, &named));
+            .map(|(view, named)| self.scene.annotations.overlay(&view, &named));
         self.post(Message::Save { path, size, layers, over: Box::new(over.unwrap_or_default()) });
     }
 

@@ -196,16 +196,14 @@ impl App {
             self.load.last = Some(info.request.clone());
         }
         self.navigation.set_subject(subject);
-        self.navigation.clips = self.scene.clips.clone();
+        self.find_room();
         // If the camera has not moved since the sample, the whole is framed as `render` does.
         if !self.framing.chosen || self.framing.sample_camera.take() == Some(self.navigation.camera)
         {
             self.framing.chosen = true;
             match self.options.camera {
                 Some(camera) => self.navigation.camera = camera,
-                None => self
-                    .navigation
-                    .handle(Input::Look { from: self.options.preset, covered_px: 0.0 }),
+                None => self.navigation.handle(Input::Look { from: self.options.preset }),
             }
             self.framing.early_inputs.iter().for_each(|&view| self.navigation.handle(view));
             self.framing.sample_camera = (!is_whole).then_some(self.navigation.camera);
@@ -220,8 +218,21 @@ impl App {
 
     /// Shows the facts of a cloud that is now drawn, even if another is being loaded by now.
     pub(super) fn uploaded(&mut self, info: CloudInfo, token: &CancelToken) {
-        let CloudInfo { request, is_whole, origins, shown, categories, points, why_shown, notes } =
-            info;
+        let CloudInfo {
+            request,
+            is_whole,
+            origins,
+            shown,
+            mut categories,
+            points,
+            why_shown,
+            notes,
+        } = info;
+        // What an earlier load has read and not found is not there.
+        if self.load.displayed.as_ref().is_some_and(|before| before.files == request.files) {
+            let found = &self.ui.categories.attributes;
+            categories.attributes.retain(|attribute| found.contains(attribute));
+        }
         if is_whole {
             match recent::add(&request.files) {
                 Ok(recent) => self.ui.recent = recent,

@@ -61,6 +61,7 @@ mod tests {
     use super::*;
     use crate::cloud::color_scale::ColorScale;
     use crate::cloud::filter::Filter;
+    use crate::render::annotations::Annotations;
     use crate::render::settings::RenderSettings;
     use crate::select::clip::Clips;
     use crate::select::lod::LodOptions;
@@ -79,6 +80,7 @@ mod tests {
             filter: Filter::default(),
             clips: Clips::default(),
             lod: LodOptions::default(),
+            annotations: Annotations::default(),
         }
     }
 

@@ -38,6 +38,13 @@ impl App {
         self.post(Message::Exposed(self.size));
     }
 
+    /// Sets what views frame, and beside what.
+    pub(super) fn find_room(&mut self) {
+        self.navigation.clips = self.scene.clips.clone();
+        let shown = self.window.as_deref().zip(self.panel.as_ref()).filter(|_| !self.ui.hidden);
+        self.navigation.covered_px = shown.map_or(0.0, |(window, panel)| panel.width_px(window));
+    }
+
     /// Returns the place of the surface under the cursor; None if nothing is there.
     pub(super) fn under_cursor(&self) -> Option<glam::DVec3> {
         self.pick_buffer.as_ref().and_then(|buffer| buffer.place(self.mouse.cursor, self.size()))
@@ -74,7 +81,7 @@ impl App {
         let early = input.is_a_view()
             && (!self.framing.chosen || self.framing.sample_camera == Some(before));
         if let Input::Look { .. } = input {
-            self.navigation.clips = self.scene.clips.clone();
+            self.find_room();
         }
         self.navigation.handle(input);
         if View::new(self.navigation.camera, self.size()).is_err() {

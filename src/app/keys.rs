@@ -46,7 +46,7 @@ const fn with(held: Held, key: Key) -> Key {
 }
 
 const fn look(from: Preset) -> Binding {
-    Binding::Do(Action::Navigate(Input::Look { from, covered_px: 0.0 }))
+    Binding::Do(Action::Navigate(Input::Look { from }))
 }
 
 const fn project(onto: Projection) -> Binding {
@@ -206,9 +206,17 @@ fn mouse(style: NavigationStyle, mode: Mode) -> Vec<(&'static str, &'static str)
     drags.into_iter().chain(others).collect()
 }
 
+/// Keys that the panel itself takes.
+const OF_THE_PANEL: [(&str, &str); 3] = [
+    ("Ctrl +", "enlarge the panel and its text"),
+    ("Ctrl -", "reduce them"),
+    ("Ctrl 0", "show them in their usual size"),
+];
+
 /// Returns what the mouse and every key do, for the window's help and for that of `view`.
 pub fn rows(style: NavigationStyle, mode: Mode) -> Vec<(&'static str, &'static str)> {
-    mouse(style, mode).into_iter().chain(KEYS.iter().map(|key| (key.name, key.about))).collect()
+    let keys = KEYS.iter().map(|key| (key.name, key.about));
+    mouse(style, mode).into_iter().chain(keys).chain(OF_THE_PANEL).collect()
 }
 
 /// Returns the binding of a key with others held; None if it has none.

@@ -11,7 +11,8 @@ use crate::cloud::{ColumnSet, ReadOptions, Station};
 use crate::error::{Error, Result};
 use crate::index::attributes::strokes::StrokeCache;
 use crate::progress::Progress;
-use crate::render::source::{OpenOptions, PreparedCloud, Preview, Source};
+use crate::render::source::{OpenOptions, PreparedCloud, Preview, Source, bounds_of};
+use glam::DVec3;
 use std::path::PathBuf;
 use std::sync::{Arc, Mutex};
 use std::thread::JoinHandle;
@@ -60,12 +61,14 @@ pub struct Categories {
     pub reference: Reference,
     /// The axis that points up.
     pub up: Up,
-    /// Numbers that only the files have names for.
-    pub scalars: Vec<Attribute>,
+    /// Bounds without strays: least and greatest (world).
+    pub bounds: Option<[DVec3; 2]>,
+    /// What points can show.
+    pub attributes: Vec<Attribute>,
 }
 
 impl Categories {
-    fn of(source: &Source) -> Categories {
+    fn of(source: &Source, bounds: Option<[DVec3; 2]>) -> Categories {
         let Histograms { classes, returns } = source.counts().unwrap_or_default();
         Categories {
             classes,
@@ -73,7 +76,8 @@ impl Categories {
             stations: source.stations().to_vec(),
             reference: source.reference(),
             up: source.up(),
-            scalars: source.own_scalars(),
+            bounds,
+            attributes: source.attributes(),
         }
     }
 }
@@ -160,8 +164,9 @@ pub fn start(
           -> Result<LoadedCloud> {
         source.find(color, progress)?;
         let (mut shown, why_shown) = source.shown(color)?;
-        let (categories, subject) =
-            (Categories::of(&source), Subject::of(source.core_points(), source.up().axis()));
+        let core = source.core_points();
+        let categories = Categories::of(&source, bounds_of(&core));
+        let subject = Subject::of(core, source.up().axis());
         let further = if let Source::Index(_) = source { further } else { of_files };
         shown.further =
             ExtraAttributes { normal: source.has_normals(), light: source.has_light(), ..further };

@@ -36,6 +36,7 @@ mod unsaved;
 use crate::cloud::point_lookup::Record;
 use crate::error::{Error, Result};
 use crate::progress::Progress;
+use crate::render::annotations::Annotations;
 use crate::render::scene::Scene;
 use animation::Animation;
 use cancel::CancelToken;
@@ -87,7 +88,6 @@ pub fn run(options: Options, progress: &dyn Progress) -> Result<Summary> {
         ui: UiState {
             path: options.path.clone(),
             save_size: options.save_size,
-            annotations: options.annotations.clone(),
             recent: recent::read(),
             ..UiState::default()
         },
@@ -200,7 +200,10 @@ impl App {
     /// Sends the scene, from the current camera, to the render thread.
     fn post_scene(&mut self) {
         self.scene.camera = self.navigation.camera;
-        self.post(Message::Scene { scene: Box::new(self.scene.clone()), asked: Instant::now() });
+        // These are drawn with the panel, and change nothing below it.
+        let annotations = Annotations::default();
+        let scene = Box::new(Scene { annotations, ..self.scene.clone() });
+        self.post(Message::Scene { scene, asked: Instant::now() });
     }
 
     /// Requests a layout of the panel; requests before the next one are merged.

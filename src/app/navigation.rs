@@ -104,10 +104,9 @@ pub enum Input {
         direction: Direction,
         pressed: bool,
     },
+    /// Frames the subject, beside the part of the window that is covered.
     Look {
         from: Preset,
-        /// Width of the window's left part that is covered `[px]`; the subject is framed beside it.
-        covered_px: f64,
     },
     Project {
         onto: Projection,
@@ -211,6 +210,10 @@ pub struct Navigation {
     pub clips: Clips,
     /// Size of the window `[px]`.
     size: [u32; 2],
+    /// Width of the window's left part that is covered `[px]`.
+    pub covered_px: f64,
+    /// The view that was framed, and its camera, until other input.
+    framed: Option<(Preset, Camera)>,
     drag: Option<Drag>,
     held: Vec<Direction>,
     /// Where the cursor was at the wheel's first notch, the point that it goes towards, and the
@@ -230,6 +233,8 @@ impl Navigation {
             subject,
             clips: Clips::default(),
             size,
+            covered_px: 0.0,
+            framed: None,
             drag: None,
             held: Vec::new(),
             wheeled: None,
@@ -244,6 +249,11 @@ impl Navigation {
 
     pub fn set_size(&mut self, size: [u32; 2]) {
         self.size = size.map(|side| side.max(1));
+    }
+
+    /// Returns the view that was framed by the last input, unless the camera has moved since.
+    pub fn framed(&self) -> Option<Preset> {
+        self.framed.filter(|(_, camera)| *camera == self.camera).map(|(from, _)| from)
     }
 
     pub fn is_flying(&self) -> bool {
@@ -293,8 +303,8 @@ impl Navigation {
                     self.held.push(direction);
                 }
             }
-            Input::Look { from, covered_px } => {
-                let covered = (covered_px / self.size[0] as f64).clamp(0.0, MOST_COVERED);
+            Input::Look { from } => {
+                let covered = (self.covered_px / self.size[0] as f64).clamp(0.0, MOST_COVERED);
                 let Subject { core, up, .. } = &self.subject;
                 // Points that clip boxes leave; all points, if they leave none.
                 let kept: Vec<DVec3> =
@@ -315,6 +325,10 @@ impl Navigation {
             }
         }
         self.keep_in_front();
+        self.framed = match input {
+            Input::Look { from } => Some((from, self.camera)),
+            _ => None,
+        };
     }
 
     /// Moves the camera along the held keys.

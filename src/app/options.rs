@@ -5,7 +5,6 @@ use super::panel::SaveSize;
 use crate::cloud::attribute::ExtraAttributes;
 use crate::gpu::DeviceOptions;
 use crate::index::cache::CacheLocation;
-use crate::output::annotations::Annotations;
 use crate::render::scene::Scene;
 use crate::render::source::OpenOptions;
 use crate::tune::Limit;
@@ -23,8 +22,6 @@ pub struct Options {
     pub further: ExtraAttributes,
     /// The scene to draw, apart from the camera.
     pub scene: Scene,
-    /// What is drawn in the picture.
-    pub annotations: Annotations,
     /// View if there is no camera.
     pub preset: Preset,
     pub camera: Option<Camera>,

@@ -97,7 +97,7 @@ impl App {
     /// Schedules a layout of the panel: at once if something is drawn over the picture, which moves
     /// with it, else soon.
     fn schedule_panel(&mut self) {
-        let over = !self.ui.measure.points.is_empty() || !self.ui.annotations.is_empty();
+        let over = !self.ui.measure.points.is_empty() || !self.scene.annotations.is_empty();
         if over || self.scene.clips.active() > 0 {
             return self.request_panel();
         }

@@ -8,20 +8,21 @@ use crate::cloud::filter::Filter;
 use crate::cloud::rgb_range::RgbRange;
 use crate::cloud::strays::Treatment;
 use crate::cloud::table::{Columns, Delimiter, TextOptions};
-use crate::cloud::up::{Up, UpOption};
+use crate::cloud::up::UpOption;
 use crate::cloud::{ColumnSet, ReadOptions};
 use crate::config;
 use crate::error::{Error, Result};
 use crate::gpu;
 use crate::index::cache;
-use crate::output::annotations::{Annotations, Shown};
+use crate::output::annotations::{Shown, no_north};
 use crate::passes::phong::Normals;
 use crate::passes::project::Precision;
 use crate::passes::splat::PointSize;
 use crate::passes::{Effects, Switch};
+use crate::render::annotations::Annotations;
 use crate::render::scene::Scene;
 use crate::render::settings::{Background, RenderSettings, Style};
-use crate::render::source::{OpenOptions, Source};
+use crate::render::source::{OpenOptions, Source, bounds_of};
 use crate::renderer::{Renderer, RendererOptions};
 use crate::select::clip::Clips;
 use crate::select::lod::LodOptions;
@@ -73,7 +74,7 @@ pub struct ReportOptions {
     /// Colours of the numbers or labels that points show
     #[arg(long)]
     pub legend: bool,
-    /// Bar of a round length, at the depth of the centre
+    /// Bar of a round length; in perspective, at the depth of the points in the middle
     #[arg(long)]
     pub scale_bar: bool,
     /// Arrow to the north
@@ -82,6 +83,13 @@ pub struct ReportOptions {
     /// Coordinates along the edges of maps, in other views the axes
     #[arg(long)]
     pub axes: bool,
+}
+
+impl From<Annotations> for ReportOptions {
+    fn from(own: Annotations) -> ReportOptions {
+        let Annotations { title, legend, scale_bar, north_arrow, axes } = own;
+        ReportOptions { title, legend, scale_bar, north_arrow, axes }
+    }
 }
 
 impl ReportOptions {
@@ -319,7 +327,7 @@ impl PictureOptions {
     /// Returns the options with those that `--scene` holds in their place.
     pub fn with_scene(&self) -> Result<PictureOptions> {
         let Some(path) = &self.scene else { return Ok(self.clone()) };
-        let Scene { camera, color, scale, settings, opacities, filter, clips, lod } =
+        let Scene { camera, color, scale, settings, opacities, filter, clips, lod, annotations } =
             Scene::read(path)?;
         let effect = settings.effects.clone().list().iter().map(ToString::to_string).collect();
         let (light, background, layer) = (
@@ -347,6 +355,7 @@ impl PictureOptions {
             filters,
             clips,
             detail,
+            report: self.report.annotations().or(annotations).into(),
             ..self.clone()
         })
     }
@@ -480,17 +489,17 @@ impl PictureOptions {
     /// Returns what annotations name of a picture.
     pub fn named(&self, source: &Source, mut attribute: DisplayAttribute) -> Result<Shown> {
         let up = source.up();
-        if self.report.north_arrow && up != Up::Z {
-            return Err(Error::Request(
-                "--north-arrow: y points up, so north is unknown; leave it out, or give --up z"
-                    .into(),
-            ));
+        if let Some(why) = no_north(up).filter(|_| self.report.north_arrow) {
+            return Err(Error::Request(format!(
+                "--north-arrow: {why}; leave it out, or give --up z"
+            )));
         }
         attribute.scale = self.scale.scale()?;
         Ok(Shown {
             attribute,
             reference: source.reference(),
             up,
+            bounds: if self.report.scale_bar { bounds_of(&source.core_points()) } else { None },
             counts: source.counts().unwrap_or_default(),
             stations: source.stations().to_vec(),
         })

@@ -107,13 +107,13 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
         filter: picture.filters.filter(),
         clips: picture.clips(),
         lod: picture.detail.lod(),
+        annotations: picture.report.annotations(),
     };
     let options = Options {
         files: arguments.files.clone(),
         opening: OpenOptions { fault: arguments.fail_reading, ..picture.opening(arguments.strict) },
         further: picture.further(),
         scene,
-        annotations: picture.report.annotations(),
         preset: picture.view,
         camera,
         size: picture.size.0,

@@ -4,7 +4,7 @@
 use super::color_scale::{ColorScale, Ramp};
 use super::scalar::{Scalar, Scalars};
 use super::up::Up;
-use super::{Cloud, ColumnSet, Columns, Lattice, Part, Station, octahedral};
+use super::{Cloud, ColumnSet, Columns, Header, Lattice, Part, Station, octahedral};
 use std::str::FromStr;
 
 /// An attribute to display, as in `--color`.
@@ -108,6 +108,15 @@ impl Attribute {
     /// Tests whether it depends on the lighting at a station; colours and intensities do.
     pub fn has_luminance(self) -> bool {
         matches!(self, Attribute::Rgb | Attribute::Intensity | Attribute::Corrected)
+    }
+
+    /// Tests whether it can be read from a file.
+    pub fn is_readable(self, header: &Header) -> bool {
+        match self {
+            Attribute::Scalar(Scalar::HeightAboveGround) => true,
+            Attribute::Scalar(scalar) => header.scalars.contains(&scalar.to_string()),
+            other => other.wanted().and(header.columns) == header.columns,
+        }
     }
 
     /// Tests whether some part of the cloud has it.

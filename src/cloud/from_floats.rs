@@ -35,6 +35,8 @@ pub struct Floats {
     pub source: Option<Vec<u16>>,
     pub gps_time: Option<Vec<f64>>,
     pub scalars: Vec<ScalarColumn>,
+    /// Columns of the file, whether they are wanted or not.
+    there: ColumnSet,
     /// Points skipped because a coordinate is NaN or infinite.
     pub not_finite: u64,
     /// Points with byte colours out of range.
@@ -188,6 +190,7 @@ impl Floats {
             source: (there.source && wanted.source).then(Vec::new),
             gps_time: (there.gps_time && wanted.gps_time).then(Vec::new),
             scalars: Vec::new(),
+            there,
             not_finite: 0,
             clamped: 0,
         }
@@ -283,6 +286,7 @@ impl Floats {
                 self.not_finite
             ));
         }
+        let header = Header { columns: self.there, ..header };
         let is_angular = Crs::of(&header).is_some_and(|system| system.degrees.is_some());
         let mut columns = Columns {
             class: self.class,

@@ -208,6 +208,7 @@ impl Las {
         layout.header.scalars = number::names(&layout);
         notes.extend(layout.lies.iter().map(|what| format!("{}: {what}", input.name())));
         let fields = Fields::new(&layout, wanted.scalars);
+        layout.header.columns = fields.available(ColumnSet::ALL);
         let available = fields.available(wanted);
         let (mut octree, mut odd) = (None, String::new());
         let (packing, places) = if let Some((tree, reader)) = tree {

@@ -264,6 +264,20 @@ impl ColumnSet {
             scalars: self.scalars.and(other.scalars),
         }
     }
+
+    /// Returns the set without the columns of another one.
+    fn without(self, other: ColumnSet) -> ColumnSet {
+        ColumnSet {
+            rgb: self.rgb && !other.rgb,
+            intensity: self.intensity && !other.intensity,
+            class: self.class && !other.class,
+            returns: self.returns && !other.returns,
+            source: self.source && !other.source,
+            normal: self.normal && !other.normal,
+            gps_time: self.gps_time && !other.gps_time,
+            scalars: self.scalars,
+        }
+    }
 }
 
 /// Options of reading.
@@ -321,6 +335,9 @@ pub struct Header {
     /// Names of scalars that can be read, as [`Scalar`] is written.
     #[serde(skip)]
     pub scalars: Vec<String>,
+    /// Other columns that can be read.
+    #[serde(skip)]
+    pub columns: ColumnSet,
     /// Coordinate system, if the file has one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub system: Option<Crs>,
@@ -476,6 +493,9 @@ pub fn read(paths: &[PathBuf], options: &ReadOptions, progress: &dyn Progress) -
         let parts = read_one(&input, options, progress, &mut cloud.notes)?;
         for mut part in parts {
             let index = cloud.parts.len();
+            // Colours that are all black, as an example, are none.
+            let missing = options.wanted.without(part.columns.available());
+            part.header.columns = part.header.columns.without(missing);
             let title = part.title();
             let bounds = part.bounds();
             cloud.notes.extend(bounds_note(

@@ -1,5 +1,5 @@
-//! What a report needs in a picture: title, legend, scale bar, north arrow and axes. The window and
-//! the files of pictures draw them alike; sizes are relative to the height of the picture.
+//! Draws annotations: title, legend, scale bar, north arrow and axes. The window and the files of
+//! pictures draw them alike; sizes are relative to the height of the picture.
 
 use super::overlay::{Corner, Overlay};
 use super::ticks::{multiples, number, round_above, round_below};
@@ -10,6 +10,7 @@ use crate::cloud::crs::Reference;
 use crate::cloud::histograms::Histograms;
 use crate::cloud::scalar::Scalar;
 use crate::cloud::up::Up;
+use crate::render::annotations::Annotations;
 use crate::view::{Projection, View};
 use egui::epaint::{ImageDelta, Primitive, TextureId};
 use egui::{
@@ -18,22 +19,14 @@ use egui::{
 };
 use glam::DVec3;
 
-/// What to draw.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct Annotations {
-    pub title: Option<String>,
-    pub legend: bool,
-    pub scale_bar: bool,
-    pub north_arrow: bool,
-    pub axes: bool,
-}
-
 /// What a picture shows, as far as annotations name it.
 #[derive(Clone, Debug)]
 pub struct Shown {
     pub attribute: DisplayAttribute,
     pub reference: Reference,
     pub up: Up,
+    /// Bounds of the points without strays: least and greatest (world). The scale bar asks for them.
+    pub bounds: Option<[DVec3; 2]>,
     pub counts: Histograms,
     pub stations: Vec<Station>,
 }
@@ -51,11 +44,12 @@ const PARTS: u32 = 64;
 /// Widest text atlas `[px]`.
 const ATLAS: usize = 1 << 14;
 
-impl Annotations {
-    pub fn is_empty(&self) -> bool {
-        *self == Annotations::default()
-    }
+/// Returns why there is no arrow to the north; None if there is one.
+pub fn no_north(up: Up) -> Option<&'static str> {
+    (up != Up::Z).then_some("y points up, so north is unknown")
+}
 
+impl Annotations {
     /// Returns what to draw over the whole picture of a view.
     pub fn overlay(&self, view: &View, shown: &Shown) -> Overlay {
         self.overlay_beside(0.0, view, shown)
@@ -110,7 +104,7 @@ impl Annotations {
             let at = pos2((left + rect.right()) / 2.0, inner.top());
             sheet.text(at, Align2::CENTER_TOP, title, 1.6 * line, true);
         }
-        if self.north_arrow && shown.up == Up::Z {
+        if self.north_arrow && no_north(shown.up).is_none() {
             sheet.north_arrow(inner);
         }
         if self.scale_bar {
@@ -184,19 +178,44 @@ impl Sheet<'_> {
         (self.rect.width() / self.view.whole[0] as f32) as f64
     }
 
-    /// Draws a bar of a round length; of a perspective view, at the depth of its target.
+    /// Returns the depth of the points in the middle of the picture: halfway through their bounds,
+    /// along the ray through the middle, or of the middle of the bounds where that ray misses them.
+    /// None if that is behind the camera, or there are no points.
+    fn depth(&self) -> Option<f64> {
+        let [low, high] = self.shown.bounds?;
+        let (eye, forward) = (self.view.camera.eye, self.view.basis.forward);
+        let (enters, leaves) = (0..3).fold((0.0, f64::INFINITY), |(enters, leaves), axis| {
+            let [a, b] = [low, high].map(|corner| (corner[axis] - eye[axis]) / forward[axis]);
+            (a.min(b).max(enters), a.max(b).min(leaves))
+        });
+        let depth = match enters <= leaves {
+            true => (enters + leaves) / 2.0,
+            false => ((low + high) / 2.0 - eye).dot(forward),
+        };
+        Some(depth).filter(|depth| *depth > 0.0 && depth.is_finite())
+    }
+
+    /// Draws a bar of a round length; of a perspective view, at the depth of the points in its
+    /// middle.
     fn scale_bar(&self, inner: Rect) {
-        let camera = &self.view.camera;
-        let depth = match camera.projection {
-            Projection::Orthographic => 1.0,
-            Projection::Perspective => (camera.target - camera.eye).length(),
+        let projection = self.view.camera.projection;
+        let depth = match projection {
+            Projection::Orthographic => Some(1.0),
+            Projection::Perspective => self.depth(),
+        };
+        let Some(depth) = depth else {
+            let at = inner.left_bottom();
+            self.text(at, Align2::LEFT_BOTTOM, "no points ahead", self.line, true);
+            return;
         };
         let per_unit = self.enlarged() * self.view.focal_px() / depth;
         let length = round_below(0.25 * inner.width() as f64 / per_unit);
         let unit = self.shown.reference.unit();
-        let mut label = format!("{} {}", number(length, length), unit.symbol());
-        if camera.projection == Projection::Perspective {
-            label += " at the centre";
+        let unit = unit.symbol();
+        let mut label = format!("{} {unit}", number(length, length));
+        if projection == Projection::Perspective {
+            let away = number(depth, round_below(depth / 10.0));
+            label += &format!(" in the middle, {away} {unit} away");
         }
         let (width, line) = ((length * per_unit) as f32, self.line);
         let whole = vec2(width.max(self.width_of(&label)), 1.7 * line);
@@ -445,6 +464,7 @@ mod tests {
             attribute: DisplayAttribute::indexed(attribute, [0.0, 100.0], [0, 65_535]),
             reference: Reference::default(),
             up: Up::Z,
+            bounds: Some([DVec3::ZERO, DVec3::new(80.0, 50.0, 30.0)]),
             counts: Histograms {
                 classes: (0..40).map(|class| (class, 10 + class as u64)).collect(),
                 returns: Vec::new(),
@@ -490,6 +510,51 @@ mod tests {
             let drawn = changed_beside(200.0, own, [640, 480], preset);
             assert!(!drawn.is_empty() && drawn.iter().all(|[x, _]| *x >= 200));
         }
+    }
+
+    /// A click moves the target only.
+    #[test]
+    fn the_scale_bar_follows_the_view_and_not_what_it_turns_about() {
+        let (size, own) = ([640, 480], shown(Attribute::Elevation));
+        let bar = Annotations { scale_bar: true, ..Annotations::default() };
+        let camera = Camera {
+            eye: DVec3::new(40.0, -100.0, 15.0),
+            target: DVec3::new(40.0, 0.0, 15.0),
+            projection: Projection::Perspective,
+            ..Camera::framing(Preset::Fit, &[], size)
+        };
+        let label = |camera: Camera| {
+            let view = View::new(camera, size).unwrap();
+            bar.overlay(&view, &own).triangles.iter().flatten().map(|corner| corner.at).collect()
+        };
+        let here: Vec<[f32; 2]> = label(camera);
+        assert_eq!(here, label(Camera { target: DVec3::new(40.0, 30.0, 15.0), ..camera }));
+        assert_ne!(here, label(Camera { eye: DVec3::new(40.0, -400.0, 15.0), ..camera }));
+        let depth = |camera: Camera| {
+            let (painter, view) = (painter(), View::new(camera, size).unwrap());
+            let rect = Rect::EVERYTHING;
+            let sheet =
+                Sheet { painter: &painter, rect, left: 0.0, line: 9.0, view: &view, shown: &own };
+            sheet.depth()
+        };
+        assert_eq!(depth(camera), Some(125.0));
+        // Beside the points, their middle counts; from within, halfway out; behind, nothing.
+        let aside = DVec3::new(0.0, 0.0, 500.0);
+        let above = Camera { eye: camera.eye + aside, target: camera.target + aside, ..camera };
+        assert_eq!(depth(above), Some(125.0));
+        assert_eq!(
+            depth(Camera {
+                eye: DVec3::new(40.0, 10.0, 15.0),
+                target: DVec3::new(40.0, 20.0, 15.0),
+                ..camera
+            }),
+            Some(20.0)
+        );
+        assert_eq!(depth(Camera { target: DVec3::new(40.0, -200.0, 15.0), ..camera }), None);
+    }
+
+    fn painter() -> Painter {
+        Context::default().layer_painter(LayerId::background())
     }
 
     #[test]

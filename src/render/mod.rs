@@ -1,5 +1,6 @@
 //! Frames of a resident cloud: settings, what a frame does with them, and the frame itself.
 
+pub mod annotations;
 pub mod frame;
 pub mod scene;
 pub mod settings;

@@ -9,6 +9,7 @@ use crate::cloud::color_scale::ColorScale;
 use crate::cloud::filter::{Condition, Filter};
 use crate::error::{Error, Result};
 use crate::passes::Effects;
+use crate::render::annotations::Annotations;
 use crate::render::settings::{Background, RenderSettings};
 use crate::select::clip::{Clip, Clips};
 use crate::select::lod::LodOptions;
@@ -32,6 +33,8 @@ pub struct Scene {
     pub clips: Clips,
     /// LOD limits, for an index.
     pub lod: LodOptions,
+    /// What is drawn over the picture.
+    pub annotations: Annotations,
 }
 
 /// The JSON of `scene.json`.
@@ -69,6 +72,9 @@ struct Words {
     light: Option<String>,
     #[serde(default)]
     background: Option<String>,
+    /// Title, legend, scale bar, north arrow and axes.
+    #[serde(default, skip_serializing_if = "Annotations::is_empty")]
+    annotations: Annotations,
 }
 
 impl Scene {
@@ -87,6 +93,7 @@ impl Scene {
             layer: Some(self.settings.layer_m).filter(|layer| *layer > 0.0),
             light: Some(self.settings.light.to_string()),
             background: Some(Background(self.settings.background).to_string()),
+            annotations: self.annotations.clone(),
         };
         let text = serde_json::to_string_pretty(&words).expect("words are JSON");
         write_atomically(path, |partial| {
@@ -148,6 +155,7 @@ impl Scene {
             filter,
             clips: Clips(clips),
             lod,
+            annotations: words.annotations,
         })
     }
 }
@@ -201,6 +209,11 @@ mod tests {
             },
             clips,
             lod,
+            annotations: Annotations {
+                title: Some("Plot \"7\"".into()),
+                scale_bar: true,
+                ..Annotations::default()
+            },
         };
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("scene.json");

@@ -160,6 +160,12 @@ pub enum Source {
     Index(Arc<Index>),
 }
 
+/// Returns the least and the greatest coordinates of points; None if there are none.
+pub fn bounds_of(points: &[DVec3]) -> Option<[DVec3; 2]> {
+    let each = points.iter().map(|&point| [point; 2]);
+    each.reduce(|[low, high], [a, b]| [low.min(a), high.max(b)])
+}
+
 impl Source {
     /// Opens files or one index. Of files too large to draw whole, octrees are drawn in place; others
     /// are indexed first, or their cached index is used.
@@ -326,21 +332,28 @@ impl Source {
         }
     }
 
-    /// Returns the numbers of its points that only its files have names for.
-    pub fn own_scalars(&self) -> Vec<Attribute> {
+    /// Returns what its points can show: also what was not read of files, and numbers that only
+    /// these have names for.
+    pub fn attributes(&self) -> Vec<Attribute> {
         let names: Vec<String> = match self {
             Source::Files(cloud) => {
                 cloud.parts.iter().flat_map(|part| part.header.scalars.iter().cloned()).collect()
             }
             Source::Index(index) => index.directory.contents.scalar.iter().cloned().collect(),
         };
-        let mut own = Vec::new();
+        let is_there = |attribute: &Attribute| match self {
+            Source::Files(cloud) => {
+                cloud.parts.iter().any(|part| attribute.is_readable(&part.header))
+            }
+            Source::Index(index) => index.shows(*attribute),
+        };
+        let mut all: Vec<Attribute> = Attribute::NAMED.into_iter().filter(is_there).collect();
         for attribute in names.iter().filter_map(|name| name.parse::<Attribute>().ok()) {
-            if !Attribute::NAMED.contains(&attribute) && !own.contains(&attribute) {
-                own.push(attribute);
+            if !all.contains(&attribute) {
+                all.push(attribute);
             }
         }
-        own
+        all
     }
 
     /// Returns the number of nodes of an index.

@@ -24,7 +24,7 @@ fn navigation(style: NavigationStyle, from: Preset) -> Navigation {
         .collect();
     let mut navigation = Navigation::new(style, SIZE);
     navigation.set_subject(Subject::of(corners, DVec3::Z));
-    navigation.handle(Input::Look { from, covered_px: 0.0 });
+    navigation.handle(Input::Look { from });
     navigation
 }
 
@@ -197,7 +197,7 @@ proptest! {
                 6 | 7 => navigation.handle(Input::Wheel { notches: x / 50.0, at, under }),
                 8 => navigation.handle(Input::OtherProjection),
                 9 => navigation.handle(Input::NextMode),
-                10 => navigation.handle(Input::Look { from: Preset::Top, covered_px: 0.0 }),
+                10 => navigation.handle(Input::Look { from: Preset::Top }),
                 _ => {
                     navigation.handle(Input::Fly { direction: Direction::Forward, pressed: true });
                     navigation.advance(0.1);

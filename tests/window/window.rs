@@ -490,7 +490,7 @@ fn find_at_rest(viewer: &mut Viewer, color: [u8; 3]) -> [usize; 2] {
 const PANEL: usize = 276;
 const FILL: [u8; 3] = [27; 3];
 const LAYERS: [u32; 2] = [225, 82];
-const EFFECTS_FOLD: [u32; 2] = [40, 198];
+const EFFECTS_FOLD: [u32; 2] = [40, 266];
 
 fn is_there(viewer: &Viewer) -> bool {
     let seen = viewer.photograph();

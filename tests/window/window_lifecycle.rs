@@ -482,23 +482,35 @@ fn views_frame_the_cloud_beside_the_panel() {
     let size = [640, 480];
     let mut viewer = place.view_with_panel(&[&cloud], size, "");
     viewer.until("panel", |viewer| viewer.photograph().pixels[480 / 2 * 640 + 11] == [27; 3]);
+    viewer.until("cloud beside it", |viewer| {
+        let seen = viewer.photograph();
+        let beside = seen.pixels.iter().enumerate().filter(|(at, _)| at % 640 > 300);
+        beside.filter(|(_, pixel)| **pixel != pointillist::config::BACKGROUND).count() > 100
+    });
     let all = points(&cloud);
-    for (number, key) in ["0", "7", "1"].into_iter().enumerate() {
-        viewer.key(key);
+    let mut cameras = Vec::new();
+    // The first view is that of the key 0.
+    for (number, key) in ["", "0", "7", "1"].into_iter().enumerate() {
+        if !key.is_empty() {
+            viewer.key(key);
+        }
         let scene = place.saved(&mut viewer, "F8", &format!("pointillist-{}.json", number + 1));
         let scene: serde_json::Value =
             serde_json::from_str(&std::fs::read_to_string(scene).unwrap()).unwrap();
         let view =
             View::new(serde_json::from_value::<Camera>(scene["camera"].clone()).unwrap(), size)
                 .unwrap();
+        cameras.push(scene["camera"].clone());
         let places: Vec<f64> =
             all.iter().filter_map(|&point| view.pixel(point)).map(|[x, _]| x).collect();
         // Strays are anywhere.
         let beside = places.iter().filter(|x| (240.0..640.0).contains(*x)).count();
         assert!(100 * beside > 97 * all.len(), "{key}: {beside} of {}", all.len());
     }
-    // Without it, where `render` looks from.
+    assert_eq!(cameras[0], cameras[1]);
+    // Without it, where `render` looks from; a view that has not been moved follows by itself.
     viewer.key("n");
+    viewer.shows(&place.picture(&[&cloud], "front.png", "--size 640x480 --view front"));
     viewer.key("0");
     viewer.shows(&place.picture(&[&cloud], "fit.png", "--size 640x480"));
     viewer.close();

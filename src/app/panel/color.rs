@@ -21,7 +21,7 @@ pub fn show(ui: &mut Ui, state: &UiState, scene: &mut Scene) {
             .selected_text(scene.color.map_or_else(automatic, Attribute::name))
             .show_ui(ui, |ui| {
                 ui.selectable_value(&mut scene.color, None, "auto");
-                for &attribute in Attribute::NAMED.iter().chain(&state.categories.scalars) {
+                for &attribute in &state.categories.attributes {
                     ui.selectable_value(&mut scene.color, Some(attribute), attribute.name());
                 }
             });
@@ -33,13 +33,23 @@ pub fn show(ui: &mut Ui, state: &UiState, scene: &mut Scene) {
             ramps(ui, ramp, &mut scene.scale.ramp);
         }
     });
-    if let Some(shown) = &state.shown {
-        let mut shown = *shown;
+    let shown = state.shown.map(|mut shown| {
         shown.scale = scene.scale;
-        let reference = &state.categories.reference;
-        ramp::show(ui, &shown, &mut scene.scale.range);
-        scale(ui, &shown, reference, &mut scene.scale);
+        shown
+    });
+    // Rows are there for all colours, so that nothing below moves.
+    match shown.and_then(|shown| Some((shown, shown.ends()?))) {
+        Some((shown, now)) => {
+            ramp::show(ui, &shown, &mut scene.scale.range);
+            ends(ui, &shown, now, &state.categories.reference, &mut scene.scale);
+        }
+        None => {
+            ramp::none(ui);
+            ui.horizontal(|ui| text::weak(ui, "no ramp: only numbers have one"));
+        }
     }
+    let is_label = shown.is_none_or(|shown| shown.attribute.is_label());
+    ui.add_enabled_ui(!is_label, |ui| tones(ui, &mut scene.scale));
 }
 
 /// Chooses a ramp.
@@ -53,33 +63,38 @@ fn ramps(ui: &mut Ui, now: Ramp, chosen: &mut Option<Ramp>) {
     });
 }
 
-/// Edits how numbers and channels become colours.
-fn scale(ui: &mut Ui, shown: &DisplayAttribute, reference: &Reference, scale: &mut ColorScale) {
-    if let Some(mut ends) = shown.ends() {
-        let [lo, hi] = ends;
-        let speed = ((hi - lo) / 200.0).max(1e-6);
-        let unit = match shown.attribute {
-            Attribute::Elevation => format!(" {}", reference.height_unit().symbol()),
-            _ => String::new(),
-        };
-        let [low, high] = &mut ends;
-        let number = |value| DragValue::new(value).speed(speed).max_decimals(3).suffix(&unit);
-        ui.horizontal(|ui| {
-            ui.add(number(low).range(f64::MIN..=hi.next_down()));
-            ui.with_layout(Layout::right_to_left(Align::Center), |ui| {
-                ui.add(number(high).range(lo.next_up()..=f64::MAX));
-                if ui.add_enabled(scale.range.is_some(), egui::Button::new("auto")).clicked() {
-                    scale.range = None;
-                }
-            });
+/// Edits the numbers at the ends of the ramp.
+fn ends(
+    ui: &mut Ui,
+    shown: &DisplayAttribute,
+    mut ends: [f64; 2],
+    reference: &Reference,
+    scale: &mut ColorScale,
+) {
+    let [lo, hi] = ends;
+    let speed = ((hi - lo) / 200.0).max(1e-6);
+    let unit = match shown.attribute {
+        Attribute::Elevation => format!(" {}", reference.height_unit().symbol()),
+        _ => String::new(),
+    };
+    let [low, high] = &mut ends;
+    let number = |value| DragValue::new(value).speed(speed).max_decimals(3).suffix(&unit);
+    ui.horizontal(|ui| {
+        ui.add(number(low).range(f64::MIN..=hi.next_down()));
+        ui.with_layout(Layout::right_to_left(Align::Center), |ui| {
+            ui.add(number(high).range(lo.next_up()..=f64::MAX));
+            if ui.add_enabled(scale.range.is_some(), egui::Button::new("auto")).clicked() {
+                scale.range = None;
+            }
         });
-        if ends != [lo, hi] {
-            scale.range = Some(ends);
-        }
+    });
+    if ends != [lo, hi] {
+        scale.range = Some(ends);
     }
-    if shown.attribute.is_label() {
-        return;
-    }
+}
+
+/// Edits brightness, contrast and gamma.
+fn tones(ui: &mut Ui, scale: &mut ColorScale) {
     CollapsingHeader::new("brightness").show(ui, |ui| {
         ui.add(Slider::new(&mut scale.brightness, -1.0..=1.0).text("brightness"));
         ui.add(Slider::new(&mut scale.contrast, 0.0..=4.0).text("contrast"));

@@ -1,25 +1,25 @@
 //! The line of filters, in the words of the command line.
 
 use super::state::{FilterLine, UiState};
-use super::text::{spaced_hyphens, weak};
+use super::text::{self, spaced_hyphens, weak};
 use super::theme;
 use crate::cloud::filter::Filter;
-use egui::{Label, RichText, TextEdit, Ui};
+use egui::{RichText, TextEdit, Ui};
 
 /// Edits the filter; it is applied when the line is left, or with Enter.
 pub fn show(ui: &mut Ui, state: &mut UiState, filter: &mut Filter) {
-    let UiState { filter: FilterLine { text, of, error }, notes, .. } = state;
+    let UiState { filter: FilterLine { text: words, of, error }, notes, .. } = state;
     if of != filter {
-        (*text, *error) = (filter.words(), None);
+        (*words, *error) = (filter.words(), None);
         *of = filter.clone();
     }
     ui.horizontal(|ui| {
         ui.label("filters");
         let hint = spaced_hyphens(ui, "--only ground --not noise");
-        let line = TextEdit::singleline(text).hint_text(hint);
+        let line = TextEdit::singleline(words).hint_text(hint);
         let about = "--only and --where: what every point must be; --not: what none may be. Classes by name; class=2,6, return=last, intensity=100..2000, z=..50, gps-time, source, file";
         if ui.add(line.desired_width(f32::INFINITY)).on_hover_text(about).lost_focus() {
-            match text.parse::<Filter>() {
+            match words.parse::<Filter>() {
                 Ok(typed) => {
                     *error = None;
                     (*of, *filter) = (typed.clone(), typed);
@@ -31,7 +31,8 @@ pub fn show(ui: &mut Ui, state: &mut UiState, filter: &mut Filter) {
     let words = format!("{} leaves ", filter.words());
     let left = notes.iter().find_map(|note| note.strip_prefix(&words));
     match (&error, left) {
-        (Some(why), _) => drop(ui.add(Label::new(RichText::new(why).color(theme::ERROR)).wrap())),
+        // One line, as the others, so that nothing below moves.
+        (Some(why), _) => drop(text::line(ui, RichText::new(why).color(theme::ERROR))),
         (None, Some(left)) => drop(weak(ui, format!("leaves {left}"))),
         (None, None) if filter.is_empty() => drop(weak(ui, "leaves all points")),
         (None, None) => drop(weak(ui, "the points of the view are counted above")),

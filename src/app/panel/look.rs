@@ -5,22 +5,24 @@ use super::text::{self, spaced_hyphens, weak};
 use super::theme;
 use super::{camera_path, color, effects, light, pace};
 use crate::app::actions::Action;
-use crate::output::annotations::Annotations;
-use crate::passes::Effects;
+use crate::output::annotations::no_north;
+use crate::passes::splat::{self, PointSize};
+use crate::passes::{Asked, Effects, Switch};
 use crate::render::scene::Scene;
-use crate::render::settings::Style;
+use crate::render::settings::{RenderSettings, Style};
 use clap::ValueEnum;
-use egui::{CollapsingHeader, ProgressBar, RichText, Ui};
+use egui::{Button, Checkbox, CollapsingHeader, DragValue, ProgressBar, RichText, Ui};
 
 /// Least share of the frame time that a pass needs to be listed.
 const LEAST_SHARE: f64 = 0.01;
 
 pub fn show(ui: &mut Ui, state: &mut UiState, scene: &mut Scene, actions: &mut Vec<Action>) {
     style(ui, &mut scene.settings.effects);
+    point_size(ui, &mut scene.settings.effects.splat);
     color::show(ui, state, scene);
     light::choose(ui, &mut scene.settings.light, scene.camera.eye);
     effects::show(ui, &mut scene.settings, &state.decisions);
-    in_the_picture(ui, &mut state.annotations, &mut scene.settings.background);
+    in_the_picture(ui, state, scene);
     camera_path::show(ui, state, actions);
     pace::show(ui, &mut state.pace, actions);
     CollapsingHeader::new("what runs, and why").show(ui, |ui| reasons(ui, state, actions));
@@ -45,8 +47,43 @@ fn style(ui: &mut Ui, effects: &mut Effects) {
     });
 }
 
+/// Sets the diameter of points, as `--point-size` does, where the style draws them round.
+fn point_size(ui: &mut Ui, splat: &mut Asked<splat::Settings>) {
+    let size = &mut splat.settings;
+    let in_metres = size.pixels == 0.0 && size.metres > 0.0;
+    let (mut number, unit, of): (_, _, fn(f64) -> PointSize) = match in_metres {
+        true => (size.metres, " m", PointSize::Metres),
+        false => (size.pixels, " px", PointSize::Pixels),
+    };
+    let said = |number: f64, _| match number {
+        0.0 => "by spacing".to_string(),
+        number => format!("{number}{unit}"),
+    };
+    let read = |text: &str| match text.trim() {
+        "by spacing" => Some(0.0),
+        text => text.trim_end_matches(unit.trim()).trim().parse().ok(),
+    };
+    let about = "diameter, for the styles that draw round points; auto: by their spacing";
+    ui.add_enabled_ui(splat.switch != Switch::Off, |ui| {
+        text::named(ui, "size", |ui| {
+            let (speed, decimals) = if in_metres { (0.001, 4) } else { (0.05, 2) };
+            let drag = DragValue::new(&mut number).range(0.0..=128.0).speed(speed);
+            let drag = drag.max_decimals(decimals).custom_formatter(said).custom_parser(read);
+            let changed = ui.add(drag).on_hover_text(about).changed();
+            let is_auto = number == 0.0;
+            if ui.add_enabled(!is_auto, Button::new("auto")).clicked() {
+                size.set_size(PointSize::Auto);
+            } else if changed {
+                size.set_size(if is_auto { PointSize::Auto } else { of(number) });
+            }
+        });
+    });
+}
+
 /// Chooses what is drawn besides points, as `--title` and its like do.
-fn in_the_picture(ui: &mut Ui, own: &mut Annotations, background: &mut [u8; 3]) {
+fn in_the_picture(ui: &mut Ui, state: &UiState, scene: &mut Scene) {
+    let no_north = no_north(state.categories.up);
+    let Scene { annotations: own, settings: RenderSettings { background, .. }, .. } = scene;
     CollapsingHeader::new("in the picture").show(ui, |ui| {
         ui.horizontal(|ui| {
             ui.color_edit_button_srgb(background);
@@ -61,9 +98,13 @@ fn in_the_picture(ui: &mut Ui, own: &mut Annotations, background: &mut [u8; 3]) 
         ui.horizontal_wrapped(|ui| {
             ui.checkbox(&mut own.legend, "legend");
             ui.checkbox(&mut own.scale_bar, "scale bar");
-            ui.checkbox(&mut own.north_arrow, "north arrow");
+            let arrow = Checkbox::new(&mut own.north_arrow, "north arrow");
+            ui.add_enabled(no_north.is_none(), arrow);
             ui.checkbox(&mut own.axes, "axes");
         });
+        if let Some(why) = no_north {
+            weak(ui, format!("no north arrow: {why}"));
+        }
     });
 }
 

@@ -132,10 +132,9 @@ impl Panel {
         layer.is_some_and(|layer| layer.order != egui::Order::Background)
     }
 
-    /// Returns the width of the window's left part that the panel covers `[px]`.
-    pub fn covers_px(&self, hidden: bool) -> f64 {
-        let per_point = self.input.egui_ctx().pixels_per_point();
-        if hidden { 0.0 } else { (WIDTH * per_point).into() }
+    /// Returns the width of the window's left part that the panel covers while it is shown `[px]`.
+    pub fn width_px(&self, window: &Window) -> f64 {
+        (WIDTH * egui_winit::pixels_per_point(self.input.egui_ctx(), window)).into()
     }
 
     /// Lays out the panel, and everything over the picture.
@@ -153,11 +152,11 @@ impl Panel {
             heat_map::show(ui, &mut state.pace);
             if let Some(view) = view {
                 measure_overlay::show(ui, &state.measure, view);
-                if let Some(named) = state.named(scene).filter(|_| !state.annotations.is_empty()) {
+                if let Some(named) = state.named(scene).filter(|_| !scene.annotations.is_empty()) {
                     let painter = ui.ctx().layer_painter(egui::LayerId::background());
                     let covered = if state.hidden { 0.0 } else { WIDTH };
                     let rect = ui.ctx().content_rect();
-                    state.annotations.draw(&painter, rect, covered, view, &named);
+                    scene.annotations.draw(&painter, rect, covered, view, &named);
                 }
             }
             if let Some(view) = view.filter(|_| !state.hidden) {

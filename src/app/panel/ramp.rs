@@ -1,5 +1,6 @@
 //! The ramp of colours, with its two ends as handles, and swatches.
 
+use super::theme;
 use crate::cloud::attribute::{Attribute, DisplayAttribute};
 use crate::cloud::colormap;
 use egui::{Color32, CursorIcon, Rect, Sense, Shape, Stroke, Ui, pos2, vec2};
@@ -11,6 +12,15 @@ const HANDLE: f32 = 8.0;
 const PARTS: u32 = 96;
 /// Room beside the automatic ends, as a share of their distance: an end may be dragged there.
 const BESIDE: f64 = 0.25;
+
+/// Keeps the place of the ramp.
+pub fn none(ui: &mut Ui) {
+    let (all, _) =
+        ui.allocate_exact_size(vec2(ui.available_width(), SIDE + HANDLE), Sense::hover());
+    let bar =
+        Rect::from_min_max(all.min, all.max - vec2(0.0, HANDLE)).shrink2(vec2(HANDLE / 2.0, 0.0));
+    ui.painter().rect_filled(bar, 0.0, theme::BUTTON);
+}
 
 /// Draws the colour ramp of the displayed attribute, if that is a number; its ends follow drags.
 pub fn show(ui: &mut Ui, shown: &DisplayAttribute, range: &mut Option<[f64; 2]>) {

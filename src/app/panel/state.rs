@@ -8,7 +8,7 @@ use crate::app::render_thread::{Loading, Measured, Moving};
 use crate::cloud::attribute::DisplayAttribute;
 use crate::cloud::filter::Filter;
 use crate::cloud::histograms::Histograms;
-use crate::output::annotations::{Annotations, Shown};
+use crate::output::annotations::Shown;
 use crate::passes::EffectDecisions;
 use crate::prices::Price;
 use crate::render::scene::Scene;
@@ -21,8 +21,6 @@ use std::time::Duration;
 
 #[derive(Default)]
 pub struct UiState {
-    /// What is drawn in the picture.
-    pub annotations: Annotations,
     /// Names of the open files.
     pub title: String,
     /// Work in progress, or its last result.
@@ -158,9 +156,10 @@ impl UiState {
     pub fn named(&self, scene: &Scene) -> Option<Shown> {
         let mut attribute = self.shown?;
         attribute.scale = scene.scale;
-        let Categories { classes, returns, stations, reference, up, .. } = self.categories.clone();
+        let Categories { classes, returns, stations, reference, up, bounds, .. } =
+            self.categories.clone();
         let counts = Histograms { classes, returns };
-        Some(Shown { attribute, reference, up, counts, stations })
+        Some(Shown { attribute, reference, up, bounds, counts, stations })
     }
 }
 
