@@ -15,6 +15,9 @@ pub const POSITION_PLANES: u32 = 3;
 /// f32 (guide: numerics, case 3).
 pub const NEAR_M: f32 = 1.0 / (1u64 << 63) as f32;
 
+/// Pixels beyond which a picture is drawn in pieces: a frame takes a hundred bytes a pixel and more.
+pub const WHOLE_PIXELS: u64 = 3 << 23;
+
 /// The point id where there is no point.
 pub const NO_POINT: u32 = 0xFFFF_FFFF;
 

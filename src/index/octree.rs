@@ -129,7 +129,8 @@ impl Index {
         for node in &mut nodes {
             planes.iter().for_each(|plane| node.planes |= 1 << *plane as u16);
         }
-        let header = Header { scalars: Vec::new(), ..las.layout.header.clone() };
+        let mut header = las.layout.header.clone();
+        (header.scalars, header.columns) = Default::default();
         let contents = Contents {
             stations: vec![Station { part: 0, source: None, name: title, points: las.points() }],
             notes,

@@ -13,6 +13,7 @@
 //! are still loaded for whole pieces, so the picture does not depend on tiles.
 
 use crate::atomic_file::{AtomicFile, finish_together};
+use crate::config::WHOLE_PIXELS;
 use crate::error::{Error, Result};
 use crate::graph::Gpu;
 use crate::output::image_io::PngRows;
@@ -25,9 +26,6 @@ use crate::renderer::{CloudId, Renderer};
 use crate::select::lod::LodOptions;
 use crate::view::View;
 use std::path::{Path, PathBuf};
-
-/// A larger picture is drawn in pieces: a frame takes a hundred bytes a pixel and more.
-const WHOLE_PIXELS: u64 = 3 << 23;
 
 /// Size of a piece `[px]`. A picture takes two gigabytes with it, since buffers of the smaller
 /// windows at the edges stay in the pool beside the others.

@@ -3,6 +3,7 @@
 mod warnings;
 
 use crate::cloud::colormap::srgb_to_linear;
+use crate::config::WHOLE_PIXELS;
 use crate::passes::phong::Backfaces;
 use crate::passes::project::Precision;
 use crate::passes::{
@@ -178,6 +179,7 @@ impl FrameConfig {
             &settings.effects,
             resolve::spacing_px(&view.entire(), resident)[1],
             context.transparent,
+            view.whole,
         );
         FrameConfig {
             effects,
@@ -283,12 +285,22 @@ impl FrameConfig {
 
 /// Fills in settings that depend on the picture, the same for all its parts. `widest_px` is the
 /// spacing of the sparsest points.
-fn settled(asked: &Effects, widest_px: f64, transparent: bool) -> Effects {
+fn settled(asked: &Effects, widest_px: f64, transparent: bool, whole: [u32; 2]) -> Effects {
     let mut effects = asked.clone();
+    let widest_px = if is_large(whole) { widest_px.min(WIDEST_OF_LARGE_PX) } else { widest_px };
     effects.visibility.settings = visibility::settled(&asked.visibility.settings, widest_px);
     let floods = asked.visibility.switch == Switch::Off;
     effects.fill.settings = fill::settled(&asked.fill.settings, transparent, floods, widest_px);
     effects
+}
+
+/// Spacing that levels of large pictures are made for `[px]`. These are drawn in pieces, and the
+/// borders of pieces are as wide as the coarsest level looks.
+const WIDEST_OF_LARGE_PX: f64 = 16.0;
+
+/// Tests whether a picture is so large that it may be drawn in pieces.
+fn is_large([width, height]: [u32; 2]) -> bool {
+    width.max(height) > 8192 || u64::from(width) * u64::from(height) > WHOLE_PIXELS
 }
 
 /// Returns the resolution of f32 at the farthest depth in view `[m]`.

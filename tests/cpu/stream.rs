@@ -45,6 +45,12 @@ fn rows(columns: &Columns) -> Vec<u64> {
     (0..columns.len()).map(row).collect()
 }
 
+/// Returns a header without the columns that it names: only reading to the end finds that all colours
+/// are black.
+fn named(header: &cloud::Header) -> cloud::Header {
+    cloud::Header { columns: ColumnSet::default(), ..header.clone() }
+}
+
 fn read(path: &Path, options: &ReadOptions) -> Result<(Vec<Told>, Vec<String>)> {
     let cloud = cloud::read(&[path.to_owned()], options, &Silent)?;
     let told = |part: &cloud::Part| {
@@ -52,7 +58,7 @@ fn read(path: &Path, options: &ReadOptions) -> Result<(Vec<Told>, Vec<String>)> 
         rows.sort_unstable();
         (
             part.title(),
-            format!("{:?} {:?} {:?}", part.lattice, part.intensity_range, part.header),
+            format!("{:?} {:?} {:?}", part.lattice, part.intensity_range, named(&part.header)),
             rows,
         )
     };
@@ -101,8 +107,12 @@ fn streamed(path: &Path, options: &ReadOptions) -> Result<(Vec<Told>, Vec<String
         assert_eq!(source.path(), path);
         let (rows, streamed) = collect(&source)?;
         notes.extend(streamed.notes);
-        let about =
-            format!("{:?} {:?} {:?}", source.lattice(), source.intensity_range(), source.header());
+        let about = format!(
+            "{:?} {:?} {:?}",
+            source.lattice(),
+            source.intensity_range(),
+            named(source.header())
+        );
         parts.push((source.title(), about, rows));
     }
     Ok((parts, notes))

@@ -519,7 +519,8 @@ fn panel_switches_an_effect_off() {
     let [_, row] = find_at_rest(&mut viewer, green);
     place.display.xdotool(&format!("mousemove 186 {row} click 1"));
     viewer.until("effect that stops", |viewer| find(viewer, green).is_none());
-    place.display.xdotool("mousemove 600 800 key n");
+    // Clicks hold the view, so it is framed anew without the panel.
+    place.display.xdotool("mousemove 600 800 key n key 0");
     viewer.shows(&place.picture(
         &[&cloud],
         "off.png",
@@ -561,9 +562,10 @@ fn panel_hides_and_shows_a_class() {
             .until("legend", |viewer| find(viewer, code_color(Attribute::Class, CLASS)).is_some());
         for wanted in [without, all] {
             let [x, y] = find_at_rest(&mut viewer, code_color(Attribute::Class, CLASS));
-            place
-                .display
-                .xdotool(&format!("mousemove {} {y} click 1 mousemove 600 650 key n", x - 18));
+            place.display.xdotool(&format!(
+                "mousemove {} {y} click 1 mousemove 600 650 key n key 0",
+                x - 18
+            ));
             viewer.shows(&wanted);
             viewer.key("n");
             viewer.until("legend", |viewer| {

@@ -7,7 +7,7 @@ use super::point_record::{Batch, Colors, Layout};
 use super::spill_bucket::{self, Bucket, Grid, Sorter};
 use crate::cloud::histograms::Tally;
 use crate::cloud::stream::{self, Source};
-use crate::cloud::{ColumnSet, Header, Lattice, Station};
+use crate::cloud::{ColumnSet, Lattice, Station};
 use crate::error::{Error, Result};
 use crate::index::attributes::exposure;
 use crate::index::format::samples::{Cell, DerivedPlanes};
@@ -261,7 +261,8 @@ impl Builder<'_> {
     fn part(&mut self, number: usize, group: &Group, streamed: &stream::Streamed) {
         let source = &self.sources[number];
         // Scalars can be read from the file only.
-        let mut header = Header { scalars: Vec::new(), ..source.header().clone() };
+        let mut header = source.header().clone();
+        (header.scalars, header.columns) = Default::default();
         // A note has reported bounds that are not finite.
         header.bounds.take_if(|corners| !corners.as_flattened().iter().all(|v| v.is_finite()));
         self.parts[number] = Some(IndexedPart {
