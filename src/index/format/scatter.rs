@@ -47,7 +47,8 @@ impl Clump {
     }
 
     /// Returns how far its points reach along a direction, at most, given that in cells. The
-    /// direction is a sum of three directions of signs: of its longest axis, of its two longest, of all.
+    /// direction is a sum of three with signs alone: of its longest axis, of its two longest, of
+    /// all.
     pub fn reach_along(&self, direction: DVec3) -> f64 {
         let mut axes = [0, 1, 2].map(|axis| (direction[axis].abs(), axis));
         axes.sort_by(|a, b| b.0.total_cmp(&a.0));
