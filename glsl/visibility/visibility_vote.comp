@@ -25,7 +25,7 @@ layout(scalar) buffer Holes { uint word[]; } holes;
 // Width of the kernel that put a tile on the list of holes [px]; 0 for other tiles.
 layout(scalar) buffer Kernels { uint tile[]; } kernels;
 
-// Whether to turn verdicts, after all votes are counted.
+// Turns verdicts after all votes are counted; otherwise counts.
 layout(constant_id = 0) const bool TURN = false;
 
 layout(push_constant, scalar) uniform Push {

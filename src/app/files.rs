@@ -228,7 +228,7 @@ impl App {
             why_shown,
             notes,
         } = info;
-        // What an earlier load has read and not found is not there.
+        // Leave out columns that an earlier load has read and not found.
         if self.load.displayed.as_ref().is_some_and(|before| before.files == request.files) {
             let found = &self.ui.categories.attributes;
             categories.attributes.retain(|attribute| found.contains(attribute));

@@ -63,7 +63,7 @@ pub struct Categories {
     pub up: Up,
     /// Bounds without strays: least and greatest (world).
     pub bounds: Option<[DVec3; 2]>,
-    /// What points can show.
+    /// Attributes that points can show.
     pub attributes: Vec<Attribute>,
 }
 

@@ -67,7 +67,7 @@ impl Progress for Terminal {
                 bar.set_style(style);
             }
             bar.set_message(doing.to_string());
-            // What was done before the bar appeared was not done in no time.
+            // Count the time left from here, and not what was done before the bar appeared.
             bar.set_position(done);
             bar.reset_eta();
             if let Some((_, old)) = shown.replace((doing.to_string(), bar)) {

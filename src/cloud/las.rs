@@ -70,7 +70,7 @@ pub struct Las {
 enum Packing {
     Plain,
     Laz(laz::Coding),
-    /// As nodes of an octree.
+    /// Nodes of an octree.
     Nodes(Box<dyn NodeReader>),
 }
 

@@ -115,16 +115,14 @@ fn settled(
     (update, draw(gpu, view, residency.resident()))
 }
 
-#[test]
-fn an_index_refined_to_its_leaves_draws_what_the_cloud_itself_draws() {
-    let planted = Planted::new();
+/// Checks that all nodes draw what the points of [`bumpy`] do that they were made of.
+fn draws_what_its_points_draw(planted: &Planted, points: usize, seed: u64) {
     gpu::with(Way::Compute64, |gpu| {
-        let (points, colors) = bumpy(24_000, 20_000, &mut Random(0xC10D));
+        let (points, colors) = bumpy(points, 20_000, &mut Random(seed));
         let lattice = pointillist::cloud::Lattice { step: DVec3::splat(STEP), offset: DVec3::ZERO };
         let cloud = gpu::cloud(vec![gpu::part(lattice, &points, Some(colors))]);
-        let whole =
-            Resident::fill(gpu, cloud.clone(), DisplayAttribute::automatic(&cloud).0, &Silent)
-                .unwrap();
+        let shown = DisplayAttribute::automatic(&cloud).0;
+        let whole = Resident::fill(gpu, cloud, shown, &Silent).unwrap();
         let mut residency = planted.open(gpu, HUGE);
         for seed in 0..4 {
             let view = view(seed);
@@ -137,9 +135,14 @@ fn an_index_refined_to_its_leaves_draws_what_the_cloud_itself_draws() {
             // neighbouring pixel.
             let differ = picture.2.iter().zip(&expected.2).filter(|(a, b)| a != b).count();
             let covered = expected.1.iter().filter(|&&id| id != u32::MAX).count();
-            assert!(differ <= 4 + covered / 500, "{differ} of {covered} pixels differ");
+            assert!(covered > 500 && differ <= 4 + covered / 500, "{differ} of {covered} differ");
         }
     });
+}
+
+#[test]
+fn an_index_refined_to_its_leaves_draws_what_the_cloud_itself_draws() {
+    draws_what_its_points_draw(&Planted::new(), 24_000, 0xC10D);
 }
 
 #[test]
@@ -632,28 +635,7 @@ const COPC_POINTS: usize = 200_000;
 
 #[test]
 fn a_copc_file_with_all_of_its_nodes_draws_what_its_points_draw() {
-    let planted = copc();
-    gpu::with(Way::Compute64, |gpu| {
-        let (points, colors) = bumpy(COPC_POINTS, 20_000, &mut Random(0xC0BC));
-        let lattice = pointillist::cloud::Lattice { step: DVec3::splat(STEP), offset: DVec3::ZERO };
-        let cloud = gpu::cloud(vec![gpu::part(lattice, &points, Some(colors))]);
-        let whole =
-            Resident::fill(gpu, cloud.clone(), DisplayAttribute::automatic(&cloud).0, &Silent)
-                .unwrap();
-        let mut residency = planted.open(gpu, HUGE);
-        for seed in 0..4 {
-            let view = view(seed);
-            let (update, picture) = settled(gpu, &mut residency, &view, &all());
-            assert!(
-                update.is_complete() && update.holes == 0 && update.cut.largest_error_px == 0.0
-            );
-            let expected = draw(gpu, &view, &whole);
-            // Nodes have other origins, as above.
-            let differ = picture.2.iter().zip(&expected.2).filter(|(a, b)| a != b).count();
-            let covered = expected.1.iter().filter(|&&id| id != u32::MAX).count();
-            assert!(covered > 500 && differ <= 4 + covered / 500, "{differ} of {covered} differ");
-        }
-    });
+    draws_what_its_points_draw(&copc(), COPC_POINTS, 0xC0BC);
 }
 
 #[test]

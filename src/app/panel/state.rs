@@ -59,7 +59,7 @@ pub struct UiState {
     pub picture_notes: Vec<String>,
     /// Tuning of moving pictures.
     pub pace: Pace,
-    /// What each effect costs, once it is asked for.
+    /// Costs of the effects, once they are asked for.
     pub prices: Vec<Price>,
     /// Loading of an index; None for files.
     pub loading: Option<Loading>,
@@ -100,7 +100,7 @@ pub struct Pace {
     pub moving: Option<Moving>,
     /// Its errors against the picture that the window has settled on, once it has.
     pub measured: Option<Arc<Measured>>,
-    /// Whether the errors of its pixels are shown over that.
+    /// Shows the errors of its pixels over that.
     pub shows_errors: bool,
     /// Their colours, while they are shown.
     pub texture: Option<TextureHandle>,

@@ -86,7 +86,7 @@ pub enum RenderEvent {
     FrameDone(Box<FrameReport>),
     /// Errors of the last moving frame against the picture that the window has settled on.
     Measured(Arc<Measured>),
-    /// What each effect costs in the picture at rest.
+    /// Costs of the effects in the picture at rest.
     Priced(Vec<Price>),
     /// Number of points in the last frame, if filters or clip boxes leave some out.
     Counted(u64),

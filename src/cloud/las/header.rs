@@ -371,7 +371,7 @@ pub struct ExtraBytes {
     pub bytes: usize,
     /// Type of the values, as in the declaration.
     pub kind: u8,
-    /// What is multiplied with values, and what is added.
+    /// Factor on values, and offset that is added.
     pub scale: f64,
     pub offset: f64,
     /// Bytes of the value that stands for none.

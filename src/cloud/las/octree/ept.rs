@@ -85,7 +85,7 @@ enum Points {
     Rows(Plan),
 }
 
-/// What the files of all nodes have in common.
+/// Properties that the files of all nodes share.
 #[derive(PartialEq)]
 struct Likeness {
     format: u8,

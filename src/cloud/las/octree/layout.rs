@@ -30,7 +30,7 @@ pub struct Attribute {
     pub kind: u8,
     /// Numbers a point.
     pub elements: usize,
-    /// What is multiplied with values, and what is added.
+    /// Factor on values, and offset that is added.
     pub scale: f64,
     pub offset: f64,
     /// The greatest value, if it is stated.
