@@ -22,7 +22,8 @@
 // A pixel without a point lies between surfaces whose densities may differ. The density around each
 // sector's nearest point is the share of pixels with a point in 2 x 2 cells, of which an edge may
 // leave a quarter. A sparse surface may reach up to the edge of a denser one. So no sector counts
-// with a density that at least three others cannot have. A sector without a point tells nothing, and
+// with a density that at least three others cannot have, but each with that of the sparsest surface
+// at least: strays are none. A sector without a point tells nothing, and
 // the widest of all eight does not count. The pixel is open only where too few sectors are empty for
 // background: a finer level sees one side of a gap, and cannot tell it from the edge of a surface.
 //
@@ -87,6 +88,7 @@ layout(push_constant, scalar) uniform Push {
     float closed;      // solid angle in sectors' hemispheres, below which a pixel is invisible
     int fewest;        // smallest number of leading points that decides anything
     float expected;    // points
+    float least_density; // points per pixel, on the sparsest surface
     float own_slope;   // t t of the steepest own surface
 } push;
 
@@ -146,7 +148,7 @@ uint between(float nearest[8], uint nearest_in[8]) {
     float others = 0.0;
     [[unroll]] for (int s = 0; s < 8; ++s) {
         if (nearest[s] == FARTHEST) continue;
-        float expected = min(densities[s], AT_EDGE * lowest.z) * nearest[s] * EIGHTH_OF_DISC;
+        float expected = max(min(densities[s], AT_EDGE * lowest.z), push.least_density) * nearest[s] * EIGHTH_OF_DISC;
         others += min(expected, widest);
         widest = max(expected, widest);
         ++found;

@@ -63,6 +63,8 @@ pub struct Settings {
     /// Points that the surface around would have put into an empty area from which that is an
     /// opening.
     pub expected: f64,
+    /// Largest spacing of points on a surface `[px]`, which follows from the picture; 0: any.
+    pub sparsest_px: f64,
     /// For a single level: distance in front of a point from which a neighbour at the rim of a wide
     /// kernel closes a cone [pixel widths]; less for neighbours closer to the ray ([`own_slope`]).
     /// 0: any, as in the paper.
@@ -89,6 +91,7 @@ impl Default for Settings {
             threshold: 2.1,
             holes: 1.0,
             expected: 36.0,
+            sparsest_px: 0.0,
             lead: 7.0,
         }
     }
@@ -226,6 +229,9 @@ pub fn record(
 /// Spacing up to which points hide what is behind them, as a multiple of their node's; sparser ones
 /// are strays. With half as much, hidden points show between the vertices of flat parts of a mesh.
 pub const SPARSEST: f64 = 4.0;
+/// Spacing up to which points enclose a gap, as a multiple of that which nine tenths of the covered
+/// area do not exceed. With four times as much, strays in the void enclose patches between them.
+const SPARSEST_BETWEEN: f64 = 2.0;
 /// The same for layers behind others: leftovers of the layers in front are strays, and no surface
 /// is sparser than its node.
 const SPARSEST_BEHIND: f64 = 1.0;
@@ -238,14 +244,24 @@ pub fn levels_for(widest_px: f64) -> f64 {
     (SPARSEST * widest_px).max(2.0).log2().floor() + 1.0
 }
 
-/// Returns the settings for the spacing of the sparsest points `[px]`.
-pub fn settled(asked: &Settings, widest_px: f64) -> Settings {
-    Settings { levels: asked.levels.min(levels_for(widest_px)), ..*asked }
+/// Returns the settings for the spacing of the sparsest points, and for that of nearly all
+/// ([`PointDensity::apart_px`](crate::resident::PointDensity::apart_px)) `[px]`.
+pub fn settled(asked: &Settings, widest_px: f64, apart_px: f64) -> Settings {
+    Settings {
+        levels: asked.levels.min(levels_for(widest_px)),
+        sparsest_px: SPARSEST_BETWEEN * apart_px,
+        ..*asked
+    }
 }
 
 /// Returns a bit for each edge beyond which surfaces continue: left, right, upper, lower.
 fn crossed_bits(crossed: [bool; 4]) -> u32 {
     (0..4).map(|edge| (crossed[edge] as u32) << edge).sum()
+}
+
+/// Returns the least density of points on a surface, per pixel.
+pub fn least_density(settings: &Settings) -> f64 {
+    if settings.sparsest_px > 0.0 { settings.sparsest_px.powi(-2) } else { 0.0 }
 }
 
 /// Returns the settings for layers behind others.
@@ -591,6 +607,7 @@ impl<'s> Judged<'s> {
             closed: closed(self.settings, subject) as f32,
             fewest: fewest(self.settings, subject),
             expected: self.settings.expected as f32,
+            least_density: least_density(self.settings) as f32,
             own_slope: STEEPEST.powi(2) as f32,
         };
         let spec = visibility_levels::Spec {

@@ -175,12 +175,8 @@ impl FrameConfig {
         // If switched on explicitly, luminance is averaged everywhere.
         let partly =
             decisions.runs(Effect::Luminance) && settings.effects.luminance.switch == Switch::Auto;
-        let effects = settled(
-            &settings.effects,
-            resolve::spacing_px(&view.entire(), resident)[1],
-            context.transparent,
-            view.whole,
-        );
+        let effects =
+            settled(&settings.effects, resolve::spacing_px(&view.entire(), resident)[1], &context);
         FrameConfig {
             effects,
             decisions,
@@ -285,10 +281,12 @@ impl FrameConfig {
 
 /// Fills in settings that depend on the picture, the same for all its parts. `widest_px` is the
 /// spacing of the sparsest points.
-fn settled(asked: &Effects, widest_px: f64, transparent: bool, whole: [u32; 2]) -> Effects {
-    let mut effects = asked.clone();
-    let widest_px = if is_large(whole) { widest_px.min(WIDEST_OF_LARGE_PX) } else { widest_px };
-    effects.visibility.settings = visibility::settled(&asked.visibility.settings, widest_px);
+fn settled(asked: &Effects, widest_px: f64, context: &FrameContext) -> Effects {
+    let (mut effects, transparent) = (asked.clone(), context.transparent);
+    let widest_px =
+        if is_large(context.view.whole) { widest_px.min(WIDEST_OF_LARGE_PX) } else { widest_px };
+    effects.visibility.settings =
+        visibility::settled(&asked.visibility.settings, widest_px, context.sampling.apart_px);
     let floods = asked.visibility.switch == Switch::Off;
     effects.fill.settings = fill::settled(&asked.fill.settings, transparent, floods, widest_px);
     effects

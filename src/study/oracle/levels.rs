@@ -6,7 +6,9 @@
 //! [`Verdict::InBand`].
 
 use super::visibility::{Verdict, sector};
-use crate::passes::visibility::{SPARSEST, STEEPEST, Settings, fewest_around_openings};
+use crate::passes::visibility::{
+    SPARSEST, STEEPEST, Settings, fewest_around_openings, least_density,
+};
 use crate::view::{Projection, View};
 use std::f64::consts::{PI, TAU};
 
@@ -385,7 +387,9 @@ impl Pyramid {
             let highest = densities.get(2).map_or(f64::MAX, |third| AT_EDGE * third);
             let expected: Vec<f64> = found
                 .iter()
-                .map(|(square, cell)| density(*cell).min(highest) * PI / 8.0 * square)
+                .map(|(square, cell)| {
+                    density(*cell).min(highest).max(least_density(settings)) * PI / 8.0 * square
+                })
                 .collect();
             let widest = expected.iter().copied().fold(0.0, f64::max);
             let is_whole = found.len() == SECTORS;

@@ -341,6 +341,7 @@ const HOLES_EVERYWHERE: visibility::Settings = visibility::Settings {
     tiles: visibility::Looked::All,
     threshold: 0.0,
     expected: 0.0,
+    sparsest_px: 0.0,
     lead: 0.0,
 };
 

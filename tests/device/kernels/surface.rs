@@ -172,6 +172,7 @@ fn levels_decide_as_f64_does() {
                         threshold,
                         holes,
                         expected,
+                        sparsest_px: random.within(0.0, 20.0),
                         tiles: ALL,
                         ..Default::default()
                     };
