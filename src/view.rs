@@ -8,8 +8,10 @@ pub mod light;
 pub mod map;
 
 use crate::error::{Error, Result};
+use crate::small_file::read_text;
 use glam::{DMat3, DVec3};
 use serde::{Deserialize, Serialize};
+use std::path::Path;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
@@ -57,6 +59,19 @@ pub struct Basis {
 }
 
 impl Camera {
+    /// Reads a camera file.
+    pub fn read(path: &Path) -> Result<Camera> {
+        let text = read_text(path)?;
+        serde_json::from_str(&text).map_err(|error| {
+            Error::format(
+                path,
+                format!(
+                    "it is not a camera ({error}); a camera has at least {{\"eye\": [x,y,z], \"target\": [x,y,z]}}"
+                ),
+            )
+        })
+    }
+
     /// Returns the camera's axes. An `up` parallel to the view direction is replaced by the world
     /// axis farthest from it. Errors if eye and target coincide.
     pub fn basis(&self) -> Result<Basis> {
@@ -359,15 +374,18 @@ impl Camera {
         };
         // Points are drawn as wide as they lie apart, and few ones lie far apart.
         let margin = (1.0 + 2.4 / (points.len().max(16) as f64).sqrt()).max(1.06);
+        // Eye and target are two places even where f64 cannot tell places a metre apart.
+        let least = centre.abs().max_element() * f64::EPSILON * 1024.0;
+        let apart = least.max(1.0);
         let mut camera = Camera {
-            eye: centre - forward,
+            eye: centre - forward * apart,
             target: centre,
             up,
             fov_y: 40.0,
             projection: Projection::Perspective,
             ortho_height: None,
         };
-        let Basis { right, up, .. } = camera.basis().expect("eye and target are a metre apart");
+        let Basis { right, up, .. } = camera.basis().expect("eye and target are two places");
         let aspect = size[0] as f64 / size[1] as f64;
         // The maximum of a linear form over the points, relative to their centre.
         let most = |form: DVec3| {
@@ -388,7 +406,7 @@ impl Camera {
             let (half, middle) = (slope * aspect * (1.0 - covered), tangent * aspect * covered);
             let ((wide, z_by_width), (high, z_by_height)) =
                 (side(right, half - middle, half + middle), side(up, slope, slope));
-            let z = z_by_width.min(z_by_height).min(-1e-3 * diagonal);
+            let z = z_by_width.min(z_by_height).min(-1e-3 * diagonal).min(-least);
             let x = (wide.0 - wide.1 + 2.0 * middle * z) / 2.0;
             let y = (high.0 - high.1) / 2.0;
             camera.eye = centre + right * x + up * y + forward * z;
@@ -399,7 +417,7 @@ impl Camera {
             let fitting = height.max(width / (aspect * (1.0 - covered))) * margin;
             let fitting = if fitting > 0.0 { fitting } else { half.length() };
             camera.target = centre + right * (left - covered / 2.0 * aspect * fitting) + up * low;
-            camera.eye = camera.target - forward * (2.0 * half.length());
+            camera.eye = camera.target - forward * (2.0 * half.length()).max(least);
             camera.projection = Projection::Orthographic;
             camera.ortho_height = Some(fitting);
         }
@@ -438,6 +456,20 @@ mod tests {
                     fill[0] < 1.0 && fill[1] < 1.0 && fill[0].max(fill[1]) > 0.9,
                     "{preset:?} {size:?}: {fill:?}"
                 );
+            }
+        }
+    }
+
+    #[test]
+    fn clouds_far_from_zero_are_framed() {
+        for far in [1e12, 1e17, 1e40, 1e100] {
+            for width in [0.0, far / 2f64.powi(50), far / 2f64.powi(30), far] {
+                let points = [DVec3::splat(far), DVec3::splat(far) + DVec3::X * width];
+                for preset in [Preset::Top, Preset::Front, Preset::Side, Preset::Iso, Preset::Fit] {
+                    let camera = Camera::framing(preset, &points, [320, 180]);
+                    let view = View::new(camera, [320, 180]);
+                    assert!(view.is_ok(), "{far:e} {width:e} {preset:?}: {camera:?}");
+                }
             }
         }
     }

@@ -27,10 +27,9 @@ use crate::renderer::{Renderer, RendererOptions};
 use crate::select::clip::Clips;
 use crate::select::lod::LodOptions;
 use crate::select::opacity::{Opacities, Rule};
-use crate::small_file::read_text;
 use crate::view::light::Light;
 use crate::view::{Camera, Preset, View};
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 const MIB: u64 = 1 << 20;
 
@@ -464,7 +463,7 @@ impl PictureOptions {
 
     /// Returns the camera of `--camera` or `--scene`; None if neither is given.
     pub fn camera(&self) -> Result<Option<Camera>> {
-        self.camera.as_deref().map(read_camera).transpose().map(|read| read.or(self.saved_camera))
+        self.camera.as_deref().map(Camera::read).transpose().map(|read| read.or(self.saved_camera))
     }
 
     /// Opens a device, and a renderer with these settings.
@@ -530,16 +529,4 @@ impl DeviceOptions {
             ..gpu::DeviceOptions::default()
         }
     }
-}
-
-pub fn read_camera(path: &Path) -> Result<Camera> {
-    let text = read_text(path)?;
-    serde_json::from_str(&text).map_err(|error| {
-        Error::format(
-            path,
-            format!(
-                "it is not a camera ({error}); a camera has at least {{\"eye\": [x,y,z], \"target\": [x,y,z]}}"
-            ),
-        )
-    })
 }

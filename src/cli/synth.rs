@@ -2,7 +2,6 @@
 //! camera as EXR.
 
 use super::files::check_extension;
-use super::options::read_camera;
 use super::units::Size;
 use crate::atomic_file::write_atomically;
 use crate::config;
@@ -109,7 +108,7 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
                     "--size {size} is too large for --truth; the most is {TRUTH_SIDE} pixels a side"
                 )));
             }
-            let view = View::new(read_camera(camera)?, arguments.size.0)?;
+            let view = View::new(Camera::read(camera)?, arguments.size.0)?;
             let Truth { channels, parts, .. } = truth(&world, &view, progress)?;
             let planes = channels.into_iter().map(|(name, values)| (name, Samples::Float(values)));
             write_exr(output, view.size, planes.chain([("index.V", Samples::Id(parts))]).collect())

@@ -67,19 +67,42 @@ impl Lattice {
         self.offset + self.step * DVec3::new(q[0] as f64, q[1] as f64, q[2] as f64)
     }
 
-    /// Returns what is wrong if a box reaches farther than 2^53 steps from 0, or is larger than f64
-    /// can express.
+    /// Finest and coarsest step, and farthest coordinate. Cubes of coordinates stay finite, and
+    /// cubes of steps normal.
+    pub const LIMITS: [f64; 2] = [
+        f64::from_bits((1023 - Self::LIMIT_BITS) << 52),
+        f64::from_bits((1023 + Self::LIMIT_BITS) << 52),
+    ];
+    const LIMIT_BITS: u64 = 333;
+
+    /// Returns what is wrong with the numbers, if anything.
+    pub fn wrong(&self) -> Option<String> {
+        let [finest, coarsest] = Self::LIMITS;
+        let Lattice { step, offset } = *self;
+        if !(0..3).all(|axis| (finest..=coarsest).contains(&step[axis])) {
+            return Some(format!(
+                "has steps of {:e}, {:e}, {:e} between coordinates; they must lie between {finest:.0e} and {coarsest:.0e}",
+                step.x, step.y, step.z
+            ));
+        }
+        let is_far = offset.abs().max_element() > coarsest || offset.is_nan();
+        is_far.then(|| format!("has coordinates around {offset}, beyond {coarsest:.0e}"))
+    }
+
+    /// Returns what is wrong if a box reaches farther than 2^53 steps from 0, or beyond the
+    /// farthest coordinate.
     pub fn too_far(&self, lo: DVec3, hi: DVec3) -> Option<String> {
         const MOST_STEPS: f64 = (1u64 << 53) as f64;
+        let [_, farthest] = Self::LIMITS;
         let far = lo.abs().max(hi.abs());
         let is_far = |axis: &usize| {
             let steps = far[*axis] / self.step[*axis].abs();
-            !(steps <= MOST_STEPS && (hi[*axis] - lo[*axis]).is_finite())
+            !(steps <= MOST_STEPS && far[*axis] <= farthest)
         };
         let axis = (0..3).find(is_far)?;
         let (name, far, step) = (["x", "y", "z"][axis], far[axis], self.step[axis]);
         Some(format!(
-            "has {name} coordinates of up to {far:e}, more than 2^53 steps of {step:e} or beyond f64: positions there cannot be distinguished"
+            "has {name} coordinates of up to {far:e}, more than 2^53 steps of {step:e} or beyond {farthest:.0e}: positions there cannot be distinguished"
         ))
     }
 
@@ -627,7 +650,7 @@ fn bounds_note(
 
 /// Returns an error if coordinates are farther away than their lattice can tell.
 fn far_error(path: &Path, lattice: Lattice, bounds: Option<(DVec3, DVec3)>) -> Result<()> {
-    let far = bounds.and_then(|(lo, hi)| lattice.too_far(lo, hi));
+    let far = bounds.and_then(|(lo, hi)| lattice.too_far(lo, hi)).or(lattice.wrong());
     far.map_or(Ok(()), |what| Err(Error::format(path, what)))
 }
 

@@ -129,6 +129,9 @@ fn on_their_lattice(
     if !lattice.offset.is_finite() {
         return Err(Error::Request(format!("an offset of {offset:?}; it must be finite")));
     }
+    if let Some(what) = lattice.wrong() {
+        return Err(Error::Request(format!("a cloud that {what}")));
+    }
     let axis = |axis: usize| steps.iter().map(|step| step[axis]).collect();
     let intensity = |all: &[f32]| all.iter().map(|v| v.round() as u16).collect();
     Ok(Part {

@@ -16,7 +16,7 @@ use std::io::{Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
 
 /// Format generation: changes whenever an index of the same files would differ.
-const GENERATION: u32 = 7;
+const GENERATION: u32 = 8;
 
 const SAMPLES: u64 = 64;
 const SAMPLE_BYTES: u64 = 16 << 10;
@@ -78,7 +78,13 @@ pub fn find_or_build(
                     Err(_) => drop(std::fs::remove_file(&path)),
                 }
             }
-            std::fs::create_dir_all(folder).map_err(|error| Error::io("create", folder, error))?;
+            // Said before files are read.
+            writable(folder).map_err(|error| {
+                Error::Request(format!(
+                    "cannot keep an index in the cache folder {}: {error}; name another with --cache-dir, or keep none with --no-cache",
+                    folder.display()
+                ))
+            })?;
             let made = build(paths, &path, options, progress)?;
             Ok(Cached { index: Index::open(&path)?, made: Some(made) })
         }
@@ -92,6 +98,14 @@ pub fn find_or_build(
             Ok(Cached { index: index?, made: Some(made) })
         }
     }
+}
+
+/// Creates a folder, and tests whether files can be made in it.
+fn writable(folder: &Path) -> std::io::Result<()> {
+    std::fs::create_dir_all(folder)?;
+    let test = folder.join(format!(".pointillist-{}", std::process::id()));
+    File::create(&test)?;
+    std::fs::remove_file(&test)
 }
 
 /// Returns a readable beginning for the name.

@@ -54,6 +54,13 @@ impl World {
         Lattice { step: self.step, offset: self.offset }
     }
 
+    /// Returns the largest deviation with which no point leaves the lattice, ten of them from where it
+    /// belongs `[m]`.
+    pub fn largest_noise(&self) -> f64 {
+        let reach = self.bounds().min.abs().max(self.bounds().max.abs()).max_element() + 1.0;
+        (self.step * i32::MAX as f64 - reach) / 10.0
+    }
+
     /// Errors if the lattice is too fine for 32-bit integers.
     pub fn check_lattice(&self) -> Result<()> {
         let reach = self.bounds().min.abs().max(self.bounds().max.abs()).max_element() + 1.0;

@@ -43,6 +43,14 @@ pub fn scan(
             "a range noise of {noise} m makes no sense; it must be 0 or more"
         )));
     }
+    // Coordinates of LAS would end at their largest value.
+    let most = world.largest_noise();
+    if noise > most {
+        return Err(Error::Request(format!(
+            "a range noise of {noise} m moves points farther than steps of {} m reach; give at most {most:.0} m, or a larger --step",
+            world.lattice().step
+        )));
+    }
     let mut left = points;
     let mut give = |chunk: &mut Chunk| -> Result<bool> {
         chunk.truncate(left.min(chunk.len() as u64) as usize);

@@ -401,6 +401,8 @@ fn refusals_and_interruptions_leave_nothing_behind() {
     assert!(matches!(run(&line(""), &Impatient), Err(Error::Interrupted)));
     assert!(matches!(run(&line("--step 1e-12"), &Silent), Err(Error::Request(_))));
     assert!(matches!(run(&line("--noise=-1"), &Silent), Err(Error::Request(_))));
+    let said = run(&line("--noise=1e30"), &Silent).unwrap_err().to_string();
+    assert!(said.contains("give at most"), "{said}");
     assert!(matches!(run(&arguments("sphere"), &Silent), Err(Error::Request(_))));
     assert_eq!(std::fs::read(&path).unwrap(), b"mine");
     assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1);

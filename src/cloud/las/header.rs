@@ -234,7 +234,8 @@ pub fn check_lattice(input: &Input, step: DVec3, offset: DVec3) -> Result<()> {
             )));
         }
     }
-    Ok(())
+    let wrong = Lattice { step: step.abs(), offset }.wrong();
+    wrong.map_or(Ok(()), |what| Err(input.wrong(what)))
 }
 
 /// Returns the file's scale and offset, if every i32 has a distinct position. A negative scale is

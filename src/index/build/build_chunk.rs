@@ -4,7 +4,7 @@
 //! sort the records by Morton code, a bucket at a time (`morton_sort`)
 //! grow(cell of the kd-tree: a run of the order):
 //!   at most M points: a leaf, and one of their strays (a cell one step wide with more cannot be
-//!     split: several leaves; guide: numerics, case 27)
+//!     split: several leaves, four of which get a parent; guide: numerics, case 27)
 //!   else the cell's halves differ in one bit of the code: grow both, and join their open nodes
 //!   once the open nodes hold G samples, `merge` makes a parent of them, the only open node left
 //! ```
@@ -30,6 +30,9 @@ use std::sync::Arc;
 
 /// Samples of open nodes that make a parent.
 const PARENT_SAMPLES: u64 = 4 * POINTS_PER_PAGE as u64;
+
+/// Points in one place whose leaves get a parent together. More of them are several chunks.
+pub const PIECE_POINTS: usize = PARENT_SAMPLES as usize;
 
 /// Properties of all nodes of a tree.
 pub struct TreeSpec {
@@ -144,14 +147,7 @@ impl<S: Fn(u16, u16) -> u16> Growth<'_, S> {
             return self.leaves(order);
         }
         if left == 0 {
-            let open = order
-                .chunks(POINTS_PER_PAGE as usize)
-                .map(|run| {
-                    let samples = self.read(run);
-                    self.leaf(samples)
-                })
-                .collect();
-            return self.parent(open);
+            return order.chunks(PIECE_POINTS).flat_map(|piece| self.piece(piece)).collect();
         }
         let layout = &self.tree.layout;
         let cell = |&i: &u32| layout.cell(layout.record(self.records, i));
@@ -162,6 +158,16 @@ impl<S: Fn(u16, u16) -> u16> Growth<'_, S> {
         let joined = !open.is_empty() && !upper.is_empty();
         open.extend(upper);
         if joined { self.parent(open) } else { open }
+    }
+
+    /// Makes leaves of points in one place, and their parent.
+    fn piece(&mut self, order: &[u32]) -> Vec<OpenNode> {
+        let mut open = Vec::new();
+        for run in order.chunks(POINTS_PER_PAGE as usize) {
+            let samples = self.read(run);
+            open.push(self.leaf(samples));
+        }
+        self.parent(open)
     }
 
     /// Makes a leaf, and another one of strays, which would otherwise decide its width.

@@ -1,10 +1,10 @@
 //! Reads files into chunks of neighbouring points, and finds stations and their exposure gains: all
 //! that is known before the first node is built.
 
-use super::build_chunk::{TreeLayout, TreeSpec};
+use super::build_chunk::{PIECE_POINTS, TreeLayout, TreeSpec};
 use super::builder::{Builder, lock};
 use super::point_record::{Batch, Colors, Layout};
-use super::spill_bucket::{self, Bucket, Grid, Sorter};
+use super::spill_bucket::{self, Bucket, Grid, Sorter, Spill};
 use crate::cloud::histograms::Tally;
 use crate::cloud::stream::{self, Source};
 use crate::cloud::{ColumnSet, Lattice, Station};
@@ -226,7 +226,13 @@ impl Builder<'_> {
                 gains: None,
             };
             let mut chunks = Vec::new();
-            cut(grid, 0, 0, self.options.chunk_points(), &mut chunks);
+            let limit = self.options.chunk_points();
+            Cut { limit, layout, colors: &self.colors, spill: self.spill }.cut(
+                grid,
+                0,
+                0,
+                &mut chunks,
+            )?;
             chunks
                 .par_iter_mut()
                 .flat_map(|chunk| &mut chunk.buckets)
@@ -381,38 +387,65 @@ impl Builder<'_> {
     }
 }
 
-/// Cuts a grid's buckets into chunks, in Morton order. The grid covers the cell decided by `depth`
-/// bits of the code with the value `prefix`.
-fn cut(grid: Grid, depth: u32, prefix: u128, limit: u64, chunks: &mut Vec<Chunk>) {
-    let levels = grid.levels;
-    let (points, buckets): (Vec<u64>, Vec<spill_bucket::Contents>) =
-        grid.into_buckets().into_iter().unzip();
-    let mut starts = vec![0u64];
-    starts.extend(points.iter().scan(0, |sum, points| {
-        *sum += points;
-        Some(*sum)
-    }));
-    let mut ranges = Vec::new();
-    largest(&starts, 0..buckets.len(), limit, &mut ranges);
-    let mut buckets = buckets.into_iter().enumerate();
-    for range in ranges {
-        let open = range.len().trailing_zeros();
-        let (depth, prefix) = (
-            depth + 3 * levels - open,
-            prefix << (3 * levels - open) | (range.start >> open) as u128,
-        );
-        let mut own = Vec::new();
-        for (_, contents) in
-            buckets.by_ref().skip_while(|(i, _)| *i < range.start).take(range.len())
-        {
-            match contents {
-                spill_bucket::Contents::Points(bucket) => own.push(bucket),
-                spill_bucket::Contents::Finer(finer) => cut(finer, depth, prefix, limit, chunks),
+/// How a grid is cut into chunks.
+struct Cut<'a> {
+    /// Most points of a chunk, of places with few.
+    limit: u64,
+    layout: Layout,
+    /// Those of every part.
+    colors: &'a [Colors],
+    spill: &'a Spill,
+}
+
+impl Cut<'_> {
+    /// Cuts a grid's buckets into chunks, in Morton order. The grid covers the cell decided by
+    /// `depth` bits of the code with the value `prefix`.
+    fn cut(&self, grid: Grid, depth: u32, prefix: u128, chunks: &mut Vec<Chunk>) -> Result<()> {
+        let (levels, is_finest) = (grid.levels, grid.is_finest());
+        let (points, buckets): (Vec<u64>, Vec<spill_bucket::Contents>) =
+            grid.into_buckets().into_iter().unzip();
+        let mut starts = vec![0u64];
+        starts.extend(points.iter().scan(0, |sum, points| {
+            *sum += points;
+            Some(*sum)
+        }));
+        let mut ranges = Vec::new();
+        largest(&starts, 0..buckets.len(), self.limit, &mut ranges);
+        let mut buckets = buckets.into_iter().enumerate();
+        for range in ranges {
+            let open = range.len().trailing_zeros();
+            let (depth, prefix) = (
+                depth + 3 * levels - open,
+                prefix << (3 * levels - open) | (range.start >> open) as u128,
+            );
+            let mut own = Vec::new();
+            for (_, contents) in
+                buckets.by_ref().skip_while(|(i, _)| *i < range.start).take(range.len())
+            {
+                match contents {
+                    spill_bucket::Contents::Points(bucket) => own.push(bucket),
+                    spill_bucket::Contents::Finer(finer) => {
+                        self.cut(finer, depth, prefix, chunks)?
+                    }
+                }
+            }
+            let has_many = starts[range.end] - starts[range.start] > self.limit;
+            if is_finest && has_many && open == 0 {
+                // One place.
+                for bucket in own {
+                    let pieces =
+                        bucket.pieces(&self.layout, self.colors, PIECE_POINTS, self.spill)?;
+                    chunks.extend(pieces.into_iter().map(|piece| Chunk {
+                        depth,
+                        prefix,
+                        buckets: vec![piece],
+                    }));
+                }
+            } else if !own.is_empty() {
+                chunks.push(Chunk { depth, prefix, buckets: own });
             }
         }
-        if !own.is_empty() {
-            chunks.push(Chunk { depth, prefix, buckets: own });
-        }
+        Ok(())
     }
 }
 

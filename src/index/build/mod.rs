@@ -5,13 +5,13 @@
 //! of every tree:
 //!   distribute the points to a grid of buckets over the stated box (`spill_bucket`; a header with
 //!     a wrong box costs a second pass)
-//!   cut the grid into chunks, the largest kd-cells with at most C points
+//!   cut the grid into chunks, the largest kd-cells with at most C points; a place with more of them
+//!     is several chunks
 //! number the stations; find their exposure gains from a sample of points (`exposure`), before
 //!   colours of several stations are merged
 //! of every tree:
 //!   build every chunk, on all cores: leaves and inner nodes (`build_chunk`); write them in order
-//!   above the chunks, from the deepest kd-level up: join open nodes of sibling cells, make their
-//!     parents, read samples back from the file
+//!   after the last chunk of a kd-cell: join the open nodes of its halves, and make their parent
 //! above several trees: common nodes, on a lattice of their own (`merge_lattices`)
 //! number the nodes, roots first, siblings side by side
 //! derive what depends on neighbours, if requested (`attributes::derive`)
@@ -19,8 +19,8 @@
 //! ```
 //!
 //! The input is read once, so that LAZ is decoded once. Chunks are cells of the same kd-tree
-//! whatever their size, so that the same files give the same nodes with any number of threads and
-//! any memory; only their places in the file depend on the chunk size.
+//! whatever their size, and nodes lie in the order of the tree, each behind those below it, so that
+//! the same files give the same bytes with any number of threads and any memory.
 //!
 //! In memory, `partition` cuts a part into nodes, and `pack` packs a node for the GPU.
 
@@ -54,6 +54,7 @@ use point_record::Colors;
 use rayon::prelude::*;
 use spill_bucket::Spill;
 use std::collections::BTreeMap;
+use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
 use std::sync::{Arc, Condvar, Mutex};
@@ -203,8 +204,7 @@ impl Builder<'_> {
             return Ok(());
         }
         tree.kind.gains = self.gains.clone();
-        let open = self.grow(&tree, chunks, points)?;
-        let root = self.join(&tree.kind, open)?;
+        let root = self.grow(&tree, chunks, points)?;
         if is_of_strays {
             self.far_roots.push(root)
         } else {
@@ -213,15 +213,12 @@ impl Builder<'_> {
         Ok(())
     }
 
-    /// Builds the chunks on all threads and writes their planes in the chunks' order. Returns the
-    /// open nodes of each chunk's cell.
-    fn grow(
-        &mut self,
-        tree: &TreeLayout,
-        chunks: Vec<Chunk>,
-        points: u64,
-    ) -> Result<BTreeMap<(u32, u128), Vec<OpenNode>>> {
+    /// Builds the chunks on all threads, and the nodes above them. Writes planes in the order of the
+    /// tree. Returns the root.
+    fn grow(&mut self, tree: &TreeLayout, chunks: Vec<Chunk>, points: u64) -> Result<u32> {
         let count = chunks.len();
+        let cells: Vec<Cell> =
+            chunks.iter().map(|chunk| Cell { depth: chunk.depth, prefix: chunk.prefix }).collect();
         let chunks: Vec<Mutex<Option<Chunk>>> =
             chunks.into_iter().map(|chunk| Mutex::new(Some(chunk))).collect();
         let next = AtomicUsize::new(0);
@@ -242,7 +239,6 @@ impl Builder<'_> {
                     return Ok(());
                 }
                 let chunk = lock(&chunks[number]).take().expect("each chunk is taken once");
-                let (depth, prefix) = (chunk.depth, chunk.prefix);
                 let grown = worker.grow(
                     tree,
                     &this.colors,
@@ -259,20 +255,23 @@ impl Builder<'_> {
                 if state.failed {
                     return Err(Error::Interrupted);
                 }
-                state.waiting.insert(number, (depth, prefix, grown));
+                state.waiting.insert(number, grown);
                 let mut writes = Vec::new();
-                while let Some((depth, prefix, grown)) = {
+                while let Some(grown) = {
                     let next = state.next;
                     state.waiting.remove(&next)
                 } {
-                    writes.push(state.place(depth, prefix, grown));
+                    let next = state.next;
+                    writes.push((next, state.place(cells[next], grown)));
+                    this.ascend(&mut state, &tree.kind, cells.get(next + 1))?;
                 }
                 let (done, total) = (state.points, points);
                 drop(state);
                 placed.notify_all();
-                for (at, planes) in writes {
+                for (chunk, (at, planes)) in writes {
                     this.writer.put(at, &planes)?;
                     worker.planes = planes;
+                    lock(&placing).written(chunk);
                 }
                 progress.tick("indexing", done, total)?;
             }
@@ -316,47 +315,49 @@ impl Builder<'_> {
         let Placing { end, nodes, open, .. } =
             placing.into_inner().unwrap_or_else(|poisoned| poisoned.into_inner());
         (self.end, self.nodes) = (end, nodes);
-        Ok(open)
+        Ok(open[0].nodes[0].node)
     }
 
-    /// Joins open nodes of sibling cells and makes their parents, from the deepest level up, until
-    /// one is left.
-    fn join(
-        &mut self,
-        kind: &TreeSpec,
-        mut open: BTreeMap<(u32, u128), Vec<OpenNode>>,
-    ) -> Result<u32> {
-        let deepest = open.keys().map(|&(depth, _)| depth).max().unwrap_or(0);
-        for depth in (1..=deepest).rev() {
-            let at_depth: Vec<_> = open.split_off(&(depth, 0)).into_iter().collect();
-            let mut joined: Vec<((u32, u128), Vec<OpenNode>)> = Vec::new();
-            for ((_, prefix), nodes) in at_depth {
-                match joined.last_mut() {
-                    Some((cell, together)) if cell.1 == prefix >> 1 => together.extend(nodes),
-                    _ => joined.push(((depth - 1, prefix >> 1), nodes)),
-                }
+    /// Joins the open nodes of cells that no further chunk lies in, and makes and writes their
+    /// parents. `next` is the cell of the next chunk, if any.
+    fn ascend(&self, state: &mut Placing, kind: &TreeSpec, next: Option<&Cell>) -> Result<()> {
+        while let Some(top) = state.open.pop_if(|top| {
+            top.cell.parent().is_some_and(|parent| next.is_none_or(|next| !parent.has(next)))
+        }) {
+            let Some(cell) = top.cell.parent() else { break };
+            let mut joined = OpenCell { cell, nodes: Vec::new() };
+            let sibling = state.open.pop_if(|other| other.cell.parent() == Some(cell));
+            joined.nodes.extend(sibling.into_iter().flat_map(|sibling| sibling.nodes));
+            joined.nodes.extend(top.nodes);
+            if build_chunk::has_enough_samples(&joined.nodes) {
+                self.close(state, kind, &mut joined.nodes)?;
             }
-            for batch in joined.chunks_mut(4 * self.options.threads) {
-                self.progress.tick("joining", (deepest - depth) as u64, deepest as u64)?;
-                self.parents(
-                    kind,
-                    batch
-                        .iter_mut()
-                        .map(|(_, nodes)| nodes)
-                        .filter(|nodes| build_chunk::has_enough_samples(nodes))
-                        .collect(),
-                )?;
-            }
-            for (cell, nodes) in joined {
-                // A cell above chunks holds none itself.
-                open.insert(cell, nodes);
-            }
+            state.open.push(joined);
         }
-        let mut top = open.remove(&(0, 0)).unwrap_or_default();
-        if top.len() > 1 {
-            self.parents(kind, vec![&mut top])?;
+        if next.is_none()
+            && let Some(mut root) = state.open.pop()
+        {
+            if root.nodes.len() > 1 {
+                self.close(state, kind, &mut root.nodes)?;
+            }
+            state.open.push(root);
         }
-        Ok(top[0].node)
+        Ok(())
+    }
+
+    /// Replaces open nodes by their parent, behind all that is written.
+    fn close(&self, state: &mut Placing, kind: &TreeSpec, open: &mut Vec<OpenNode>) -> Result<()> {
+        let (planes, mut built) = self.parent(&state.nodes, kind, open)?;
+        built.record.at = state.end;
+        self.writer.put(state.end, &planes)?;
+        state.end += planes.len() as u64;
+        *open = vec![OpenNode {
+            node: state.nodes.len() as u32,
+            count: built.record.count,
+            samples: None,
+        }];
+        state.nodes.push(built);
+        Ok(())
     }
 
     /// Makes one root above those of several trees, so that a distant view need not show one of
@@ -388,44 +389,47 @@ impl Builder<'_> {
         Ok(())
     }
 
+    /// Makes the parent of open nodes. Their samples are read back, if they are not at hand.
+    fn parent(
+        &self,
+        nodes: &[BuiltNode],
+        kind: &TreeSpec,
+        open: &mut [OpenNode],
+    ) -> Result<(Vec<u8>, BuiltNode)> {
+        let samples = |open: &mut OpenNode| {
+            if let Some(samples) = open.samples.take() {
+                return Ok(samples);
+            }
+            let record = &nodes[open.node as usize].record;
+            let mut planes = vec![0; record.bytes() as usize];
+            self.writer.get(record.at, &mut planes)?;
+            let corner = self.corners[record.lattice as usize];
+            let samples = Samples::unpack(record, corner, &samples::within(record, &planes));
+            let is_own = record.lattice / 2 == kind.lattice_number / 2;
+            let lattices = &self.contents.lattices;
+            Ok(if is_own {
+                samples
+            } else {
+                samples
+                    .moved(&schema::tree_lattice(record, lattices), &kind.lattice)
+                    .completed(kind.has)
+            })
+        };
+        let parts = open.iter_mut().map(samples).collect::<Result<Vec<_>>>()?;
+        let mut planes = Vec::new();
+        let spacing = |child: u32| nodes[child as usize].record.spacing;
+        let (built, _) = build_chunk::parent(kind, open, spacing, parts, &mut planes);
+        Ok((planes, built))
+    }
+
     /// Replaces each list of open nodes by their parent.
     fn parents(&mut self, kind: &TreeSpec, lists: Vec<&mut Vec<OpenNode>>) -> Result<()> {
-        let (nodes, writer, corners, lattices) =
-            (&self.nodes, self.writer, &self.corners, &self.contents.lattices);
-        let made: Vec<(Vec<u8>, BuiltNode)> = lists
-            .par_iter()
-            .map(|open| {
-                let samples = |open: &OpenNode| {
-                    let record = &nodes[open.node as usize].record;
-                    let mut planes = vec![0; record.bytes() as usize];
-                    writer.get(record.at, &mut planes)?;
-                    let samples = Samples::unpack(
-                        record,
-                        corners[record.lattice as usize],
-                        &samples::within(record, &planes),
-                    );
-                    let is_own = record.lattice / 2 == kind.lattice_number / 2;
-                    Ok(if is_own {
-                        samples
-                    } else {
-                        samples
-                            .moved(&schema::tree_lattice(record, lattices), &kind.lattice)
-                            .completed(kind.has)
-                    })
-                };
-                let parts = open.iter().map(samples).collect::<Result<Vec<_>>>()?;
-                let mut planes = Vec::new();
-                let (built, _) = build_chunk::parent(
-                    kind,
-                    open,
-                    |child| nodes[child as usize].record.spacing,
-                    parts,
-                    &mut planes,
-                );
-                Ok((planes, built))
-            })
+        let this = &*self;
+        let made: Vec<((Vec<u8>, BuiltNode), &mut Vec<OpenNode>)> = lists
+            .into_par_iter()
+            .map(|open| Ok((this.parent(&this.nodes, kind, open)?, open)))
             .collect::<Result<_>>()?;
-        for ((planes, mut built), open) in made.into_iter().zip(lists) {
+        for ((planes, mut built), open) in made {
             built.record.at = self.end;
             self.writer.put(self.end, &planes)?;
             self.end += planes.len() as u64;
@@ -440,15 +444,43 @@ impl Builder<'_> {
     }
 }
 
+/// A cell of the kd-tree: the number of code bits that it decides, and their value.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Cell {
+    depth: u32,
+    prefix: u128,
+}
+
+impl Cell {
+    /// Returns the cell that is halved into this one and another; `None` for the whole tree.
+    fn parent(self) -> Option<Cell> {
+        Some(Cell { depth: self.depth.checked_sub(1)?, prefix: self.prefix >> 1 })
+    }
+
+    /// Tests whether the cell is `other` or holds it.
+    fn has(self, other: &Cell) -> bool {
+        other.depth >= self.depth && other.prefix >> (other.depth - self.depth) == self.prefix
+    }
+}
+
+/// Open nodes of a cell whose chunks are all placed.
+struct OpenCell {
+    cell: Cell,
+    nodes: Vec<OpenNode>,
+}
+
 /// Built chunks being placed in the file, in order.
 #[derive(Default)]
 struct Placing {
     next: usize,
-    waiting: BTreeMap<usize, (u32, u128, GrownChunk)>,
+    waiting: BTreeMap<usize, GrownChunk>,
     end: u64,
     points: u64,
     nodes: Vec<BuiltNode>,
-    open: BTreeMap<(u32, u128), Vec<OpenNode>>,
+    /// Cells in Morton order; the last may still be joined with the one before.
+    open: Vec<OpenCell>,
+    /// Of chunks that are not written yet, the range of their nodes, whose samples are kept.
+    unwritten: BTreeMap<usize, Range<u32>>,
     failed: bool,
 }
 
@@ -467,7 +499,7 @@ impl Drop for Alarm<'_> {
 
 impl Placing {
     /// Numbers the next chunk's nodes and places its planes.
-    fn place(&mut self, depth: u32, prefix: u128, grown: GrownChunk) -> (u64, Vec<u8>) {
+    fn place(&mut self, cell: Cell, grown: GrownChunk) -> (u64, Vec<u8>) {
         let (at, first) = (self.end, self.nodes.len() as u32);
         for BuiltNode { mut record, mut children } in grown.nodes {
             record.at += at;
@@ -475,15 +507,23 @@ impl Placing {
             self.points += if children.is_empty() { record.points } else { 0 };
             self.nodes.push(BuiltNode { record, children });
         }
-        let open = grown.open.into_iter().map(|open| OpenNode {
-            node: open.node + first,
-            samples: None,
-            ..open
-        });
-        self.open.insert((depth, prefix), open.collect());
+        let nodes = grown.open.into_iter().map(|open| OpenNode { node: open.node + first, ..open });
+        match self.open.last_mut() {
+            // The next piece of many points in one place.
+            Some(last) if last.cell == cell => last.nodes.extend(nodes),
+            _ => self.open.push(OpenCell { cell, nodes: nodes.collect() }),
+        }
+        self.unwritten.insert(self.next, first..self.nodes.len() as u32);
         self.end += grown.planes.len() as u64;
         self.next += 1;
         (at, grown.planes)
+    }
+
+    /// Drops the samples of a chunk that can be read back now.
+    fn written(&mut self, chunk: usize) {
+        let Some(own) = self.unwritten.remove(&chunk) else { return };
+        let open = self.open.iter_mut().flat_map(|cell| &mut cell.nodes);
+        open.filter(|open| own.contains(&open.node)).for_each(|open| open.samples = None);
     }
 }
 

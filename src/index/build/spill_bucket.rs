@@ -4,13 +4,16 @@
 //! as `point_record`s, in blocks. Blocks stay in memory up to a limit; beyond it full blocks go to
 //! one unnamed temporary file, which the system removes with the process. A batch is first sorted
 //! by cell, so that a bucket is locked once per batch. A bucket with more points than a chunk may
-//! have turns into a grid of finer buckets at once, so that hardly any point is moved twice.
+//! have turns into a grid of finer buckets at once, so that hardly any point is moved twice. A bucket
+//! of more points in one place is cut into pieces by an external merge sort.
 
-use super::point_record::{Batch, Layout};
+use super::point_record::{Batch, Colors, Layout};
 use crate::atomic_file::temporary_file;
 use crate::error::{Error, Result};
 use crate::index::format::morton;
 use crate::index::format::samples::Cell;
+use std::cmp::Reverse;
+use std::collections::BinaryHeap;
 use std::fs::File;
 use std::ops::Range;
 use std::os::unix::fs::FileExt;
@@ -137,6 +140,59 @@ impl Bucket {
         Ok(())
     }
 
+    /// Cuts points of one place into buckets of `piece` points, in the order of their contents.
+    /// `colors` are those of every part.
+    pub fn pieces(
+        self,
+        layout: &Layout,
+        colors: &[Colors],
+        piece: usize,
+        spill: &Spill,
+    ) -> Result<Vec<Bucket>> {
+        let mut runs = Vec::new();
+        let mut records: Vec<u8> = Vec::new();
+        let mut sort = |records: &mut Vec<u8>| -> Result<()> {
+            layout.settle(records, colors);
+            let mut rows: Vec<&[u8]> = records.chunks_exact(layout.bytes).collect();
+            rows.sort_unstable_by_key(|row| layout.rest(row));
+            let mut run = Bucket::default();
+            rows.iter().try_for_each(|row| run.append(row, layout.bytes, spill))?;
+            run.close(spill)?;
+            records.clear();
+            runs.push(run);
+            Ok(())
+        };
+        self.drain(spill, &mut |own| {
+            records.extend_from_slice(own);
+            if records.len() >= piece * layout.bytes { sort(&mut records) } else { Ok(()) }
+        })?;
+        sort(&mut records)?;
+        drop(records);
+        let mut runs: Vec<Run> =
+            runs.into_iter().map(|run| Run::of(run, spill)).collect::<Result<_>>()?;
+        let first = |run: &Run| run.row(layout.bytes).map(|row| layout.rest(row).to_vec());
+        let mut next: BinaryHeap<Reverse<(Vec<u8>, usize)>> = runs
+            .iter()
+            .enumerate()
+            .filter_map(|(k, run)| Some(Reverse((first(run)?, k))))
+            .collect();
+        let mut pieces: Vec<Bucket> = Vec::new();
+        while let Some(Reverse((_, k))) = next.pop() {
+            if pieces.last().is_none_or(|last| last.points == piece as u64) {
+                pieces.iter_mut().last().map_or(Ok(()), |last| last.close(spill))?;
+                pieces.push(Bucket::default());
+            }
+            let run = &mut runs[k];
+            let (row, last) = (run.row(layout.bytes), pieces.last_mut());
+            let (Some(row), Some(last)) = (row, last) else { continue };
+            last.append(row, layout.bytes, spill)?;
+            run.advance(layout.bytes, spill)?;
+            next.extend(first(run).map(|row| Reverse((row, k))));
+        }
+        pieces.iter_mut().last().map_or(Ok(()), |last| last.close(spill))?;
+        Ok(pieces)
+    }
+
     /// Passes every block's records to `look`.
     pub fn look(&self, spill: &Spill, look: &mut dyn FnMut(&[u8])) -> Result<()> {
         let mut read = Vec::new();
@@ -172,6 +228,54 @@ impl Bucket {
         }
         take(&self.tail)?;
         spill.used.fetch_sub(self.tail.capacity() as u64, Relaxed);
+        Ok(())
+    }
+}
+
+/// A sorted bucket that is read from its beginning, a block at a time.
+struct Run {
+    blocks: std::vec::IntoIter<Block>,
+    tail: Vec<u8>,
+    /// The block that is read, and the offset of its next record.
+    block: Vec<u8>,
+    at: usize,
+}
+
+impl Run {
+    fn of(bucket: Bucket, spill: &Spill) -> Result<Run> {
+        let (block, blocks) = (Vec::new(), bucket.blocks.into_iter());
+        let mut run = Run { blocks, tail: bucket.tail, block, at: 0 };
+        run.load(spill)?;
+        Ok(run)
+    }
+
+    /// Returns the next record; `None` after the last one.
+    fn row(&self, stride: usize) -> Option<&[u8]> {
+        self.block.get(self.at..self.at + stride)
+    }
+
+    fn advance(&mut self, stride: usize, spill: &Spill) -> Result<()> {
+        self.at += stride;
+        if self.at < self.block.len() { Ok(()) } else { self.load(spill) }
+    }
+
+    /// Replaces the block by the next one.
+    fn load(&mut self, spill: &Spill) -> Result<()> {
+        self.at = 0;
+        match self.blocks.next() {
+            Some(Block::Memory(bytes)) => {
+                spill.used.fetch_sub(bytes.capacity() as u64, Relaxed);
+                self.block = bytes;
+            }
+            Some(Block::Disk { at, bytes }) => {
+                self.block.resize(bytes as usize, 0);
+                spill.read(at, &mut self.block)?;
+            }
+            None => {
+                spill.used.fetch_sub(self.tail.capacity() as u64, Relaxed);
+                self.block = std::mem::take(&mut self.tail);
+            }
+        }
         Ok(())
     }
 }
@@ -292,7 +396,7 @@ impl Grid {
             return finer.add_records(records, spill);
         }
         bucket.append(records, self.layout.bytes, spill)?;
-        if bucket.points <= self.limit || self.bits == self.levels {
+        if bucket.points <= self.limit || self.is_finest() {
             return Ok(());
         }
         let shift = self.bits - self.levels;
@@ -307,6 +411,11 @@ impl Grid {
         // Other threads may fill the finer grid while this one moves the bucket's records.
         drop(bucket);
         full.drain(spill, &mut |records| finer.add_records(records, spill))
+    }
+
+    /// Returns whether its buckets hold one place each.
+    pub fn is_finest(&self) -> bool {
+        self.bits == self.levels
     }
 
     /// Returns points and contents of every bucket, in Morton order.

@@ -291,6 +291,11 @@ fn check(directory: &Directory, end: u64) -> std::result::Result<(), String> {
     if directory.roots as usize > nodes.len() {
         return Err(format!("claims {} roots among {} nodes", directory.roots, nodes.len()));
     }
+    for &[step, offset] in &directory.contents.lattices {
+        if let Some(what) = (Lattice { step: step.abs(), offset }).wrong() {
+            return Err(what);
+        }
+    }
     let mut next = directory.roots as usize;
     for (i, node) in nodes.iter().enumerate() {
         let wrong = |what: &str| Err(format!("has a node {i} {what}"));

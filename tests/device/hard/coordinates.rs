@@ -148,7 +148,7 @@ fn hard_03_coordinates_that_are_no_numbers_are_left_out_and_said() {
 /// number is drawn.
 #[test]
 fn hard_03_coordinates_beyond_f32_do_not_reach_the_picture() {
-    for huge in ["1e38", "3e38", "1e39", "1e300"] {
+    for huge in ["1e38", "3e38", "1e39", "1e100"] {
         let text = format!(
             "0 0 {huge}\n{huge} 0 {huge}\n-{huge} {huge} 0\n0 {huge} {huge}\n1 2 3\n{huge} {huge} 1\n"
         );
