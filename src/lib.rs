@@ -7,6 +7,7 @@
 //!
 //! The modules follow the data. Each uses only those before it; `tests/cpu/imports.rs` checks that.
 //!
+//! - [`network`]: files on servers, read by ranges.
 //! - [`cloud`]: readers of files, and filters. Points become columns on the files' own lattices.
 //!   [`synth`]: files with known truth, from analytic scenes.
 //! - [`index`]: nodes of at most 65,536 points in Morton order, with bit-plane positions and
@@ -75,6 +76,7 @@ pub mod graph;
 pub mod guide;
 pub mod index;
 pub mod loader;
+pub mod network;
 pub mod output;
 pub mod passes;
 #[cfg(feature = "app")]

@@ -226,6 +226,16 @@ impl<P: FnMut()> Thread<P> {
     fn run(mut self) {
         lock(&self.reading).cpu_time_file = cpu_time_file();
         while let Some(next) = self.queue.next() {
+            // Those behind this one come from a server while it is read.
+            if self.index.is_remote()
+                && let Some(list) = self.queue.newest()
+            {
+                let own = match &next {
+                    Next::Read { node, planes, .. } => Some((*node, *planes)),
+                    Next::Dropped { .. } => None,
+                };
+                self.announce(own.into_iter().chain(list));
+            }
             let (node, outcome) = match next {
                 // The pages return to the frame before it gets the answer.
                 Next::Dropped { node, destination } => {
@@ -273,6 +283,29 @@ impl<P: FnMut()> Thread<P> {
             Err(Error::format(self.index.path(), what))
         });
         read.map_or_else(Outcome::Failed, Outcome::Done)
+    }
+
+    /// Announces nodes that will be read, with the planes that are looked at.
+    fn announce(&self, list: impl Iterator<Item = (usize, u32)>) {
+        let shown = &self.shown;
+        let elevation = shown.attribute == Attribute::Elevation;
+        let mut extra = Plane::of(shown.attribute).to_vec();
+        let kinds: &[Plane] =
+            if shown.kind().is_some() { &[Plane::Class, Plane::Returns] } else { &[] };
+        let stations = shown.kind().is_some() || shown.coded;
+        let normals = if shown.normal().is_some() { &NORMALS[..] } else { &[] };
+        let strokes = shown.strokes().map(|_| [Plane::Facing, Plane::Brush]);
+        extra.extend(kinds.iter().chain(normals).copied());
+        extra.extend(stations.then_some(Plane::STATIONS).into_iter().flatten());
+        extra.extend(strokes.into_iter().flatten());
+        let planes_of = |(node, planes): (usize, u32)| {
+            let record = &self.index.nodes()[node];
+            let planes = if elevation { record.position_planes() } else { planes };
+            let positions = PLANES.iter().take(planes as usize).map(|(plane, _)| *plane);
+            let extra = extra.iter().copied().filter(|&plane| record.has(plane));
+            (node, positions.chain(extra).collect())
+        };
+        self.index.ahead(&list.map(planes_of).collect::<Vec<_>>());
     }
 
     /// Starts timing the read of a node, or stops it.
@@ -440,13 +473,15 @@ fn gather(
     Ok(read)
 }
 
+/// Planes of normals, the first that a node has.
+const NORMALS: [Plane; 2] = [Plane::Facing, Plane::Normal];
+
 /// Reads a node's normals: derived ones, else those of its files, else unknown. Returns the bytes
 /// read.
 fn normals(index: &Index, node: usize, bytes: &mut Vec<u8>, words: &mut [u32]) -> Result<u64> {
     let record = &index.nodes()[node];
     words.fill(octahedral::UNKNOWN);
-    let Some(plane) = [Plane::Facing, Plane::Normal].into_iter().find(|&plane| record.has(plane))
-    else {
+    let Some(plane) = NORMALS.into_iter().find(|&plane| record.has(plane)) else {
         return Ok(0);
     };
     bytes.resize(record.range(plane).1 as usize, 0);

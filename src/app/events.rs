@@ -9,6 +9,7 @@ use super::{App, Event};
 use crate::error::{Error, Result};
 use crate::gpu::DeviceOptions;
 use crate::index::cache;
+use crate::network;
 use crate::present::Present;
 use crate::renderer::{Renderer, RendererOptions};
 use crate::tune::Governor;
@@ -236,6 +237,7 @@ impl ApplicationHandler<Event> for App {
     fn exiting(&mut self, _events: &ActiveEventLoop) {
         self.load.token.cancel();
         self.load.lookup_token.cancel();
+        network::stop();
         if let Some(mut thread) = self.render_thread.take() {
             thread.close();
         }

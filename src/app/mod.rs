@@ -35,6 +35,7 @@ mod unsaved;
 
 use crate::cloud::point_lookup::Record;
 use crate::error::{Error, Result};
+use crate::network;
 use crate::progress::Progress;
 use crate::render::annotations::Annotations;
 use crate::render::scene::Scene;
@@ -76,6 +77,7 @@ enum Event {
 
 /// Opens a window, and returns when it is closed or `progress` interrupts it.
 pub fn run(options: Options, progress: &dyn Progress) -> Result<Summary> {
+    network::resume();
     let events = EventLoop::<Event>::with_user_event().build().map_err(no_window)?;
     let interrupted = events.create_proxy();
     progress.when_interrupted(Box::new(move || drop(interrupted.send_event(Event::Interrupted))));

@@ -2,6 +2,7 @@
 
 use crate::atomic_file::write_atomically;
 use crate::error::{Error, Result};
+use crate::network::is_address;
 use std::path::{Path, PathBuf};
 
 /// Most files in the list.
@@ -19,11 +20,11 @@ fn place() -> Option<PathBuf> {
     folder.map(|folder| folder.join("pointillist").join("recent.json"))
 }
 
-/// Returns the files in the list that are there. A list that cannot be read is empty.
+/// Returns the files in the list that are there, and addresses. A list that cannot be read is empty.
 pub fn read() -> Vec<PathBuf> {
     let read = |list: PathBuf| serde_json::from_slice(&std::fs::read(list).ok()?).ok();
     let files: Vec<PathBuf> = place().and_then(read).unwrap_or_default();
-    files.into_iter().filter(|file| file.exists()).collect()
+    files.into_iter().filter(|file| is_address(file) || file.exists()).collect()
 }
 
 /// Puts files at the front of the list; returns the list.
@@ -39,7 +40,10 @@ pub fn add(files: &[PathBuf]) -> Result<Vec<PathBuf>> {
 /// Returns a list with these files at its front. Names that JSON cannot hold are left out.
 fn joined(files: &[PathBuf], known: &[PathBuf]) -> Vec<PathBuf> {
     let mut listed: Vec<PathBuf> = Vec::new();
-    let whole = files.iter().map(|file| std::path::absolute(file).unwrap_or(file.clone()));
+    let whole = files.iter().map(|file| match std::path::absolute(file) {
+        Ok(whole) if !is_address(file) => whole,
+        _ => file.clone(),
+    });
     for file in whole.chain(known.iter().cloned()) {
         if !listed.contains(&file) && file.to_str().is_some() {
             listed.push(file);
@@ -68,6 +72,8 @@ mod tests {
         let known = names(&["/b", "/c"]);
         assert_eq!(joined(&names(&["/a"]), &known), names(&["/a", "/b", "/c"]));
         assert_eq!(joined(&names(&["/c"]), &known), names(&["/c", "/b"]));
+        let address = ["s3://bucket/a.copc.laz"];
+        assert_eq!(joined(&names(&address), &[]), names(&address));
         let many: Vec<PathBuf> = (0..20).map(|number| format!("/{number}").into()).collect();
         assert_eq!(joined(&many, &known), many[..MOST]);
     }

@@ -3,7 +3,7 @@
 
 use super::files::{check_extension, refuse_to_overwrite};
 use super::filters::{ClipOptions, FilterOptions};
-use super::options::{ColorOptions, TextArguments};
+use super::options::{CacheOptions, ColorOptions, TextArguments};
 use super::streams;
 use crate::cloud::scalar::{Scalar, Scalars};
 use crate::cloud::{ColumnSet, ReadOptions};
@@ -74,6 +74,8 @@ pub struct Arguments {
     pub colors: ColorOptions,
     #[command(flatten)]
     pub text: TextArguments,
+    #[command(flatten)]
+    pub cache: CacheOptions,
 }
 
 /// Parses `--add`.
@@ -127,6 +129,7 @@ impl Arguments {
 }
 
 pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
+    arguments.cache.use_for_servers(progress);
     let output: &Path = &arguments.output;
     refuse_to_overwrite(output, &arguments.files)?;
     check_extension(output, &ENDINGS)?;

@@ -1,7 +1,7 @@
 //! `pointillist index`: files in, one index out, complete or absent.
 
 use super::files::{check_extension, refuse_to_overwrite};
-use super::options::{ColorOptions, TextArguments};
+use super::options::{CacheOptions, ColorOptions, TextArguments};
 use super::streams;
 use super::units::Bytes;
 use crate::cloud::ColumnSet;
@@ -68,6 +68,8 @@ pub struct Arguments {
     pub json: bool,
     #[command(flatten)]
     pub text: TextArguments,
+    #[command(flatten)]
+    pub cache: CacheOptions,
 }
 
 /// The least `--memory`: a chunk of the least size has to fit.
@@ -108,6 +110,7 @@ fn kept(text: &str) -> std::result::Result<Attribute, String> {
 }
 
 pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
+    arguments.cache.use_for_servers(progress);
     refuse_to_overwrite(&arguments.output, &arguments.files)?;
     check_extension(&arguments.output, &["pnti"])?;
     let summary =

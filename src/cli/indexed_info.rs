@@ -1,4 +1,5 @@
-//! `pointillist info cloud.pnti`: what an index was built from, and its tree.
+//! `pointillist info cloud.pnti`: what an index was built from, and its tree. The same of an octree on
+//! a server.
 //!
 //! The JSON object has `points`, `bounds`, `unit`, `unit_is_stated`, `spacing`, `strays`, `parts`,
 //! `stations`, `notes` as `info` gives them of files (but no ranges of attributes: those would need
@@ -19,14 +20,13 @@ use crate::cloud::spacing::{self, Around};
 use crate::cloud::strays::Strays;
 use crate::error::{Error, Result};
 use crate::index::format::Balance;
-use crate::index::format::{Index, IndexedPart, PLANES, Plane};
+use crate::index::format::{Index, IndexedPart, PLANES, Plane, Refinement};
 use crate::render::source;
 use glam::DVec3;
 use rayon::prelude::*;
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::fmt::Write;
-use std::path::Path;
 
 const HOW_SPACING: &str = "the root of the area that each of the eight nearest places has, the upper quartile of about 2000 places of 64 leaves";
 
@@ -103,8 +103,7 @@ struct LeafPoints {
 }
 
 /// Returns the report, as text or JSON.
-pub fn report(path: &Path, json: bool) -> Result<String> {
-    let index = Index::open(path)?;
+pub fn report(index: &Index, json: bool) -> Result<String> {
     let (contents, reference) = (&index.directory.contents, index.reference());
     let report = Report {
         points: contents.points,
@@ -114,10 +113,10 @@ pub fn report(path: &Path, json: bool) -> Result<String> {
             .map(|[min, max]| Bounds { min, max }),
         unit: reference.unit(),
         unit_is_stated: reference.says_unit(),
-        spacing: Spacing { value: spacing(&index)?, how: HOW_SPACING },
-        strays: source::strays(&index),
-        index: Tree::new(&index),
-        colors: colors(&index),
+        spacing: Spacing { value: spacing(index)?, how: HOW_SPACING },
+        strays: source::strays(index),
+        index: Tree::new(index),
+        colors: colors(index),
         parts: &contents.parts,
         stations: &contents.stations,
         classes: contents.counts.as_ref().map(Class::list),
@@ -130,7 +129,12 @@ pub fn report(path: &Path, json: bool) -> Result<String> {
             Error::Request(format!("the report cannot be written as JSON: {error}"))
         });
     }
-    Ok(report.text(path))
+    Ok(report.text(index))
+}
+
+/// Tests whether an index is a file NAME.pnti.
+fn is_own(index: &Index) -> bool {
+    index.refinement == Refinement::Replaces
 }
 
 /// Returns the names of all that points can show.
@@ -172,7 +176,8 @@ impl Tree {
                 let scalar = contents.scalar.clone().filter(|_| plane == Plane::GpsTime);
                 (scalar.unwrap_or(format!("{plane:?}").to_lowercase()), bytes_of(plane))
             })
-            .filter(|(_, bytes)| *bytes > 0);
+            // Octrees of other programs have none in their files.
+            .filter(|(_, bytes)| *bytes > 0 && is_own(index));
         Tree {
             bytes: index.bytes(),
             bytes_per_point: index.bytes() as f64 / index.directory.contents.points.max(1) as f64,
@@ -192,12 +197,14 @@ impl Tree {
 }
 
 impl Report<'_> {
-    fn text(&self, path: &Path) -> String {
-        let mut out = format!("{}\n", path.display());
+    fn text(&self, index: &Index) -> String {
+        let mut out = format!("{}\n", index.path().display());
         let mut line = |what: &str, value: String| {
             let _ = writeln!(out, "  {what:<18} {value}");
         };
-        line("format", "pointillist index".into());
+        let own = || self.parts.first().map(|part| part.header.format.clone());
+        let format = if is_own(index) { None } else { own() };
+        line("format", format.unwrap_or("pointillist index".into()));
         line("points", self.points.to_string());
         line("bounds", words(&self.bounds));
         line("unit", unit_words(&self.unit, self.unit_is_stated));
@@ -292,6 +299,11 @@ fn spacing(index: &Index) -> Result<Option<f64>> {
         leaves.iter().copied().step_by(leaves.len().div_ceil(LEAVES).max(1)).collect();
     let points: u64 = asked.iter().map(|&leaf| index.nodes()[leaf].count as u64).sum();
     let every = points.div_ceil(spacing::SEEDS).max(1) as usize;
+    let positions = |&leaf: &usize| {
+        let count = index.nodes()[leaf].position_planes() as usize;
+        (leaf, PLANES[..count].iter().map(|(plane, _)| *plane).collect())
+    };
+    index.ahead(&asked.iter().map(positions).collect::<Vec<_>>());
     let of_leaf = |&leaf: &usize| {
         let places: Vec<DVec3> = index.samples(leaf)?.iter().map(|(place, _)| *place).collect();
         let apart = |&seed: &DVec3| {

@@ -26,12 +26,13 @@
 use super::export;
 use super::filters::{ClipOptions, FilterOptions};
 use super::indexed_info::{self, Returned};
-use super::options::{ColorOptions, TextArguments};
+use super::options::{CacheOptions, ColorOptions, TextArguments};
 use crate::cloud::attribute::Attribute;
 use crate::cloud::crs::{Crs, Reference, Unit};
 use crate::cloud::digits::{self, Digits};
 use crate::cloud::filter::grouped;
 use crate::cloud::histograms::Histograms;
+use crate::cloud::input::Input;
 use crate::cloud::rgb_range::Scale;
 use crate::cloud::scalar;
 use crate::cloud::strays::Strays;
@@ -41,18 +42,20 @@ use crate::extract::Selection;
 use crate::extract::count::{self, Count};
 use crate::index::attributes::exposure::{Exposures, exposures};
 use crate::index::format::{Balance, Index};
+use crate::network;
 use crate::progress::Progress;
 use crate::render::source;
 use glam::DVec3;
 use serde::Serialize;
 use std::fmt::Write as _;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 #[derive(clap::Args, Debug)]
 #[command(after_help = "Examples:
   pointillist info scan.laz                  counts, bounds, attributes, stations, spacing
   pointillist info --json a.las b.e57        both as one cloud, one JSON object
   pointillist info site.pnti                 an index: what went into it, and the tree
+  pointillist info s3://bucket/a.copc.laz    an octree on a server: its header and tree
   pointillist info scan.laz --only ground --clip box:0,0,0,10,10,5 --count    exactly how many points
   pointillist info --strict survey.las       exit code 1 if anything is cut off or the header lies")]
 pub struct Arguments {
@@ -84,23 +87,37 @@ pub struct Arguments {
 
     #[command(flatten)]
     pub colors: ColorOptions,
+
+    #[command(flatten)]
+    pub cache: CacheOptions,
 }
 
 pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
+    arguments.cache.use_for_servers(progress);
+    for path in arguments.files.iter().filter(|path| network::is_address(path)) {
+        Input::open_slowly(path, progress)?;
+    }
     let is_index = arguments.files.iter().any(|path| Index::is_one(path));
     let selects = !arguments.filters.filter().is_empty() || !arguments.clips.clip.is_empty();
+    let is_remote_octree = |path: &Path| network::is_address(path) && Index::is_octree(path);
     let mut text = match arguments.files.iter().find(|path| Index::is_one(path)) {
         // An index has no ranges of attributes, of all points or of some.
         _ if arguments.count || is_index && selects => counted(arguments, progress)?,
         Some(path) if arguments.files.len() == 1 => {
             source::refuse_rgb_range(path, arguments.colors.rgb_range)?;
-            indexed_info::report(path, arguments.json)?
+            indexed_info::report(&Index::open(path)?, arguments.json)?
         }
         Some(path) => {
             return Err(Error::Request(format!(
                 "{} is an index; pass it alone, without other files",
                 path.display()
             )));
+        }
+        // Ranges of all points would have to be fetched.
+        None if arguments.files.len() == 1 && !selects && is_remote_octree(&arguments.files[0]) => {
+            let range = arguments.colors.rgb_range;
+            let index = Index::open_octree(&arguments.files[0], range, arguments.strict)?;
+            indexed_info::report(&index, arguments.json)?
         }
         None => of_files(arguments, progress)?,
     };

@@ -13,12 +13,14 @@ use crate::cloud::{ColumnSet, ReadOptions};
 use crate::config;
 use crate::error::{Error, Result};
 use crate::gpu;
-use crate::index::cache;
+use crate::index::cache::CacheLocation;
+use crate::network;
 use crate::output::annotations::{Shown, no_north};
 use crate::passes::phong::Normals;
 use crate::passes::project::Precision;
 use crate::passes::splat::PointSize;
 use crate::passes::{Effects, Switch};
+use crate::progress::Progress;
 use crate::render::annotations::Annotations;
 use crate::render::scene::Scene;
 use crate::render::settings::{Background, RenderSettings, Style};
@@ -217,15 +219,49 @@ pub struct DetailOptions {
     /// Device memory for nodes of an index [default: 1GiB]; beyond it a picture is coarser
     #[arg(long, alias = "pool", value_name = "BYTES")]
     pub gpu_memory: Option<Bytes>,
-    /// Folder for indexes of large files [default: pointillist in the user's cache folder]
-    #[arg(long, value_name = "FOLDER")]
-    pub cache_dir: Option<PathBuf>,
-    /// Keep no index; build it again each time
-    #[arg(long, conflicts_with = "cache_dir")]
-    pub no_cache: bool,
+    #[command(flatten)]
+    pub cache: CacheOptions,
     /// Shadows of the index, as `pointillist shadows` saved them for the same --light
     #[arg(long, value_name = "FILE.shadows")]
     pub shadows: Option<PathBuf>,
+}
+
+/// What is kept on the disk for the next time.
+#[derive(clap::Args, Clone, Debug, Default)]
+#[command(next_help_heading = "Large clouds")]
+pub struct CacheOptions {
+    /// Folder for indexes of large files, and for what servers have sent [default: pointillist in the
+    /// user's cache folder]
+    #[arg(long, value_name = "FOLDER")]
+    pub cache_dir: Option<PathBuf>,
+    /// Keep neither; build and fetch again each time
+    #[arg(long, conflicts_with = "cache_dir")]
+    pub no_cache: bool,
+    /// Most bytes to keep of what servers have sent [default: 4GiB]
+    #[arg(long, value_name = "BYTES")]
+    pub cache_size: Option<Bytes>,
+}
+
+impl CacheOptions {
+    /// Returns the place; `None` for the default one.
+    pub fn place(&self) -> Option<CacheLocation> {
+        match &self.cache_dir {
+            _ if self.no_cache => Some(CacheLocation::Temporary),
+            folder => folder.clone().map(CacheLocation::Folder),
+        }
+    }
+
+    /// Sets where answers of servers are kept, and lets signals end the waiting for them.
+    pub fn use_for_servers(&self, progress: &dyn Progress) {
+        let folder = match self.place().map_or_else(CacheLocation::user_folder, Ok) {
+            Ok(CacheLocation::Folder(folder)) => Some(folder.join("network")),
+            // Without a home folder, clouds on servers are drawn all the same.
+            Ok(CacheLocation::Temporary) | Err(_) => None,
+        };
+        let most = self.cache_size.map_or(network::CACHE_BYTES, |bytes| bytes.0);
+        network::set_cache(network::Cache { folder, most });
+        progress.when_interrupted(Box::new(network::stop));
+    }
 }
 
 /// How text files are read where detection would fail.
@@ -268,10 +304,7 @@ impl DetailOptions {
     pub fn opening(&self, read: ReadOptions, filter: Filter, light: Light) -> OpenOptions {
         let chosen = self.point_budget.is_some() || self.lod.is_some();
         let index = chosen.then_some("--point-budget and --lod choose among the nodes of an index");
-        let place = match &self.cache_dir {
-            _ if self.no_cache => Some(cache::CacheLocation::Temporary),
-            folder => folder.clone().map(cache::CacheLocation::Folder),
-        };
+        let place = self.cache.place();
         OpenOptions {
             read,
             filter,

@@ -7,7 +7,7 @@
 use super::export;
 use super::files::refuse_to_overwrite;
 use super::filters::{ClipOptions, FilterOptions};
-use super::options::{ColorOptions, TextArguments};
+use super::options::{CacheOptions, ColorOptions, TextArguments};
 use super::streams;
 use super::units::Size;
 use crate::atomic_file::AtomicFile;
@@ -102,6 +102,8 @@ pub struct Arguments {
     pub colors: ColorOptions,
     #[command(flatten)]
     pub text: TextArguments,
+    #[command(flatten)]
+    pub cache: CacheOptions,
 }
 
 /// Most pixels of a picture.
@@ -173,6 +175,7 @@ impl Arguments {
 }
 
 pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
+    arguments.cache.use_for_servers(progress);
     for output in &arguments.output {
         refuse_to_overwrite(output, &arguments.files)?;
         let ending = output.extension().map(|own| own.to_string_lossy().to_lowercase());

@@ -4,7 +4,7 @@
 use super::export;
 use super::files::{check_extension, refuse_to_overwrite};
 use super::filters::{ClipOptions, FilterOptions};
-use super::options::{ColorOptions, TextArguments};
+use super::options::{CacheOptions, ColorOptions, TextArguments};
 use super::streams;
 use super::units::Bytes;
 use crate::cloud::ReadOptions;
@@ -75,6 +75,8 @@ pub struct Arguments {
     pub colors: ColorOptions,
     #[command(flatten)]
     pub text: TextArguments,
+    #[command(flatten)]
+    pub cache: CacheOptions,
 }
 
 /// Most cells of a side, as other programs read them.
@@ -84,6 +86,7 @@ const LARGEST_SIDE: u32 = i32::MAX as u32;
 const SPARSE: u64 = 64;
 
 pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
+    arguments.cache.use_for_servers(progress);
     let Arguments { output, resolution, value, pick, .. } = arguments;
     refuse_to_overwrite(output, &arguments.files)?;
     check_extension(output, &["tif", "tiff"])?;

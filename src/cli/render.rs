@@ -139,6 +139,7 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
             png.display()
         )));
     }
+    arguments.picture.detail.cache.use_for_servers(progress);
     let pictures = [&arguments.output, &arguments.exr].into_iter().flatten();
     let to_output = pictures.filter(|path| path.as_path() == Path::new(STANDARD_OUTPUT)).count();
     if to_output > 0 && (arguments.explains("json") || to_output > 1) {

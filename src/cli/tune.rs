@@ -50,11 +50,7 @@ pub struct Arguments {
 
 /// Returns the place of fronts: that of indexes.
 pub fn place(picture: &PictureOptions) -> Result<CacheLocation> {
-    match &picture.detail.cache_dir {
-        _ if picture.detail.no_cache => Ok(CacheLocation::Temporary),
-        Some(folder) => Ok(CacheLocation::Folder(folder.clone())),
-        None => CacheLocation::user_folder(),
-    }
+    picture.detail.cache.place().map_or_else(CacheLocation::user_folder, Ok)
 }
 
 /// Returns what a front of these settings on this device is of.
@@ -76,6 +72,7 @@ pub fn opening(picture: &PictureOptions, strict: bool) -> OpenOptions {
 
 pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
     let picture = arguments.picture.with_scene()?;
+    picture.detail.cache.use_for_servers(progress);
     for output in &arguments.output {
         refuse_to_overwrite(output, &arguments.files)?;
         check_extension(output, &["html", "json"])?;

@@ -25,6 +25,7 @@ Examples:
   pointillist view scan.laz
   pointillist view north.laz south.laz --color source --navigation blender
   pointillist view scan.laz --time 16ms                     moving pictures in 16 ms; see `tune`
+  pointillist view https://example.org/site.copc.laz        in place, by the parts that are seen
   pointillist view site.pnti --effect edl=on                an index opens at once
   pointillist view site.pnti --path tour.json --flight 20 --timings    measures a scripted flight";
 
@@ -96,6 +97,7 @@ fn help() -> String {
 pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
     let began = Instant::now();
     let picture = arguments.picture.with_scene()?;
+    picture.detail.cache.use_for_servers(progress);
     let camera = picture.camera()?;
     let here = camera.unwrap_or(Camera::framing(picture.view, &[], picture.size.0));
     let scene = Scene {

@@ -1,14 +1,18 @@
-//! Input files, read by position.
+//! Inputs, read by position: files, and objects on servers.
 //!
-//! Readers request ranges from several threads at once, so there is no shared file position.
+//! Readers request ranges from several threads at once, so there is no shared file position. What will
+//! be read is said beforehand ([`Input::ahead`]), so that servers are asked for much at a time.
 //! Nothing is mapped, because a mapped file that shrinks kills the process (guide: reliability).
 
 use super::rgb_range::RgbRange;
 use crate::error::{Error, Result};
-use crate::progress::Progress;
+use crate::network::{self, Object};
+use crate::progress::{Progress, Silent};
 use std::fs::File;
 use std::io;
+use std::ops::Range;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 pub struct Input {
@@ -22,6 +26,7 @@ pub struct Input {
 
 enum Contents {
     File(File),
+    Remote(Arc<Object>),
     /// Decoded bytes to read instead of the file's.
     Made(Vec<u8>),
 }
@@ -31,9 +36,20 @@ enum Contents {
 pub const OCTREES: [&str; 2] = ["metadata.json", "ept.json"];
 
 impl Input {
-    /// Opens a file, or the description of a cloud in a folder. Refuses pipes and devices by their
-    /// metadata, since opening a pipe would wait for a writer.
+    /// Opens a file, or the description of a cloud in a folder; also by an address. Refuses pipes and
+    /// devices by their metadata, since opening a pipe would wait for a writer.
     pub fn open(path: &Path) -> Result<Self> {
+        Input::open_slowly(path, &Silent)
+    }
+
+    /// Opens a file as [`Input::open`], with reports of progress while a server does not answer.
+    pub fn open_slowly(path: &Path, progress: &dyn Progress) -> Result<Self> {
+        if let Some(path) = network::path_of_file_address(path) {
+            return Input::open(&path);
+        }
+        if network::is_address(path) {
+            return Input::open_address(path, progress);
+        }
         let metadata = std::fs::metadata(path).map_err(|source| Error::io("open", path, source))?;
         if metadata.is_dir() {
             let found = OCTREES.map(|name| path.join(name)).into_iter().find(|path| path.is_file());
@@ -58,6 +74,72 @@ impl Input {
             rgb_range: None,
             contents: Contents::File(file),
         })
+    }
+
+    /// Opens an object on a server. A name without an ending may be that of a folder.
+    fn open_address(path: &Path, progress: &dyn Progress) -> Result<Self> {
+        let name = network::without_query(path);
+        let is_folder = name.to_string_lossy().ends_with('/');
+        if is_folder || name.extension().is_none() {
+            let inner = network::beside(path, &name_in_folder(name, is_folder));
+            for description in OCTREES {
+                let path = network::beside(&inner, description);
+                match Object::open(&path, progress) {
+                    Ok(object) => return Ok(Input::remote(path, object)),
+                    Err(error) if !Object::is_missing(&path) => return Err(error),
+                    Err(_) => {}
+                }
+            }
+            if is_folder {
+                return Err(Error::format(
+                    path,
+                    "has neither metadata.json (Potree) nor ept.json (EPT); give the address of a file",
+                ));
+            }
+        }
+        Object::open(path, progress).map(|object| Input::remote(path.to_owned(), object))
+    }
+
+    fn remote(path: PathBuf, object: Arc<Object>) -> Self {
+        let (length, contents) = (object.length(), Contents::Remote(object));
+        Input { path, length, rgb_range: None, contents }
+    }
+
+    /// Returns the folder of the file, for the files that belong to it.
+    pub fn folder(&self) -> Folder {
+        let object = match &self.contents {
+            Contents::Remote(object) => Some(object.clone()),
+            _ => None,
+        };
+        Folder { path: self.path.clone(), object }
+    }
+
+    /// Announces that ranges will be read. Files need no announcement.
+    pub fn ahead(&self, ranges: impl Iterator<Item = Range<u64>>) {
+        if let Contents::Remote(object) = &self.contents {
+            object.ahead(&ranges.collect::<Vec<_>>());
+        }
+    }
+
+    /// Tests whether it is on a server.
+    pub fn is_remote(&self) -> bool {
+        matches!(self.contents, Contents::Remote(_))
+    }
+
+    /// Returns what tells an object on a server from its other versions.
+    pub fn tag(&self) -> Option<&str> {
+        match &self.contents {
+            Contents::Remote(object) => Some(object.tag()),
+            _ => None,
+        }
+    }
+
+    /// Fetches all of an object on a server, for readers that read all.
+    pub fn download(&self, progress: &dyn Progress) -> Result<()> {
+        match &self.contents {
+            Contents::Remote(object) => object.download(&self.name(), progress),
+            _ => Ok(()),
+        }
     }
 
     /// Returns an input with these contents.
@@ -86,7 +168,11 @@ impl Input {
                 Ok(0) => break,
                 Ok(count) => filled += count,
                 Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
-                Err(source) => return Err(Error::io("read", &self.path, source)),
+                // What the network says names the address.
+                Err(error) => match error.downcast() {
+                    Ok(own) => return Err(own),
+                    Err(error) => return Err(Error::io("read", &self.path, error)),
+                },
             }
         }
         Ok(filled)
@@ -127,8 +213,49 @@ impl Input {
     }
 }
 
+/// The folder of a file, with other files that belong to it.
+pub struct Folder {
+    /// Path of the file.
+    path: PathBuf,
+    object: Option<Arc<Object>>,
+}
+
+impl Folder {
+    pub fn path_of(&self, name: &str) -> PathBuf {
+        network::beside(&self.path, name)
+    }
+
+    /// Opens a file in the folder, or below it.
+    pub fn open(&self, name: &str) -> Result<Input> {
+        let path = self.path_of(name);
+        match &self.object {
+            Some(object) => object.member(&path).map(|member| Input::remote(path, member)),
+            None => Input::open(&path),
+        }
+    }
+
+    /// Announces that files will be opened. Those on a disk need no announcement.
+    pub fn ahead(&self, names: impl Iterator<Item = String>) {
+        if let Some(object) = &self.object {
+            object.members_ahead(&names.map(|name| self.path_of(&name)).collect::<Vec<_>>());
+        }
+    }
+
+    /// Tests whether it is on a server.
+    pub fn is_remote(&self) -> bool {
+        self.object.is_some()
+    }
+}
+
+/// Returns a name in the folder that an address names, as seen from the folder above.
+fn name_in_folder(name: &Path, ends: bool) -> String {
+    let folder = name.file_name().unwrap_or_default().to_string_lossy();
+    if ends { "-".into() } else { format!("{folder}/-") }
+}
+
 /// Returns the name of a file; of a cloud in several files that of their folder.
 pub fn name_of(path: &Path) -> String {
+    let path = network::without_query(path);
     let folder = path.parent().filter(|_| OCTREES.iter().any(|name| path.ends_with(name)));
     let name = folder.and_then(Path::file_name).or(path.file_name());
     name.unwrap_or(path.as_os_str()).to_string_lossy().into_owned()
@@ -138,6 +265,7 @@ impl Contents {
     fn read_some_at(&self, bytes: &mut [u8], offset: u64) -> io::Result<usize> {
         match self {
             Contents::File(file) => read_some_at(file, bytes, offset),
+            Contents::Remote(object) => object.read_at(offset, bytes).map_err(io::Error::other),
             Contents::Made(made) => {
                 let rest = usize::try_from(offset)
                     .ok()

@@ -43,6 +43,9 @@ pub fn is_one(input: &Input) -> Result<bool> {
 /// Points per task of an uncompressed file.
 const STRETCH: u64 = 65_536;
 
+/// Stretches that are announced while one is read.
+const AHEAD: usize = 16;
+
 /// Most bytes of a block of records, at least one record: a header may declare 65,535 bytes a
 /// record.
 const BLOCK_BYTES: usize = 1 << 20;
@@ -320,10 +323,19 @@ impl Las {
         lanes: impl IndexedParallelIterator<Item = L>,
         meter: &Meter,
     ) -> Result<Vec<laz::Outcome>> {
-        let read = |block: &mut Vec<u8>, (stretch, mut lane): (&Stretch, L)| {
+        let read = |block: &mut Vec<u8>, ((number, stretch), mut lane): ((usize, &Stretch), L)| {
+            self.ahead(input, &stretches[number..stretches.len().min(number + AHEAD)]);
             self.one_stretch(input, stretch, block, &mut lane, meter)
         };
-        stretches.par_iter().zip(lanes).map_init(Vec::new, read).collect()
+        stretches.par_iter().enumerate().zip(lanes).map_init(Vec::new, read).collect()
+    }
+
+    /// Announces that chunks or nodes will be read.
+    pub fn ahead(&self, input: &Input, chunks: &[Stretch]) {
+        match &self.packing {
+            Packing::Nodes(reader) => reader.ahead(chunks),
+            _ => input.ahead(chunks.iter().map(|chunk| chunk.at..chunk.at + chunk.bytes)),
+        }
     }
 
     /// Returns a reason for missing points or other anomalies, by the outcome of every stretch.

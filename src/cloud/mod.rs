@@ -512,7 +512,10 @@ pub fn range<T: Copy + Ord + Send + Sync>(column: &[T]) -> Option<(T, T)> {
 pub fn read(paths: &[PathBuf], options: &ReadOptions, progress: &dyn Progress) -> Result<Cloud> {
     let (mut cloud, mut plane) = (Cloud::default(), None);
     for path in paths {
-        let input = Input::open(path)?.counting_to(options.rgb_range);
+        let input = Input::open_slowly(path, progress)?.counting_to(options.rgb_range);
+        if !las::octree::is_one(&input)? {
+            input.download(progress)?;
+        }
         let parts = read_one(&input, options, progress, &mut cloud.notes)?;
         for mut part in parts {
             let index = cloud.parts.len();

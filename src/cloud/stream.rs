@@ -81,7 +81,10 @@ pub fn open(
 ) -> Result<Vec<Source>> {
     let (mut sources, mut plane) = (Vec::new(), None);
     for path in paths {
-        let input = Input::open(path)?.counting_to(options.rgb_range);
+        let input = Input::open_slowly(path, progress)?.counting_to(options.rgb_range);
+        if !octree::is_one(&input)? {
+            input.download(progress)?;
+        }
         let mut push =
             |contents| sources.push(Source::new(&input.path, options, contents, &mut plane));
         if las::is_one(&input)? {

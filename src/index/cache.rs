@@ -10,6 +10,7 @@ use crate::cloud::input::Input;
 use crate::cloud::las::octree;
 use crate::error::{Error, Result};
 use crate::index::format::Index;
+use crate::network::without_query;
 use crate::progress::Progress;
 use std::fs::File;
 use std::io::{Read, Seek, SeekFrom};
@@ -110,7 +111,7 @@ fn writable(folder: &Path) -> std::io::Result<()> {
 
 /// Returns a readable beginning for the name.
 fn stem(path: &Path) -> String {
-    let stem = path.file_stem().unwrap_or_default().to_string_lossy();
+    let stem = without_query(path).file_stem().unwrap_or_default().to_string_lossy();
     stem.chars().filter(|c| c.is_ascii_alphanumeric() || matches!(c, '-' | '_')).take(40).collect()
 }
 
@@ -139,7 +140,15 @@ pub fn key_of_files(paths: &[PathBuf]) -> Result<String> {
 fn add_files(hash: &mut blake3::Hasher, paths: &[PathBuf]) -> Result<()> {
     let mut files = Vec::new();
     for path in paths {
-        files.extend(octree::files(&Input::open(path)?));
+        let input = Input::open(path)?;
+        match input.tag() {
+            // Tags of a server stand for times and contents.
+            Some(tag) => {
+                let place = without_query(&input.path).display().to_string();
+                hash.update(format!("{place} {} {tag}", input.length).as_bytes());
+            }
+            None => files.extend(octree::files(&input)),
+        }
     }
     for path in &files {
         let failed = |error| Error::io("read", path, error);

@@ -12,7 +12,7 @@ use super::format::{
 use crate::cloud::attribute::percentiles;
 use crate::cloud::input::Input;
 use crate::cloud::las::octree::{self, Key, Octree, OctreeNode, named};
-use crate::cloud::las::{INTENSITY_RANGE, Las};
+use crate::cloud::las::{INTENSITY_RANGE, Las, Stretch};
 use crate::cloud::rgb_range::RgbRange;
 use crate::cloud::{ColumnSet, Columns, Header, Lattice, Station, crs, title};
 use crate::config::{BITS_PER_PLANE, MOST_NODE_POINTS, POINTS_PER_PAGE, POSITION_PLANES};
@@ -157,6 +157,7 @@ impl Index {
             identity.update(&node.chunk.bytes.to_le_bytes());
         }
         identity.update(&octree.bytes.to_le_bytes());
+        identity.update(input.tag().unwrap_or_default().as_bytes());
         let [identity, ..]: [u64; 4] = bytemuck::cast(*identity.finalize().as_bytes());
         let Octree { nodes: own, bytes, .. } = octree;
         let decoded = Mutex::new(decoded);
@@ -175,7 +176,9 @@ impl Index {
         let share = if high.z > low.z { 65_535.0 / (high.z - low.z) } else { 0.0 };
         let mut seen = 0;
         let roots = self.directory.roots as usize;
-        for node in 0..self.nodes().len().min(roots + FIRST_NODES) {
+        let first = 0..self.nodes().len().min(roots + FIRST_NODES);
+        self.ahead(&first.clone().map(|node| (node, Vec::new())).collect::<Vec<_>>());
+        for node in first {
             let is_root = node < roots;
             if !is_root && seen >= ENOUGH_POINTS {
                 break;
@@ -396,6 +399,21 @@ fn cell(record: &NodeRecord, axis: usize, q: i32) -> u32 {
 }
 
 impl NodeSource for InPlace {
+    fn ahead(&self, _nodes: &[NodeRecord], wanted: &[(usize, Vec<Plane>)]) {
+        let mut numbers: Vec<usize> = wanted.iter().map(|(node, _)| self.pieces[*node].0).collect();
+        numbers.dedup();
+        let decoded = self.decoded.lock().unwrap_or_else(PoisonError::into_inner);
+        numbers.retain(|number| !decoded.nodes.iter().any(|(own, _)| own == number));
+        drop(decoded);
+        let chunks: Vec<Stretch> =
+            numbers.into_iter().map(|number| self.nodes[number].chunk).collect();
+        self.las.ahead(&self.input, &chunks);
+    }
+
+    fn is_remote(&self) -> bool {
+        self.input.is_remote()
+    }
+
     fn path(&self) -> &Path {
         &self.input.path
     }

@@ -42,6 +42,8 @@ struct Waiting<D> {
     requested: VecDeque<(usize, u32, D)>,
     dropped: VecDeque<(usize, D)>,
     closed: bool,
+    /// Whether the list is newer than the last look at it.
+    is_new: bool,
 }
 
 pub struct Queue<D> {
@@ -56,6 +58,7 @@ impl<D> Queue<D> {
                 requested: VecDeque::new(),
                 dropped: VecDeque::new(),
                 closed: false,
+                is_new: false,
             }),
             changed: Condvar::new(),
         }
@@ -77,8 +80,16 @@ impl<D> Queue<D> {
         waiting
             .dropped
             .extend(older.into_iter().map(|(node, (_, destination))| (node, destination)));
+        waiting.is_new = true;
         drop(waiting);
         self.changed.notify_one();
+    }
+
+    /// Returns the nodes of a list that was not looked at yet, and their numbers of planes.
+    pub fn newest(&self) -> Option<Vec<(usize, u32)>> {
+        let mut waiting = self.lock();
+        std::mem::take(&mut waiting.is_new)
+            .then(|| waiting.requested.iter().map(|(node, planes, _)| (*node, *planes)).collect())
     }
 
     /// Waits for the next task; `None` once closed.

@@ -6,6 +6,7 @@ use crate::cloud::crs::Reference;
 use crate::cloud::digits::number;
 use crate::cloud::filter::{Filter, grouped};
 use crate::cloud::histograms::Histograms;
+use crate::cloud::input::Input;
 use crate::cloud::rgb_range::RgbRange;
 use crate::cloud::robust_bounds::without_strays;
 use crate::cloud::scalar::{self, Scalar};
@@ -22,6 +23,7 @@ use crate::index::cache::{self, Cached};
 use crate::index::fault_injection::Fault;
 use crate::index::format::{Index, Plane};
 use crate::index::{self, build};
+use crate::network::{Traffic, is_address, traffic};
 use crate::progress::Progress;
 use crate::resident::{CloudUpload, Residency, Resident, streaming::Update};
 use crate::select::clip::{Clip, Clips, Left};
@@ -55,6 +57,9 @@ impl OpenOptions {
     pub fn needs_index(&self, files: &[PathBuf]) -> Result<Option<String>> {
         if let Some(why) = self.index {
             return Ok(Some(why.into()));
+        }
+        if self.in_place(files).is_some_and(is_address) {
+            return Ok(Some("it is on a server".into()));
         }
         let points = cloud::stream::summary(files)?.points;
         let many = points > config::WHOLE_POINTS;
@@ -148,6 +153,12 @@ pub fn refuse_rgb_range(index: &Path, asked: Option<RgbRange>) -> Result<()> {
     }
 }
 
+/// Opens what is on servers, with reports of progress; from then on it is known.
+fn connect(paths: &[PathBuf], progress: &dyn Progress) -> Result<()> {
+    let remote = paths.iter().filter(|path| is_address(path));
+    remote.map(|path| Input::open_slowly(path, progress).map(drop)).collect()
+}
+
 /// A sample of the points of files.
 pub struct Preview {
     pub source: Source,
@@ -174,6 +185,7 @@ impl Source {
         opening: &OpenOptions,
         progress: &dyn Progress,
     ) -> Result<Source> {
+        connect(paths, progress)?;
         match paths.iter().find(|path| Index::is_one(path)) {
             Some(path) if paths.len() == 1 => {
                 refuse_rgb_range(path, opening.read.rgb_range)?;
@@ -227,6 +239,7 @@ impl Source {
         opening: &OpenOptions,
         progress: &dyn Progress,
     ) -> Result<Option<Preview>> {
+        connect(paths, progress)?;
         if paths.iter().any(|path| Index::is_one(path)) {
             return Ok(None);
         }
@@ -790,6 +803,9 @@ pub struct SelectionReport {
     pub lod_px: f64,
     pub bytes_read: u64,
     pub index_bytes: u64,
+    /// What was fetched from servers so far; none if the index is a file.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub network: Option<Traffic>,
     pub pool_bytes: u64,
     pub pool_used_bytes: u64,
     /// Unreadable nodes, and a pool that is too small.
@@ -826,6 +842,7 @@ impl GpuCloud {
             lod_px: detail.lod_px,
             bytes_read,
             index_bytes: residency.index().bytes(),
+            network: residency.index().is_remote().then(traffic),
             pool_bytes,
             pool_used_bytes,
             notes,
@@ -873,7 +890,15 @@ impl std::fmt::Display for SelectionReport {
             self.lod_px,
             self.budget
         )?;
-        writeln!(f, "read: {} bytes, {share:.2} % of the file", self.bytes_read)?;
+        match self.network {
+            None => writeln!(f, "read: {} bytes, {share:.2} % of the file", self.bytes_read)?,
+            Some(Traffic { requests, bytes }) => {
+                writeln!(
+                    f,
+                    "fetched: {bytes} bytes in {requests} requests; the rest was in the cache"
+                )?;
+            }
+        }
         writeln!(
             f,
             "pool: {} MiB in use of {} MiB at most",

@@ -15,8 +15,9 @@ use super::{Las, Stretch};
 use crate::cloud::ColumnSet;
 use crate::cloud::input::{Input, OCTREES};
 use crate::error::Result;
+use crate::network::without_query;
 use glam::DVec3;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// Deepest level, so that numbers of nodes fit 32 bits.
 const DEEPEST: i32 = 30;
@@ -95,6 +96,9 @@ fn is_inside(key: Key) -> bool {
 
 /// A reader of nodes that are no chunks of a LAZ file.
 pub trait NodeReader: Send + Sync {
+    /// Announces that these nodes will be read.
+    fn ahead(&self, chunks: &[Stretch]);
+
     /// Gives the points of a node as records, in order, in blocks of at most
     /// [`BATCH`](crate::cloud::stream::BATCH). `wanted` are the columns that are looked at.
     fn records(
@@ -114,7 +118,11 @@ pub struct Opened {
 
 /// Tests whether a file describes an octree in other files. JSON has no signature, so it is by name.
 pub fn is_description(input: &Input) -> bool {
-    OCTREES.iter().any(|name| input.path.ends_with(name))
+    OCTREES.into_iter().any(|name| has_name(&input.path, name))
+}
+
+fn has_name(path: &Path, name: &str) -> bool {
+    without_query(path).ends_with(name)
 }
 
 /// Tests whether a file is an octree: COPC, or the description of one.
@@ -128,18 +136,19 @@ pub fn open(input: &Input, keeps_records: bool) -> Result<Opened> {
     if text.len() as u64 > MOST_JSON {
         return Err(input.wrong(format!("is larger than {} MiB", MOST_JSON >> 20)));
     }
-    if input.path.ends_with(OCTREES[0]) {
+    if has_name(&input.path, OCTREES[0]) {
         potree::open(input, &text)
     } else {
         ept::open(input, &text, keeps_records)
     }
 }
 
-/// Returns the files that tell whether a cloud is the same as before.
+/// Returns the files that tell whether a cloud is the same as before, if they are no objects on a
+/// server.
 pub fn files(input: &Input) -> Vec<PathBuf> {
     let beside: &[&str] = match () {
-        () if input.path.ends_with(OCTREES[0]) => &potree::FILES,
-        () if input.path.ends_with(OCTREES[1]) => &ept::FILES,
+        () if has_name(&input.path, OCTREES[0]) => &potree::FILES,
+        () if has_name(&input.path, OCTREES[1]) => &ept::FILES,
         () => &[],
     };
     let beside = beside.iter().map(|name| input.path.with_file_name(name));

@@ -12,7 +12,6 @@
 //! position, or an attribute. A frame reads the planes that it needs. The header is written last,
 //! after the rest is on the disk (guide: reliability): an index is complete or absent.
 
-use super::mmap::Map;
 use super::schema::{
     CHECKSUMS, Contents, Directory, IndexedPart, NodeRecord, PLANES, Plane, bounds, lattice,
     samples, tree_lattice,
@@ -24,6 +23,7 @@ use crate::cloud::Lattice;
 use crate::cloud::crs::Reference;
 use crate::cloud::filter::Compiled;
 use crate::cloud::ground::Surface;
+use crate::cloud::input::Input;
 use crate::cloud::strays::RobustBounds;
 use crate::cloud::up::Up;
 use crate::config::{BITS_PER_PLANE, POINTS_PER_PAGE, POSITION_PLANES};
@@ -31,7 +31,6 @@ use crate::error::{Error, Result};
 use crate::index::fault_injection::Fault;
 use bytemuck::Zeroable;
 use glam::DVec3;
-use std::fs::File;
 use std::path::Path;
 use std::sync::Arc;
 
@@ -75,26 +74,22 @@ impl Index {
     /// Returns whether a file starts as an index does. A pipe is not opened, since that could block
     /// forever.
     pub fn is_one(path: &Path) -> bool {
-        let mut magic = [0; 8];
-        path.is_file()
-            && File::open(path)
-                .and_then(|mut file| std::io::Read::read_exact(&mut file, &mut magic))
-                .is_ok()
-            && magic == MAGIC
+        let begin = Input::open(path).and_then(|input| input.take(0, MAGIC.len() as u64));
+        begin.is_ok_and(|begin| begin == MAGIC)
     }
 
     /// Opens an index and checks everything except the planes, which are checked when they are
     /// read.
     pub fn open(path: &Path) -> Result<Index> {
-        let map = Map::open(path)?;
+        let input = Input::open(path)?;
         let wrong = |what: String| {
             Error::format(path, format!("{what}; make it again with `pointillist index`"))
         };
         let mut header = FileHeader::zeroed();
-        if map.len() < HEADER_BYTES {
-            return Err(wrong(format!("is not a complete index ({} bytes)", map.len())));
+        if input.length < HEADER_BYTES {
+            return Err(wrong(format!("is not a complete index ({} bytes)", input.length)));
         }
-        map.copy(0, bytemuck::bytes_of_mut(&mut header))?;
+        input.read_exactly(0, bytemuck::bytes_of_mut(&mut header))?;
         if header.magic != MAGIC {
             return Err(wrong("is not an index, or is unfinished".into()));
         }
@@ -110,8 +105,8 @@ impl Index {
         if header.own_crc() != header.header_crc || header.version == 0 {
             return Err(wrong("has a damaged header".into()));
         }
-        if header.length != map.len() {
-            return Err(wrong(format!("has {} of {} bytes", map.len(), header.length)));
+        if header.length != input.length {
+            return Err(wrong(format!("has {} of {} bytes", input.length, header.length)));
         }
         // In u128, so that no sum of a crafted header overflows.
         let record_bytes =
@@ -123,9 +118,9 @@ impl Index {
             return Err(wrong("has a directory that does not fit its length".into()));
         }
         let mut bytes = vec![0; records as usize];
-        map.copy(header.directory_at, &mut bytes)?;
+        input.read_exactly(header.directory_at, &mut bytes)?;
         let mut contents = vec![0; header.contents_bytes as usize];
-        map.copy(header.directory_at + records as u64, &mut contents)?;
+        input.read_exactly(header.directory_at + records as u64, &mut contents)?;
         if crc32c::crc32c_append(crc32c::crc32c(&bytes), &contents) != header.directory_crc {
             return Err(wrong("has a damaged directory".into()));
         }
@@ -137,7 +132,7 @@ impl Index {
         let directory = Directory { nodes, roots: header.roots, contents };
         check(&directory, header.directory_at).map_err(wrong)?;
         let identity = (header.directory_crc as u64) << 32 | header.header_crc as u64;
-        Ok(Index::of(Box::new(Stored(map)), directory, Refinement::Replaces, identity))
+        Ok(Index::of(Box::new(Stored(input)), directory, Refinement::Replaces, identity))
     }
 
     /// Returns the index of a source of nodes, which `directory` describes.
@@ -223,6 +218,16 @@ impl Index {
         self.nodes().iter().any(|node| node.has(plane))
     }
 
+    /// Announces that planes of nodes will be read, which the nodes have.
+    pub fn ahead(&self, wanted: &[(usize, Vec<Plane>)]) {
+        self.source.ahead(self.nodes(), wanted);
+    }
+
+    /// Tests whether its nodes are on a server.
+    pub fn is_remote(&self) -> bool {
+        self.source.is_remote()
+    }
+
     /// Reads a plane of a node, as [`NodeSource::read`].
     pub fn read(&self, node: usize, plane: Plane, into: &mut [u8]) -> Result<u64> {
         let record = &self.directory.nodes[node];
@@ -244,19 +249,32 @@ impl Index {
 }
 
 /// The planes of a file NAME.pnti.
-struct Stored(Map);
+struct Stored(Input);
 
 impl NodeSource for Stored {
     fn path(&self) -> &Path {
-        self.0.path()
+        &self.0.path
     }
 
     fn bytes(&self) -> u64 {
-        self.0.len()
+        self.0.length
     }
 
     fn copy(&self, at: u64, into: &mut [u8]) -> Result<()> {
-        self.0.copy(at, into)
+        self.0.read_exactly(at, into)
+    }
+
+    fn ahead(&self, nodes: &[NodeRecord], wanted: &[(usize, Vec<Plane>)]) {
+        self.0.ahead(wanted.iter().flat_map(|(node, planes)| {
+            planes.iter().map(|&plane| {
+                let (at, bytes) = nodes[*node].range(plane);
+                at..at + bytes
+            })
+        }));
+    }
+
+    fn is_remote(&self) -> bool {
+        self.0.is_remote()
     }
 
     fn read(&self, node: usize, record: &NodeRecord, plane: Plane, into: &mut [u8]) -> Result<u64> {

@@ -6,7 +6,6 @@
 
 mod columns;
 mod file;
-mod mmap;
 pub mod morton;
 pub mod samples;
 pub mod scatter;

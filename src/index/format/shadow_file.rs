@@ -10,8 +10,8 @@
 //!
 //! All integers are little-endian. The header is written last (guide: reliability).
 
-use super::mmap::Map;
 use super::schema::NodeRecord;
+use crate::cloud::input::Input;
 use crate::error::{Error, Result};
 use bytemuck::{Pod, Zeroable};
 use serde::{Deserialize, Serialize};
@@ -63,17 +63,17 @@ pub(in crate::index) fn offsets(nodes: &[NodeRecord]) -> Vec<u64> {
 }
 
 pub(in crate::index) fn is_shadow_file(path: &Path) -> Result<bool> {
-    let map = Map::open(path)?;
+    let input = Input::open(path)?;
     let mut magic = [0; MAGIC.len()];
-    if map.len() >= magic.len() as u64 {
-        map.copy(0, &mut magic)?;
+    if input.length >= magic.len() as u64 {
+        input.read_exactly(0, &mut magic)?;
     }
     Ok(magic == MAGIC)
 }
 
 /// Saved shadows, open for reading.
 pub struct SavedShadows {
-    map: Map,
+    input: Input,
     offsets: Vec<u64>,
     crcs: Vec<u32>,
     pub contents: ShadowContents,
@@ -88,7 +88,7 @@ impl SavedShadows {
         identity: u64,
         nodes: &[NodeRecord],
     ) -> Result<SavedShadows> {
-        let map = Map::open(path)?;
+        let input = Input::open(path)?;
         let again = format!(
             "make it again with `pointillist shadows {} -o {}`",
             index.display(),
@@ -96,10 +96,10 @@ impl SavedShadows {
         );
         let wrong = |what: &str| Error::format(path, format!("{what}; {again}"));
         let mut header = FileHeader::zeroed();
-        if map.len() < HEADER_BYTES {
+        if input.length < HEADER_BYTES {
             return Err(wrong("is not a complete shadow file"));
         }
-        map.copy(0, bytemuck::bytes_of_mut(&mut header))?;
+        input.read_exactly(0, bytemuck::bytes_of_mut(&mut header))?;
         if header.magic != MAGIC {
             let make =
                 format!("`pointillist shadows {} -o NAME.shadows` makes one", index.display());
@@ -114,7 +114,7 @@ impl SavedShadows {
                 ),
             ));
         }
-        if header.own_crc() != header.header_crc || header.length != map.len() {
+        if header.own_crc() != header.header_crc || header.length != input.length {
             return Err(wrong("has a damaged header, or another length than it says"));
         }
         let offsets = offsets(nodes);
@@ -125,7 +125,7 @@ impl SavedShadows {
             return Err(wrong(&format!("has shadows of another cloud than {}", index.display())));
         }
         let mut directory = vec![0; header.length.saturating_sub(header.directory_at) as usize];
-        map.copy(header.directory_at, &mut directory)?;
+        input.read_exactly(header.directory_at, &mut directory)?;
         let crcs_bytes = 4 * header.nodes as usize;
         if crc32c::crc32c(&directory) != header.directory_crc
             || (crcs_bytes as u64).checked_add(header.contents_bytes)
@@ -144,17 +144,17 @@ impl SavedShadows {
         if !(1..=255).contains(&contents.full) {
             return Err(wrong("has an invalid value for full light"));
         }
-        Ok(SavedShadows { map, offsets, crcs, contents })
+        Ok(SavedShadows { input, offsets, crcs, contents })
     }
 
     pub fn path(&self) -> &Path {
-        self.map.path()
+        &self.input.path
     }
 
     /// Reads all shadows of a node and checks their checksum.
     pub fn read(&self, node: usize, into: &mut [u8]) -> Result<()> {
         assert_eq!(into.len() as u64, self.offsets[node + 1] - self.offsets[node], "node {node}");
-        self.map.copy(self.offsets[node], into)?;
+        self.input.read_exactly(self.offsets[node], into)?;
         if crc32c::crc32c(into) != self.crcs[node] {
             return Err(Error::format(
                 self.path(),

@@ -14,6 +14,12 @@ pub trait NodeSource: Send + Sync {
     /// Copies bytes of the file, unchecked.
     fn copy(&self, at: u64, into: &mut [u8]) -> Result<()>;
 
+    /// Announces that planes of nodes will be read, so that a server is asked for many at a time.
+    fn ahead(&self, nodes: &[NodeRecord], wanted: &[(usize, Vec<Plane>)]);
+
+    /// Tests whether the file is on a server.
+    fn is_remote(&self) -> bool;
+
     /// Reads a plane of a node, checked. `into` has [`NodeRecord::unpacked_bytes`]. Returns how
     /// many bytes of the file that took: none, if they were in memory.
     fn read(&self, node: usize, record: &NodeRecord, plane: Plane, into: &mut [u8]) -> Result<u64>;

@@ -8,7 +8,7 @@ use super::super::{Las, Places, Stretch};
 use super::layout::{Attribute, F32, Place, Plan, Said, U8, WIDTHS};
 use super::{Key, MOST_JSON, NodeReader, Octree, Opened, is_inside, named};
 use crate::cloud::crs::Crs;
-use crate::cloud::input::{Input, Meter};
+use crate::cloud::input::{Folder, Input, Meter};
 use crate::cloud::stream::BATCH;
 use crate::cloud::{ColumnSet, Lattice};
 use crate::error::{Error, Result};
@@ -18,7 +18,9 @@ use rayon::prelude::*;
 use serde::Deserialize;
 use serde::de::{Deserializer, MapAccess, Visitor};
 use std::collections::{HashMap, HashSet};
-use std::path::{Path, PathBuf};
+
+/// Lists that are requested ahead.
+const LISTS: usize = 64;
 
 /// Files whose change shows that the cloud changed: the first list, and the root.
 pub const FILES: [&str; 3] =
@@ -71,7 +73,9 @@ struct Entries<'t>(Vec<(&'t str, i64)>);
 
 /// Files of nodes.
 struct Ept {
-    folder: PathBuf,
+    folder: Folder,
+    /// Ending of their names.
+    ending: &'static str,
     nodes: Vec<(Key, u64)>,
     points: Points,
 }
@@ -119,7 +123,7 @@ pub fn open(input: &Input, text: &[u8], keeps_records: bool) -> Result<Opened> {
             said.span
         )));
     }
-    let folder = input.path.with_file_name("");
+    let folder = input.folder();
     let plan = match said.data.as_str() {
         "laszip" => None,
         "binary" => {
@@ -139,7 +143,14 @@ pub fn open(input: &Input, text: &[u8], keeps_records: bool) -> Result<Opened> {
     nodes.sort_unstable();
     let ending = if plan.is_some() { "bin" } else { "laz" };
     let chunk = |(number, (key, points)): (usize, &(Key, u64))| {
-        let path = path_of(&folder, *key, ending);
+        if folder.is_remote() {
+            // A server would have to be asked for each length; files are checked when they are read.
+            let bytes = row.map_or(Some(0), |row| points.checked_mul(row));
+            let too_many = || input.wrong(format!("has a list that claims {points} points a node"));
+            let bytes = bytes.ok_or_else(too_many)?;
+            return Ok((*key, Stretch { at: number as u64, bytes, points: *points }));
+        }
+        let path = folder.path_of(&name_of(*key, ending));
         let bytes = std::fs::metadata(&path).map_err(|error| Error::io("open", &path, error))?;
         let bytes = bytes.len();
         let fits = match row {
@@ -182,7 +193,7 @@ pub fn open(input: &Input, text: &[u8], keeps_records: bool) -> Result<Opened> {
             let Some((key, _)) = nodes.first() else {
                 return Err(input.wrong("has no points"));
             };
-            let node = Input::open(&path_of(&folder, *key, ending))?;
+            let node = folder.open(&name_of(*key, ending))?;
             let own = header::read(&node, &mut Vec::new())?;
             let likeness = Box::new(Likeness::of(&own));
             let mut layout = Layout { points: there, lies, ..own };
@@ -197,11 +208,12 @@ pub fn open(input: &Input, text: &[u8], keeps_records: bool) -> Result<Opened> {
     layout.header.points = Some(said.points);
     let octree =
         Octree { corner, sides, spacing, nodes: Octree::nodes_of(chunks.into_iter()), bytes };
-    Ok(Opened { layout, octree, reader: Box::new(Ept { folder, nodes, points }) })
+    Ok(Opened { layout, octree, reader: Box::new(Ept { folder, ending, nodes, points }) })
 }
 
-fn path_of(folder: &Path, key: Key, ending: &str) -> PathBuf {
-    folder.join("ept-data").join(format!("{}.{ending}", named(key)))
+/// Returns the name of a node's file.
+fn name_of(key: Key, ending: &str) -> String {
+    format!("ept-data/{}.{ending}", named(key))
 }
 
 impl Description {
@@ -302,9 +314,11 @@ impl Lists {
     /// Reads all lists. Each is of one node and those below it, and none is read twice.
     fn read(input: &Input) -> Result<Lists> {
         let mut lists = Lists { waiting: vec![[0; 4]], ..Lists::default() };
+        let folder = input.folder();
+        let name = |root: &Key| format!("ept-hierarchy/{}.json", named(*root));
         while let Some(root) = lists.waiting.pop() {
-            let name = format!("ept-hierarchy/{}.json", named(root));
-            let list = Input::open(&input.path.with_file_name(name))?;
+            folder.ahead(lists.waiting.iter().rev().take(LISTS).map(name));
+            let list = folder.open(&name(&root))?;
             let text = list.take(0, list.length.min(MOST_JSON + 1))?;
             if text.len() as u64 > MOST_JSON {
                 return Err(list.wrong(format!("is larger than {} MiB", MOST_JSON >> 20)));
@@ -337,6 +351,11 @@ impl Lists {
 }
 
 impl NodeReader for Ept {
+    fn ahead(&self, chunks: &[Stretch]) {
+        let key = |chunk: &Stretch| self.nodes[chunk.at as usize].0;
+        self.folder.ahead(chunks.iter().map(|chunk| name_of(key(chunk), self.ending)));
+    }
+
     fn records(
         &self,
         chunk: &Stretch,
@@ -346,7 +365,14 @@ impl NodeReader for Ept {
         let (key, all) = self.nodes[chunk.at as usize];
         match &self.points {
             Points::Rows(plan) => {
-                let input = Input::open(&path_of(&self.folder, key, "bin"))?;
+                let input = self.folder.open(&name_of(key, self.ending))?;
+                let expected = all * plan.row_bytes() as u64;
+                if input.length != expected {
+                    return Err(input.wrong(format!(
+                        "has {} bytes, but its list claims {all} points",
+                        input.length
+                    )));
+                }
                 let (stride, mut block) = (plan.row_bytes(), Vec::new());
                 let bytes = plan.attributes.iter().map(Attribute::bytes);
                 let at = bytes.scan(0, |at, bytes| Some(std::mem::replace(at, *at + bytes)));
@@ -363,7 +389,7 @@ impl NodeReader for Ept {
                 Ok(())
             }
             Points::Packed { layout, keeps_records } => {
-                let input = Input::open(&path_of(&self.folder, key, "laz"))?;
+                let input = self.folder.open(&name_of(key, self.ending))?;
                 let las = Las::located(&input, wanted, *keeps_records, &mut Vec::new())?;
                 if Likeness::of(&las.layout) != **layout || las.points() != all {
                     return Err(input.wrong(format!(

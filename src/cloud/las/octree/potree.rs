@@ -131,7 +131,9 @@ pub fn open(input: &Input, text: &[u8]) -> Result<Opened> {
     };
     let attributes = metadata.attributes.into_iter().map(|own| own.checked(input));
     let plan = Plan::new(input, attributes.collect::<Result<_>>()?)?;
-    let [hierarchy, points] = FILES.map(|name| Input::open(&input.path.with_file_name(name)));
+    let folder = input.folder();
+    folder.ahead(FILES.map(String::from).into_iter());
+    let [hierarchy, points] = FILES.map(|name| folder.open(name));
     let (hierarchy, points) = (hierarchy?, points?);
     let row = if packed { packed_bytes(&plan) } else { plan.row_bytes() } as u64;
     let first = metadata.hierarchy.first_chunk_size;
@@ -303,6 +305,10 @@ fn packed_bytes(plan: &Plan) -> usize {
 }
 
 impl NodeReader for Potree {
+    fn ahead(&self, chunks: &[Stretch]) {
+        self.input.ahead(chunks.iter().map(|chunk| chunk.at..chunk.at + chunk.bytes));
+    }
+
     fn records(
         &self,
         chunk: &Stretch,
