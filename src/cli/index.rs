@@ -33,8 +33,8 @@ pub struct Arguments {
     /// The index to write
     #[arg(short, long, value_name = "OUT.pnti")]
     pub output: PathBuf,
-    /// Memory for points while building; what does not fit goes to a temporary file beside the
-    /// index
+    /// Memory for points while building, at least 64MiB; what does not fit goes to a temporary file
+    /// beside the index
     #[arg(long, value_name = "BYTES", default_value_t = Bytes(config::INDEX_MEMORY))]
     pub memory: Bytes,
     /// Threads [default: one a core]

@@ -805,7 +805,7 @@ mod painted {
     }
 
     #[test]
-    fn strokes_agree_with_f64_whatever_the_tangents_the_brush_and_the_camera() {
+    fn hard_20_strokes_agree_with_f64_whatever_the_tangents_the_brush_and_the_camera() {
         let cloud = scene(SceneKind::NestedTori, 1500, 0.0);
         let part = &cloud.parts[0];
         let found = strokes(&part.columns, &part.lattice, &Silent).unwrap();

@@ -154,7 +154,7 @@ fn the_lod_study_keeps_its_promises() {
 /// Leaves of LAS input are equal to it (guide: numerics, case 29); with fewer planes a point is
 /// drawn from the middle of its cell, of at most 2^30 / 2^(10 k) steps.
 #[test]
-fn the_index_study_keeps_its_promises() {
+fn hard_29_the_index_study_keeps_its_promises() {
     let (rows, text, charts) = made("index", &Plan { points: 100_000, ..PLAN });
     // Three scenes, three settings; three metrics, and three views with two.
     csv_holds_exactly(&text, &rows, ["index", "bits", "all"], 3 * 3 * (3 + 3 * 2));

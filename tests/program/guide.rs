@@ -189,3 +189,60 @@ fn the_readme_is_short() {
         assert!(wide <= 120, "line {number} has {wide} characters");
     }
 }
+
+/// Cases of the numerics page.
+const CASES: usize = 31;
+
+/// Returns the tests of each case, by their names, and the files they are in.
+fn tests_of_cases() -> Vec<Vec<(String, String)>> {
+    let mut found = vec![Vec::new(); CASES];
+    let mut folders = vec![root().join("tests"), root().join("src")];
+    while let Some(folder) = folders.pop() {
+        for path in fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path()) {
+            if path.is_dir() {
+                folders.push(path);
+                continue;
+            }
+            if path.extension().is_none_or(|extension| extension != "rs") {
+                continue;
+            }
+            let file = path.strip_prefix(root()).unwrap().to_str().unwrap().replace('\\', "/");
+            let text = fs::read_to_string(&path).unwrap();
+            let names = text.lines().filter_map(|line| line.trim().strip_prefix("fn hard_"));
+            for name in names.filter_map(|name| name.split_once('(')).map(|(name, _)| name) {
+                let case: usize = name[..2].parse().unwrap();
+                if case > 0 {
+                    found[case - 1].push((format!("hard_{name}"), file.clone()));
+                }
+            }
+        }
+    }
+    found.iter_mut().for_each(|tests| tests.sort());
+    found
+}
+
+#[test]
+fn every_case_of_the_numerics_is_listed_with_its_tests() {
+    let found = tests_of_cases();
+    let mut table = String::from("\n| case | test | file |\n|---|---|---|\n");
+    for (k, tests) in found.iter().enumerate() {
+        assert!(!tests.is_empty(), "no test is named hard_{:02}_...", k + 1);
+        for (name, file) in tests {
+            table += &format!("| {} | `{name}` | `{file}` |\n", k + 1);
+        }
+    }
+    let page = root().join("src/guide/numerics.md");
+    let text = fs::read_to_string(&page).unwrap();
+    let (before, rest) = text.split_once("<!-- tests of the cases -->\n").unwrap();
+    let (listed, after) = rest.split_once("\n<!-- end of the tests -->").unwrap();
+    if std::env::var_os("POINTILLIST_UPDATE").is_some() {
+        let new = format!(
+            "{before}<!-- tests of the cases -->\n{table}\n<!-- end of the tests -->{after}"
+        );
+        return fs::write(&page, new).unwrap();
+    }
+    assert!(
+        listed == table,
+        "src/guide/numerics.md lists other tests; POINTILLIST_UPDATE=1 cargo nextest run --release --test program every_case"
+    );
+}
