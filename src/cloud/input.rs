@@ -2,8 +2,9 @@
 //!
 //! Readers request ranges from several threads at once, so there is no shared file position. What will
 //! be read is said beforehand ([`Input::ahead`]), so that servers are asked for much at a time.
-//! Nothing is mapped, because a mapped file that shrinks kills the process (guide: reliability).
+//! Indexes, whose nodes are read again and again, are mapped; other files are read once.
 
+use super::mmap::Map;
 use super::rgb_range::RgbRange;
 use crate::error::{Error, Result};
 use crate::network::{self, Object};
@@ -26,6 +27,7 @@ pub struct Input {
 
 enum Contents {
     File(File),
+    Mapped(Map),
     Remote(Arc<Object>),
     /// Decoded bytes to read instead of the file's.
     Made(Vec<u8>),
@@ -74,6 +76,16 @@ impl Input {
             rgb_range: None,
             contents: Contents::File(file),
         })
+    }
+
+    /// Opens a file as [`Input::open`], to be read again and again.
+    pub fn open_mapped(path: &Path) -> Result<Self> {
+        let mut input = Input::open(path)?;
+        if let Contents::File(file) = input.contents {
+            let map = Map::new(file).map_err(|source| Error::io("map", path, source))?;
+            input.contents = Contents::Mapped(map);
+        }
+        Ok(input)
     }
 
     /// Opens an object on a server. A name without an ending may be that of a folder.
@@ -265,6 +277,7 @@ impl Contents {
     fn read_some_at(&self, bytes: &mut [u8], offset: u64) -> io::Result<usize> {
         match self {
             Contents::File(file) => read_some_at(file, bytes, offset),
+            Contents::Mapped(map) => map.read_some_at(bytes, offset),
             Contents::Remote(object) => object.read_at(offset, bytes).map_err(io::Error::other),
             Contents::Made(made) => {
                 let rest = usize::try_from(offset)
@@ -280,12 +293,12 @@ impl Contents {
 }
 
 #[cfg(unix)]
-fn read_some_at(file: &File, bytes: &mut [u8], offset: u64) -> io::Result<usize> {
+pub(super) fn read_some_at(file: &File, bytes: &mut [u8], offset: u64) -> io::Result<usize> {
     std::os::unix::fs::FileExt::read_at(file, bytes, offset)
 }
 
 #[cfg(windows)]
-fn read_some_at(file: &File, bytes: &mut [u8], offset: u64) -> io::Result<usize> {
+pub(super) fn read_some_at(file: &File, bytes: &mut [u8], offset: u64) -> io::Result<usize> {
     std::os::windows::fs::FileExt::seek_read(file, bytes, offset)
 }
 

@@ -22,6 +22,7 @@ pub mod ground;
 pub mod histograms;
 pub(crate) mod input;
 pub mod las;
+mod mmap;
 pub mod obj;
 pub mod octahedral;
 pub mod ply;

@@ -81,7 +81,7 @@ impl Index {
     /// Opens an index and checks everything except the planes, which are checked when they are
     /// read.
     pub fn open(path: &Path) -> Result<Index> {
-        let input = Input::open(path)?;
+        let input = Input::open_mapped(path)?;
         let wrong = |what: String| {
             Error::format(path, format!("{what}; make it again with `pointillist index`"))
         };

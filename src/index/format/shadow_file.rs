@@ -88,7 +88,7 @@ impl SavedShadows {
         identity: u64,
         nodes: &[NodeRecord],
     ) -> Result<SavedShadows> {
-        let input = Input::open(path)?;
+        let input = Input::open_mapped(path)?;
         let again = format!(
             "make it again with `pointillist shadows {} -o {}`",
             index.display(),
