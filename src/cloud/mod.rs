@@ -346,6 +346,13 @@ pub struct Header {
     pub sample: Option<Sample>,
 }
 
+impl Header {
+    /// Returns whether it is of a format of meshes, without a coordinate system.
+    pub fn is_mesh(&self) -> bool {
+        ["PLY", "OBJ"].iter().any(|name| self.format.starts_with(name)) && Crs::of(self).is_none()
+    }
+}
+
 /// An attribute without a column, by the file's name, and the range of its values.
 #[derive(Clone, Debug, Default, PartialEq, serde::Serialize)]
 pub struct Extra {
