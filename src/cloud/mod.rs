@@ -426,6 +426,8 @@ pub struct Cloud {
     /// Notes for the user, one line each: wrong headers, unreadable parts, decisions about colours.
     pub notes: Vec<String>,
     pub up: Up,
+    /// Whether filters have left some points out. The rest is what the user wants to see.
+    pub chosen: bool,
 }
 
 impl Cloud {

@@ -35,7 +35,7 @@ use crate::present::overlay::Overlay;
 use crate::render::scene::Scene;
 use crate::view::View;
 use egui::{Area, Frame, Margin, Order, ScrollArea, Ui, vec2};
-pub use state::{SaveSize, Tab, UiState};
+pub use state::{SaveSize, Tab, UiState, named_of};
 use std::time::Duration;
 use winit::event::{ElementState, WindowEvent};
 use winit::keyboard::{KeyCode, PhysicalKey};
