@@ -263,6 +263,35 @@ pub enum Preset {
     Fit,
 }
 
+/// What covers the edges of a picture, in parts of its width or height.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Covered {
+    pub left: f64,
+    pub right: f64,
+    pub top: f64,
+    pub bottom: f64,
+}
+
+/// Largest part of a picture that counts as covered, so that some room is left to frame in.
+const MOST_COVERED: f64 = 0.6;
+
+impl Covered {
+    /// Returns the free part of the width, and where its middle is: from -1 at the left to 1.
+    fn across(&self) -> [f64; 2] {
+        Covered::free(self.left, self.right)
+    }
+
+    /// Returns the free part of the height, and where its middle is: from -1 at the bottom to 1.
+    fn upward(&self) -> [f64; 2] {
+        Covered::free(self.bottom, self.top)
+    }
+
+    fn free(before: f64, after: f64) -> [f64; 2] {
+        let fits = (MOST_COVERED / (before + after)).min(1.0);
+        [1.0 - fits * (before + after), fits * (before - after)]
+    }
+}
+
 /// Sides of [`Preset::Fit`], by the signs of its direction along x and y; the customary one first.
 const SIDES: [[f64; 2]; 4] = [[-1.0, 1.0], [1.0, 1.0], [1.0, -1.0], [-1.0, -1.0]];
 /// How much more than the customary side another must show to be chosen.
@@ -294,7 +323,7 @@ impl Camera {
     /// ez, so the nearest eye is ex = (a - b) / 2, ez = -(a + b) / 2t; of the two ez the farther
     /// serves both.
     pub fn framing(preset: Preset, points: &[DVec3], size: [u32; 2]) -> Camera {
-        Camera::framing_beside(preset, points, size, 0.0, DVec3::Z)
+        Camera::framing_beside(preset, points, size, Covered::default(), DVec3::Z)
     }
 
     /// Returns the camera after a turn around an axis through its target, anticlockwise seen
@@ -305,13 +334,13 @@ impl Camera {
         Camera { eye, up: turn * self.up, ..*self }
     }
 
-    /// Returns the camera as [`Camera::framing`] for a picture whose left part (a share in 0..1) is
-    /// covered, of points whose y or z axis points `up`.
+    /// Returns the camera as [`Camera::framing`] for a picture of which a part is covered, of points
+    /// whose y or z axis points `up`.
     pub fn framing_beside(
         preset: Preset,
         points: &[DVec3],
         size: [u32; 2],
-        covered: f64,
+        covered: Covered,
         up: DVec3,
     ) -> Camera {
         // Exchanges and changes of signs are exact.
@@ -349,7 +378,7 @@ impl Camera {
         preset: Preset,
         points: &[DVec3],
         size: [u32; 2],
-        covered: f64,
+        covered: Covered,
         side: [f64; 2],
     ) -> Camera {
         let (min, max) =
@@ -398,25 +427,28 @@ impl Camera {
             let diagonal = half.length();
             let tangent = (camera.fov_y.to_radians() / 2.0).tan();
             let slope = tangent / margin;
-            let side = |axis: DVec3, before: f64, after: f64| {
-                let (a, b) = (most(axis - forward * after), most(-axis - forward * before));
-                ((a, b), -(a + b) / (before + after))
-            };
             // The margin is relative to the uncovered part.
-            let (half, middle) = (slope * aspect * (1.0 - covered), tangent * aspect * covered);
-            let ((wide, z_by_width), (high, z_by_height)) =
-                (side(right, half - middle, half + middle), side(up, slope, slope));
+            let side = |axis: DVec3, aspect: f64, [free, middle]: [f64; 2]| {
+                let (half, middle) = (slope * aspect * free, tangent * aspect * middle);
+                let (before, after) = (half - middle, half + middle);
+                let (a, b) = (most(axis - forward * after), most(-axis - forward * before));
+                (a - b, middle, -(a + b) / (before + after))
+            };
+            let (wide, across, z_by_width) = side(right, aspect, covered.across());
+            let (high, upward, z_by_height) = side(up, 1.0, covered.upward());
             let z = z_by_width.min(z_by_height).min(-1e-3 * diagonal).min(-least);
-            let x = (wide.0 - wide.1 + 2.0 * middle * z) / 2.0;
-            let y = (high.0 - high.1) / 2.0;
+            let x = wide / 2.0 + across * z;
+            let y = high / 2.0 + upward * z;
             camera.eye = centre + right * x + up * y + forward * z;
             camera.target = camera.eye - forward * z;
         } else {
             let (left, width) = ((most(right) - most(-right)) / 2.0, most(right) + most(-right));
             let (low, height) = ((most(up) - most(-up)) / 2.0, most(up) + most(-up));
-            let fitting = height.max(width / (aspect * (1.0 - covered))) * margin;
+            let ([wide, across], [high, upward]) = (covered.across(), covered.upward());
+            let fitting = (height / high).max(width / (aspect * wide)) * margin;
             let fitting = if fitting > 0.0 { fitting } else { half.length() };
-            camera.target = centre + right * (left - covered / 2.0 * aspect * fitting) + up * low;
+            let [across, upward] = [across * aspect, upward].map(|part| part / 2.0 * fitting);
+            camera.target = centre + right * (left - across) + up * (low - upward);
             camera.eye = camera.target - forward * (2.0 * half.length()).max(least);
             camera.projection = Projection::Orthographic;
             camera.ortho_height = Some(fitting);
@@ -482,16 +514,19 @@ mod tests {
             })
             .collect();
         for preset in [Preset::Top, Preset::Front, Preset::Side, Preset::Iso, Preset::Fit] {
-            for (size, covered, up) in [
-                ([1920, 1080], 0.2, DVec3::Z),
-                ([300, 900], 0.3, DVec3::Y),
-                ([800, 600], 0.6, DVec3::Z),
+            for (size, [left, right, top, bottom], up) in [
+                ([1920, 1080], [0.2, 0.0, 0.0, 0.0], DVec3::Z),
+                ([300, 900], [0.3, 0.0, 0.1, 0.0], DVec3::Y),
+                ([800, 600], [0.6, 0.0, 0.0, 0.3], DVec3::Z),
+                ([800, 600], [0.1, 0.3, 0.2, 0.1], DVec3::Z),
+                ([900, 300], [0.0, 0.2, 0.0, 0.4], DVec3::Y),
             ] {
-                let view =
-                    View::new(Camera::framing_beside(preset, &points, size, covered, up), size)
-                        .unwrap();
+                let covered = Covered { left, right, top, bottom };
+                let beside = Camera::framing_beside(preset, &points, size, covered, up);
+                let view = View::new(beside, size).unwrap();
                 let pixels: Vec<_> = points.iter().map(|&p| view.pixel(p).unwrap()).collect();
-                let free = [[covered * size[0] as f64, size[0] as f64], [0.0, size[1] as f64]];
+                let free = [[left, 1.0 - right], [top, 1.0 - bottom]];
+                let free = [0, 1].map(|axis| free[axis].map(|part| part * size[axis] as f64));
                 let mut most = 0.0f64;
                 for axis in 0..2 {
                     let [least, greatest] = [f64::min, f64::max]
@@ -499,14 +534,15 @@ mod tests {
                     let [from, to] = free[axis];
                     assert!(
                         from < least && greatest < to,
-                        "{preset:?} {size:?} {covered}: {least} to {greatest} of {from} to {to}"
+                        "{preset:?} {size:?} {covered:?}: {least} to {greatest} of {from} to {to}"
                     );
                     most = most.max((greatest - least) / (to - from));
                 }
-                assert!(most > 0.85, "{preset:?} {size:?} {covered}: {most}");
+                assert!(most > 0.85, "{preset:?} {size:?} {covered:?}: {most}");
             }
         }
         let whole = [0.0, 0.2].map(|covered| {
+            let covered = Covered { left: covered, ..Covered::default() };
             Camera::framing_beside(Preset::Fit, &points, [640, 480], covered, DVec3::Z)
         });
         assert!(
@@ -533,12 +569,13 @@ mod tests {
 
     #[test]
     fn points_with_y_up_are_framed_like_the_same_points_with_z_up() {
+        let none = Covered::default();
         let points: Vec<_> =
             (0..99).map(|i| DVec3::new((i % 9) as f64, (i % 7) as f64, (i % 11) as f64)).collect();
         let turned: Vec<_> = points.iter().map(|p| DVec3::new(p.x, p.z, -p.y)).collect();
         for preset in [Preset::Top, Preset::Front, Preset::Side, Preset::Iso, Preset::Fit] {
             let camera = Camera::framing(preset, &points, [64, 48]);
-            let up = Camera::framing_beside(preset, &turned, [64, 48], 0.0, DVec3::Y);
+            let up = Camera::framing_beside(preset, &turned, [64, 48], none, DVec3::Y);
             assert_eq!(up.eye, DVec3::new(camera.eye.x, camera.eye.z, -camera.eye.y));
             assert_eq!(up.up, DVec3::new(camera.up.x, camera.up.z, -camera.up.y));
         }

@@ -145,9 +145,7 @@ impl App {
             Action::Panel => {
                 self.ui.hidden = !self.ui.hidden;
                 // Room that the panel takes or leaves changes a view that is still as it was framed.
-                if let Some(from) = self.navigation.framed() {
-                    self.navigate(Input::Look { from });
-                }
+                self.frame_again();
             }
         }
         self.title();

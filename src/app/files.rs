@@ -3,6 +3,7 @@
 use super::cancel::CancelToken;
 use super::load_thread::{self, CloudInfo, FirstStage, LoadRequest, LoadedCloud};
 use super::navigation::Input;
+use super::panel::named_of;
 use super::render_thread::{Message, Upload};
 use super::{App, Event, recent, warn};
 use crate::cloud::attribute::ExtraAttributes;
@@ -98,6 +99,9 @@ impl App {
         self.find_strokes()?;
         if self.scene != *before {
             self.post_scene();
+        }
+        if self.scene.annotations != before.annotations {
+            self.frame_again();
         }
         Ok(())
     }
@@ -196,16 +200,21 @@ impl App {
             self.load.last = Some(info.request.clone());
         }
         self.navigation.set_subject(subject);
-        self.find_room();
+        let named = named_of(info.shown, &info.categories, &self.scene);
         // If the camera has not moved since the sample, the whole is framed as `render` does.
         if !self.framing.chosen || self.framing.sample_camera.take() == Some(self.navigation.camera)
         {
             self.framing.chosen = true;
             match self.options.camera {
                 Some(camera) => self.navigation.camera = camera,
-                None => self.navigation.handle(Input::Look { from: self.options.preset }),
+                None => self.look(self.options.preset, Some(&named)),
             }
-            self.framing.early_inputs.iter().for_each(|&view| self.navigation.handle(view));
+            for input in self.framing.early_inputs.clone() {
+                match input {
+                    Input::Look { from } => self.look(from, Some(&named)),
+                    _ => self.navigation.handle(input),
+                }
+            }
             self.framing.sample_camera = (!is_whole).then_some(self.navigation.camera);
         }
         if is_whole {

@@ -4,7 +4,8 @@ use super::App;
 use super::keys::{self, Binding};
 use super::navigation::{Button, Input, Modifiers};
 use super::render_thread::Message;
-use crate::view::View;
+use crate::output::annotations::Shown;
+use crate::view::{Covered, Preset, View};
 use glam::DVec2;
 use std::time::{Duration, Instant};
 use winit::dpi::PhysicalSize;
@@ -36,13 +37,31 @@ impl App {
         self.size = [size.width, size.height];
         self.navigation.set_size(self.size());
         self.post(Message::Exposed(self.size));
+        self.frame_again();
     }
 
-    /// Sets what views frame, and beside what.
-    pub(super) fn find_room(&mut self) {
+    /// Frames what clip boxes leave, beside the panel and annotations of what is `named`.
+    pub(super) fn look(&mut self, from: Preset, named: Option<&Shown>) {
         self.navigation.clips = self.scene.clips.clone();
         let shown = self.window.as_deref().zip(self.panel.as_ref()).filter(|_| !self.ui.hidden);
-        self.navigation.covered_px = shown.map_or(0.0, |(window, panel)| panel.width_px(window));
+        let panel_px = shown.map_or(0.0, |(window, panel)| panel.width_px(window));
+        let left = panel_px / f64::from(self.size()[0]);
+        self.navigation.covered = Covered { left, ..Covered::default() };
+        self.navigation.handle(Input::Look { from });
+        let Some(named) = named.filter(|_| !self.scene.annotations.is_empty()) else { return };
+        // Coordinates along the edges are those of the view.
+        if let Ok(view) = View::new(self.navigation.camera, self.size()) {
+            let annotations = &self.scene.annotations;
+            self.navigation.covered = annotations.covered(panel_px as f32, &view, named);
+            self.navigation.handle(Input::Look { from });
+        }
+    }
+
+    /// Frames a view again that the user has not moved, since its room has changed.
+    pub(super) fn frame_again(&mut self) {
+        if let Some(from) = self.navigation.framed() {
+            self.navigate(Input::Look { from });
+        }
     }
 
     /// Returns the place of the surface under the cursor; None if nothing is there.
@@ -78,12 +97,19 @@ impl App {
                 | Input::NextMode
         );
         let before = self.navigation.camera;
-        let early = input.is_a_view()
-            && (!self.framing.chosen || self.framing.sample_camera == Some(before));
-        if let Input::Look { .. } = input {
-            self.find_room();
+        let is_sample = self.framing.sample_camera == Some(before);
+        let early = input.is_a_view() && (!self.framing.chosen || is_sample);
+        match input {
+            Input::Look { from } => {
+                let named = self.ui.named(&self.scene);
+                self.look(from, named.as_ref());
+            }
+            _ => self.navigation.handle(input),
         }
-        self.navigation.handle(input);
+        if is_sample && self.navigation.framed().is_some() {
+            // A click only changes what the camera turns about.
+            self.framing.sample_camera = Some(self.navigation.camera);
+        }
         if View::new(self.navigation.camera, self.size()).is_err() {
             // The camera would be beyond what f64 can express.
             self.navigation.camera = before;

@@ -193,10 +193,13 @@ impl Measure {
         let (unit, height_unit) = (reference.unit(), reference.height_unit());
         let [length, distance, height] = [self.length(), self.distance(), self.height()];
         let (to_metres, up) = (unit.metres, height_unit.metres);
-        let mut facts = json!({
-            "length_m": length * to_metres, "distance_m": distance * to_metres, "height_m": height * up, "angle_deg": self.angle()
-        });
-        if !unit.is_metre() || !height_unit.is_metre() {
+        let mut facts = json!({ "angle_deg": self.angle() });
+        if !unit.is_none() {
+            let metres = [("length_m", length), ("distance_m", distance)];
+            metres.into_iter().for_each(|(key, value)| facts[key] = json!(value * to_metres));
+            facts["height_m"] = json!(height * up);
+        }
+        if unit.is_none() || !unit.is_metre() || !height_unit.is_metre() {
             let own = [
                 ("length", json!(length)),
                 ("distance", json!(distance)),
@@ -212,7 +215,10 @@ impl Measure {
             places.push(places[0]);
             features.push(feature(
                 json!({ "type": "Polygon", "coordinates": [places] }),
-                json!({ "area_m2": area * to_metres * to_metres }),
+                match unit.is_none() {
+                    true => json!({ "area": area }),
+                    false => json!({ "area_m2": area * to_metres * to_metres }),
+                },
             ));
         }
         features.extend(self.points.iter().zip(each).map(|(picked, coordinates)| {

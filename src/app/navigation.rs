@@ -11,7 +11,7 @@
 //! The keys W A S D, Q and E fly in all modes.
 
 use crate::select::clip::Clips;
-use crate::view::{Basis, Camera, Preset, Projection, View};
+use crate::view::{Basis, Camera, Covered, Preset, Projection, View};
 use glam::{DQuat, DVec2, DVec3};
 use std::f64::consts::{FRAC_PI_2, PI};
 use std::sync::Arc;
@@ -191,10 +191,6 @@ const SPEED: f64 = 0.4;
 /// Slowest and fastest flight, in radii of the subject a second.
 const SPEEDS: [f64; 2] = [1e-5, 1e2];
 
-/// Largest share of the window's width that counts as covered, so that some room is left to frame
-/// in.
-const MOST_COVERED: f64 = 0.6;
-
 /// Least slope at which the ground is grabbed: at a grazing view it would run away.
 const GRAZING: f64 = 0.05;
 
@@ -210,9 +206,9 @@ pub struct Navigation {
     pub clips: Clips,
     /// Size of the window `[px]`.
     size: [u32; 2],
-    /// Width of the window's left part that is covered `[px]`.
-    pub covered_px: f64,
-    /// The view that was framed, and its camera, until other input.
+    /// What covers the edges of the window.
+    pub covered: Covered,
+    /// The view that was framed, and its camera, until the camera moves.
     framed: Option<(Preset, Camera)>,
     drag: Option<Drag>,
     held: Vec<Direction>,
@@ -233,7 +229,7 @@ impl Navigation {
             subject,
             clips: Clips::default(),
             size,
-            covered_px: 0.0,
+            covered: Covered::default(),
             framed: None,
             drag: None,
             held: Vec::new(),
@@ -251,7 +247,7 @@ impl Navigation {
         self.size = size.map(|side| side.max(1));
     }
 
-    /// Returns the view that was framed by the last input, unless the camera has moved since.
+    /// Returns the view that was framed last, unless the camera has moved since.
     pub fn framed(&self) -> Option<Preset> {
         self.framed.filter(|(_, camera)| *camera == self.camera).map(|(from, _)| from)
     }
@@ -272,6 +268,7 @@ impl Navigation {
 
     /// Applies input to the camera.
     pub fn handle(&mut self, input: Input) {
+        let (framed, before) = (self.framed(), self.camera);
         if !matches!(input, Input::Wheel { .. } | Input::Move { .. } | Input::Release { .. }) {
             self.wheeled = None;
         }
@@ -304,13 +301,12 @@ impl Navigation {
                 }
             }
             Input::Look { from } => {
-                let covered = (self.covered_px / self.size[0] as f64).clamp(0.0, MOST_COVERED);
                 let Subject { core, up, .. } = &self.subject;
                 // Points that clip boxes leave; all points, if they leave none.
                 let kept: Vec<DVec3> =
                     core.iter().copied().filter(|&p| self.clips.keep(p)).collect();
                 let framed = if kept.is_empty() { &**core } else { &kept };
-                self.camera = Camera::framing_beside(from, framed, self.size, covered, *up);
+                self.camera = Camera::framing_beside(from, framed, self.size, self.covered, *up);
             }
             Input::Project { onto } => self.project(onto),
             Input::OtherProjection => self.project(match self.camera.projection {
@@ -327,7 +323,9 @@ impl Navigation {
         self.keep_in_front();
         self.framed = match input {
             Input::Look { from } => Some((from, self.camera)),
-            _ => None,
+            // It only chooses what the camera turns about.
+            Input::Press { .. } => framed.map(|from| (from, self.camera)),
+            _ => framed.filter(|_| self.camera == before).map(|from| (from, before)),
         };
     }
 

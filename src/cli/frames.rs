@@ -151,13 +151,13 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
         Some(_) => tune::opening(&options, arguments.strict),
     };
     let source = Source::open(&arguments.files, &opening, progress)?;
-    let notes = source.notes(options.further()).into_iter();
-    notes.chain(source.clipped_away(&options.clips())).for_each(streams::note);
+    source.notes(options.further()).iter().for_each(streams::note);
+    source.check_clips(&options.clips())?;
     let (shown, _) = options.shown(&source)?;
     let (named, annotations) = (options.named(&source, shown)?, options.report.annotations());
     let first = match &cameras {
         Cameras::Path(path) => path.frame(0),
-        Cameras::Turntable(_) => options.view(&source)?.camera,
+        Cameras::Turntable(_) => options.view(&source, &named)?.camera,
     };
     let index = if let Source::Index(index) = &source { Some(index.clone()) } else { None };
     let mut renderer = options.renderer(&arguments.device)?;

@@ -598,6 +598,9 @@ pub fn system_words(system: &Crs) -> String {
 
 /// Formats the unit of lengths.
 pub fn unit_words(unit: &Unit, is_stated: bool) -> String {
+    if unit.is_none() {
+        return "unknown: these formats have none".into();
+    }
     if is_stated { unit.name.clone() } else { format!("{}, assumed: no file states it", unit.name) }
 }
 

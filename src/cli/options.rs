@@ -30,7 +30,7 @@ use crate::select::clip::Clips;
 use crate::select::lod::LodOptions;
 use crate::select::opacity::{Opacities, Rule};
 use crate::view::light::Light;
-use crate::view::{Camera, Preset, View};
+use crate::view::{Camera, Covered, Preset, View};
 use std::path::PathBuf;
 
 const MIB: u64 = 1 << 20;
@@ -537,19 +537,24 @@ impl PictureOptions {
         })
     }
 
-    /// Returns the view: from the given camera, or one that frames the cloud.
-    pub fn view(&self, source: &Source) -> Result<View> {
-        let camera = match self.camera()? {
-            Some(camera) => camera,
-            None => Camera::framing_beside(
-                self.view,
-                &source.framed_points(&self.clips()),
-                self.size.0,
-                0.0,
-                source.up().axis(),
-            ),
+    /// Returns the view: from the given camera, or one that frames the cloud beside annotations.
+    pub fn view(&self, source: &Source, shown: &Shown) -> Result<View> {
+        // Coordinates along the edges are those of the view.
+        let whole = self.view_beside(source, Covered::default())?;
+        match self.report.annotations().covered(0.0, &whole, shown) {
+            covered if covered == Covered::default() => Ok(whole),
+            covered => self.view_beside(source, covered),
+        }
+    }
+
+    /// Returns the view: from the given camera, or one that frames the cloud beside what is covered.
+    pub fn view_beside(&self, source: &Source, covered: Covered) -> Result<View> {
+        let size = self.size.0;
+        let framing = || {
+            let (points, up) = (source.framed_points(&self.clips()), source.up().axis());
+            Camera::framing_beside(self.view, &points, size, covered, up)
         };
-        View::new(camera, self.size.0)
+        View::new(self.camera()?.unwrap_or_else(framing), size)
     }
 }
 

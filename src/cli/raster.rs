@@ -15,7 +15,7 @@ use crate::error::Result;
 use crate::extract::Selection;
 use crate::extract::count::count;
 use crate::extract::input::Part;
-use crate::extract::raster::{self, Filled, NO_DATA, Pick, Request, Value};
+use crate::extract::raster::{self, Filled, NoData, Pick, Request, Value};
 use crate::output::geotiff::{self, Map, Sample};
 use crate::progress::Progress;
 use crate::view::map::{self, Extent, MapGrid};
@@ -27,6 +27,7 @@ Examples:
   pointillist raster scan.laz -o ground.tif --resolution 1 --only ground --pick mean
   pointillist raster scan.laz -o lowest.tif --resolution 1 --only return=last --pick lowest
   pointillist raster scan.laz -o density.tif --resolution 1 --value count
+  pointillist raster scan.laz -o ground.tif --resolution 1 --only ground --no-data nan
   pointillist raster scan.laz -o colors.tif --resolution 0.1 --value rgb
   pointillist raster scan.laz -o strips.tif --resolution 0.5 --value intensity --only source=706
   pointillist raster scan.laz -o canopy.tif --resolution 1 --value height-above-ground
@@ -57,6 +58,10 @@ pub struct Arguments {
     /// Which of a cell's points gives the value
     #[arg(long, value_enum, default_value_t = Pick::Highest)]
     pub pick: Pick,
+    /// Value of cells without points, a number or nan, which the file states as GDAL_NODATA
+    /// [default: -9999; counts have 0, which is not stated]. Colours have an alpha of 0 instead
+    #[arg(long, value_name = "NUMBER|nan", allow_hyphen_values = true)]
+    pub no_data: Option<NoData>,
     /// West, south, east and north of the map, widened to whole cells [default: around all points
     /// that are left]
     #[arg(long, value_name = "X0,Y0,X1,Y1", allow_hyphen_values = true)]
@@ -90,6 +95,8 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
     let Arguments { output, resolution, value, pick, .. } = arguments;
     refuse_to_overwrite(output, &arguments.files)?;
     check_extension(output, &["tif", "tiff"])?;
+    let no_data = value.no_data(arguments.no_data)?;
+    let no_data_text = no_data.map(|own| own.text(*value));
     let filter = arguments.filters.filter();
     let options = ReadOptions {
         text: arguments.text.options(),
@@ -139,21 +146,24 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
             Value::Scalar(_) => Some((name.as_str(), "")),
             Value::Rgb => None,
         },
-        no_data: matches!(value, Value::Height | Value::Intensity | Value::Scalar(_))
-            .then_some(NO_DATA_TEXT),
+        no_data: no_data_text.as_deref(),
         has_heights: *value == Value::Height,
     };
     note_system(map.system);
-    let request = Request { grid, value: *value, pick: *pick, memory: arguments.memory.0 };
+    let memory = arguments.memory.0;
+    let request = Request { grid, value: *value, pick: *pick, no_data, memory };
     let filled = geotiff::write(output, &map, |put| {
         raster::raster(&input, &selection, &request, progress, put)
     })?;
+    if let (Some(text), 1..) = (&no_data_text, filled.ambiguous) {
+        streams::note(format_args!(
+            "{} cells with points have the value of those without, {text}; give another --no-data",
+            grouped(filled.ambiguous)
+        ));
+    }
     streams::say(line(output, &grid, &filled));
     Ok(())
 }
-
-const NO_DATA_TEXT: &str = "-9999";
-const _: () = assert!(NO_DATA == -9999.0);
 
 /// Says what a map cannot state of its coordinate system.
 pub fn note_system(system: Option<&Crs>) {

@@ -179,17 +179,17 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
     };
     let mut source = Source::open(&arguments.files, &opening, progress)?;
     source.find(picture.color, progress)?;
-    let notes = source.notes(picture.further()).into_iter();
-    notes.chain(source.clipped_away(&picture.clips())).for_each(streams::note);
+    source.notes(picture.further()).iter().for_each(streams::note);
+    source.check_clips(&picture.clips())?;
     stages.done("read");
     let grid = arguments.grid(&picture, &source)?;
-    let view = match &grid {
-        Some(grid) => grid.view(heights(&picture, &source))?,
-        None => picture.view(&source)?,
-    };
-    let placed = grid.map(|grid| Placed::new(grid, &source));
     let (shown, why_shown) = picture.shown(&source)?;
     let named = picture.named(&source, shown)?;
+    let view = match &grid {
+        Some(grid) => grid.view(heights(&picture, &source))?,
+        None => picture.view(&source, &named)?,
+    };
+    let placed = grid.map(|grid| Placed::new(grid, &source));
     let over = picture.report.annotations().overlay(&view, &named);
     let mut facts = Facts {
         points: source.points(),

@@ -11,7 +11,7 @@ use crate::progress::Progress;
 use crate::render::source::{OpenOptions, Source};
 use crate::study::tuner::{self, Effort, Subject, Tuner};
 use crate::tune::store::{self, switches};
-use crate::view::View;
+use crate::view::{Covered, View};
 use std::path::{Path, PathBuf};
 
 const EXAMPLES: &str = "\
@@ -130,7 +130,7 @@ fn write(path: &Path, text: &str) -> Result<()> {
 /// from another side.
 fn views(picture: &PictureOptions, source: &Source, effort: &Effort) -> Result<Vec<View>> {
     let sized = PictureOptions { size: super::units::Size(effort.size), ..picture.clone() };
-    let whole = sized.view(source)?;
+    let whole = sized.view_beside(source, Covered::default())?;
     if picture.camera()?.is_some() {
         return Ok(vec![whole]);
     }

@@ -7,6 +7,7 @@ use serde::{Deserialize, Serialize};
 #[serde(rename_all = "lowercase")]
 pub enum Ramp {
     /// Dark grey to white
+    #[value(aliases = ["greys", "gray", "grays"])]
     Grey,
     /// Blue, green, sand and white
     Terrain,

@@ -26,6 +26,9 @@ pub struct Unit {
 const FOOT: f64 = 0.3048;
 const SURVEY_FOOT: f64 = 1200.0 / 3937.0;
 
+/// Name of what is counted where no unit is known.
+const NO_UNIT: &str = "units";
+
 impl Default for Unit {
     fn default() -> Unit {
         Unit::of(1.0, "metre")
@@ -43,6 +46,15 @@ impl Unit {
         });
         let (metres, name) = known.unwrap_or((metres, name));
         Unit { name: name.into(), metres }
+    }
+
+    /// Returns the unit of coordinates that have none, as those of meshes.
+    pub fn none() -> Unit {
+        Unit { name: NO_UNIT.into(), metres: 1.0 }
+    }
+
+    pub fn is_none(&self) -> bool {
+        self.name == NO_UNIT
     }
 
     /// Returns a unit by its EPSG number.
@@ -309,6 +321,8 @@ pub struct Reference {
     /// `None` if no file has one, or files have different ones.
     pub system: Option<Crs>,
     pub digits: Digits,
+    /// The unit of lengths where no file states one.
+    pub assumed: Unit,
 }
 
 impl Reference {
@@ -316,12 +330,16 @@ impl Reference {
         let mut systems = parts.clone().map(|(header, _)| &header.system);
         let first = systems.next().cloned().flatten();
         let system = first.filter(|first| systems.all(|system| system.as_ref() == Some(first)));
-        Reference { system, digits: Digits::of(parts.map(|(_, lattice)| lattice)) }
+        // Meshes are drawn in any unit; formats of scans have metres.
+        let is_mesh = |(header, _): (&Header, Lattice)| header.is_mesh();
+        let is_unknown = parts.clone().next().is_some() && parts.clone().all(is_mesh);
+        let assumed = if is_unknown { Unit::none() } else { Unit::default() };
+        Reference { system, digits: Digits::of(parts.map(|(_, lattice)| lattice)), assumed }
     }
 
-    /// Returns the unit of lengths; metres if not stated.
+    /// Returns the unit of lengths; if not stated metres, or none of meshes.
     pub fn unit(&self) -> Unit {
-        self.system.as_ref().map(Crs::unit).unwrap_or_default()
+        self.system.as_ref().map_or_else(|| self.assumed.clone(), Crs::unit)
     }
 
     pub fn height_unit(&self) -> Unit {

@@ -392,7 +392,14 @@ fn fact(what: &str, value: Option<&str>) -> Option<(String, String)> {
     (!value.is_empty()).then(|| (what.to_string(), value))
 }
 
-/// Returns a library's message as one line.
+/// Returns a library's message as one line, and of a wrong checksum what it means.
 fn line(error: &e57::Error) -> String {
-    error.to_string().lines().collect::<Vec<_>>().join(" ")
+    let text = error.to_string().lines().collect::<Vec<_>>().join(" ");
+    match text.split_once("invalid checksum") {
+        Some((_, rest)) => {
+            let page = rest.rsplit_once("page ").map_or("?", |(_, page)| page);
+            format!("it is damaged: the checksum of page {page} is wrong; copy or export it again")
+        }
+        None => text,
+    }
 }

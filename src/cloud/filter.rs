@@ -647,6 +647,7 @@ impl Cloud {
             "`pointillist info` lists their attributes".into()
         })?;
         let left = |part: &Part| part.compiled(filter).left(&part.columns, &part.lattice, [0; 3]);
+        self.chosen = true;
         self.leave(&filter.words(), filter, &left)
     }
 

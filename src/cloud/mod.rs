@@ -370,6 +370,13 @@ pub struct Header {
     pub sample: Option<Sample>,
 }
 
+impl Header {
+    /// Returns whether it is of a format of meshes, without a coordinate system.
+    pub fn is_mesh(&self) -> bool {
+        ["PLY", "OBJ"].iter().any(|name| self.format.starts_with(name)) && Crs::of(self).is_none()
+    }
+}
+
 /// An attribute without a column, by the file's name, and the range of its values.
 #[derive(Clone, Debug, Default, PartialEq, serde::Serialize)]
 pub struct Extra {
@@ -443,6 +450,8 @@ pub struct Cloud {
     /// Notes for the user, one line each: wrong headers, unreadable parts, decisions about colours.
     pub notes: Vec<String>,
     pub up: Up,
+    /// Whether filters have left some points out. The rest is what the user wants to see.
+    pub chosen: bool,
 }
 
 impl Cloud {

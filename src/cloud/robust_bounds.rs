@@ -1,5 +1,6 @@
 //! Robust framing: the points that a camera should show, without strays. A single return from a
-//! bird would push the rest into a corner.
+//! bird would push the rest into a corner. Of what the user has chosen, by filters or clip boxes,
+//! all but the strays of files is shown.
 
 use super::strays::{RobustBounds, mix};
 use super::{Cloud, Lattice, Part};
@@ -22,11 +23,12 @@ impl Cloud {
     /// Returns a sample of the points, and all points connected with most of them, without strays;
     /// world.
     pub fn core_points(&self) -> Vec<DVec3> {
-        self.core_points_of(self.len(), |_| true)
+        if self.chosen { self.chosen_points(|_| true) } else { self.core_points_of(self.len()) }
     }
 
-    /// Returns the same of the points that are kept.
-    pub fn core_points_where(&self, keeps: impl Fn(DVec3) -> bool + Sync) -> Vec<DVec3> {
+    /// Returns a sample of the points that are kept, and all of them beyond its middle, without the
+    /// strays of files.
+    pub fn chosen_points(&self, keeps: impl Fn(DVec3) -> bool + Sync) -> Vec<DVec3> {
         let world = |part: &Part, q: [i32; 3]| part.lattice.world(q.map(i64::from));
         let count = |part: &Part| {
             let columns = &part.columns;
@@ -34,27 +36,52 @@ impl Cloud {
             (0..columns.len()).into_par_iter().filter(|&i| keeps(world(part, steps(i)))).count()
                 as u64
         };
-        self.core_points_of(self.parts.iter().map(count).sum(), &keeps)
+        let (mut inside, certain) =
+            self.inside(self.parts.iter().map(count).sum(), &keeps, &|samples| samples);
+        let mut outside = self.places(&keeps, |part| {
+            let (inside, core) = (certain.steps(&part.lattice), part.columns.core());
+            let is_stray = part.header.strays;
+            move |q| {
+                let is_core = core.is_none_or(|core| core.has(DVec3::from(q.map(f64::from))));
+                !is_stray && is_core && (0..3).any(|axis| !inside[axis].contains(&q[axis]))
+            }
+        });
+        inside.append(&mut outside);
+        inside
     }
 
-    fn core_points_of(&self, count: u64, keeps: impl Fn(DVec3) -> bool + Sync) -> Vec<DVec3> {
+    fn core_points_of(&self, count: u64) -> Vec<DVec3> {
+        let (mut core, certain) = self.inside(count, &|_| true, &near);
+        // A sample would miss the tip of a spire.
+        let outside = self.places(
+            |_| true,
+            |part| {
+                let inside = certain.steps(&part.lattice);
+                move |q| (0..3).any(|axis| !inside[axis].contains(&q[axis]))
+            },
+        );
+        core.extend(certain.tied(outside));
+        core
+    }
+
+    /// Returns a sample of `count` points, as far as they are in the box that no stray determines,
+    /// and that box.
+    fn inside(
+        &self,
+        count: u64,
+        keeps: &(impl Fn(DVec3) -> bool + Sync),
+        near: &dyn Fn(Vec<(DVec3, u32)>) -> Vec<(DVec3, u32)>,
+    ) -> (Vec<DVec3>, Certain) {
         let every = count / SAMPLES + 1;
         let samples: Vec<_> = self
-            .places(&keeps, |_| |q| scatter(q).is_multiple_of(every))
+            .places(keeps, |_| |q| scatter(q).is_multiple_of(every))
             .into_iter()
             .map(|p| (p, 1))
             .collect();
         let samples = near(samples);
         let certain = Certain::of(samples.clone());
-        let mut core: Vec<DVec3> =
-            samples.into_iter().map(|(p, _)| p).filter(|&p| certain.beyond(p) == 0.0).collect();
-        // A sample would miss the tip of a spire.
-        let outside = self.places(&keeps, |part| {
-            let inside = certain.steps(&part.lattice);
-            move |q| (0..3).any(|axis| !inside[axis].contains(&q[axis]))
-        });
-        core.extend(certain.tied(outside));
-        core
+        let places = samples.into_iter().map(|(p, _)| p);
+        (places.filter(|&p| certain.beyond(p) == 0.0).collect(), certain)
     }
 
     /// Returns the positions of each part that are kept and whose steps are accepted.
@@ -84,6 +111,11 @@ pub fn without_strays(samples: Vec<(DVec3, u32)>) -> Vec<DVec3> {
         samples.into_iter().map(|(p, _)| p).partition(|&p| certain.beyond(p) == 0.0);
     core.extend(certain.tied(outside));
     core
+}
+
+/// Returns samples of points that the user has chosen, without far ones.
+pub fn chosen_samples(samples: Vec<(DVec3, u32)>) -> Vec<DVec3> {
+    near(samples).into_iter().map(|(p, _)| p).collect()
 }
 
 /// Removes far samples: one of few is more than the share that percentiles cut off.

@@ -82,8 +82,8 @@ impl UpOption {
         let is_object = || {
             let may_be = headers.iter().all(|header| is_of(header, &["PLY", "OBJ", "E57"]));
             let points = if may_be { points() } else { Vec::new() };
-            let is_mesh = headers.iter().all(|header| is_of(header, &["PLY", "OBJ"]));
-            (is_mesh || size(&points).max_element() < TABLE) && Up::of_shape(&points) == Up::Y
+            let are_meshes = headers.iter().all(|header| header.is_mesh());
+            (are_meshes || size(&points).max_element() < TABLE) && Up::of_shape(&points) == Up::Y
         };
         match self {
             UpOption::Y => (Up::Y, None),

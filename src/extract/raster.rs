@@ -65,9 +65,64 @@ pub enum Pick {
 }
 
 /// The value of cells without points.
-pub const NO_DATA: f32 = -9999.0;
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct NoData(f64);
+
+/// The usual value of cells without points, where all numbers may be values of points.
+pub const NO_DATA: NoData = NoData(-9999.0);
+
+impl std::str::FromStr for NoData {
+    type Err = String;
+
+    fn from_str(text: &str) -> std::result::Result<NoData, String> {
+        let number = text.parse().ok().filter(|number: &f64| !number.is_infinite());
+        let own = number.map(NoData).filter(|own| own.0.is_nan() || own.float().is_finite());
+        own.ok_or_else(|| format!("{text:?} is neither a 32-bit number, such as -9999, nor nan"))
+    }
+}
+
+impl NoData {
+    fn float(self) -> f32 {
+        self.0 as f32
+    }
+
+    /// Returns it as a count; errors if it cannot be one.
+    fn count(self) -> Result<u32> {
+        let NoData(number) = self;
+        let is_count = number >= 0.0 && number <= u32::MAX.into() && number.fract() == 0.0;
+        is_count.then_some(number as u32).ok_or_else(|| {
+            Error::Request(format!(
+                "--no-data {number}: counts are whole numbers from 0 to {}; give one of these, such as 0",
+                u32::MAX
+            ))
+        })
+    }
+
+    /// Returns it as a GeoTIFF has it: the number that cells hold, in full.
+    pub fn text(self, value: Value) -> String {
+        match value {
+            _ if self.0.is_nan() => "nan".into(),
+            Value::Count => self.0.to_string(),
+            _ => f64::from(self.float()).to_string(),
+        }
+    }
+}
 
 impl Value {
+    /// Returns the value of cells without points for the one asked for; errors if it cannot be one.
+    pub fn no_data(self, asked: Option<NoData>) -> Result<Option<NoData>> {
+        match (self, asked) {
+            (Value::Rgb, None) => Ok(None),
+            (Value::Rgb, Some(_)) => Err(Error::Request(
+                "--no-data: colours have an alpha of 0 where there are no points; leave it out"
+                    .into(),
+            )),
+            (Value::Count, None) => Ok(None),
+            (Value::Count, Some(own)) => own.count().map(|_| asked),
+            (_, asked) => Ok(asked.or(Some(NO_DATA))),
+        }
+    }
+
     /// Returns the attribute to read.
     pub fn wanted(self) -> ColumnSet {
         if let Value::Scalar(scalar) = self {
@@ -95,6 +150,8 @@ pub struct Request {
     pub grid: MapGrid,
     pub value: Value,
     pub pick: Pick,
+    /// Value of cells without points ([`Value::no_data`]); None: 0, or an alpha of 0.
+    pub no_data: Option<NoData>,
     /// Most bytes of cells at a time; a row fits always.
     pub memory: u64,
 }
@@ -106,6 +163,8 @@ pub struct Filled {
     pub cells: u64,
     /// Points in cells.
     pub points: u64,
+    /// Cells with points whose value is that of cells without.
+    pub ambiguous: u64,
     /// Whether some number is not 0: files without colours may have black ones.
     has_value: bool,
 }
@@ -194,18 +253,36 @@ impl Request {
         }
     }
 
+    /// Returns the number of cells with points whose value is that of cells without.
+    fn ambiguous(&self, cells: &Cells) -> u64 {
+        let Some(own) = self.no_data else { return 0 };
+        let is_own = |cell: &usize| match self.value {
+            Value::Count => own.count().is_ok_and(|own| own == cells.counts[*cell]),
+            _ => self.number(cells, *cell, 0) as f32 == own.float(),
+        };
+        let filled = (0..cells.counts.len()).filter(|&cell| cells.counts[cell] > 0);
+        filled.filter(is_own).count() as u64
+    }
+
+    /// Returns a number of a cell with points.
+    fn number(&self, cells: &Cells, cell: usize, k: usize) -> f64 {
+        let points = if self.pick == Pick::Mean { cells.counts[cell] as f64 } else { 1.0 };
+        cells.numbers[cell * self.value.numbers() + k] / points
+    }
+
     /// Returns the samples of a row, as bytes of this machine.
     fn row(&self, cells: &Cells, row: usize) -> Vec<u8> {
         let width = self.grid.size[0] as usize;
-        let count = self.value.numbers();
-        let number = |cell: usize, k: usize| {
-            let points = if self.pick == Pick::Mean { cells.counts[cell] as f64 } else { 1.0 };
-            cells.numbers[cell * count + k] / points
-        };
+        let number = |cell: usize, k: usize| self.number(cells, cell, k);
         let all = row * width..(row + 1) * width;
         let is_empty = |cell: usize| cells.counts[cell] == 0;
         match self.value {
-            Value::Count => bytemuck::cast_slice(&cells.counts[all]).to_vec(),
+            Value::Count => {
+                let empty = self.no_data.and_then(|own| own.count().ok()).unwrap_or(0);
+                let value = |count: &u32| if *count == 0 { empty } else { *count };
+                bytemuck::cast_slice(&cells.counts[all].iter().map(value).collect::<Vec<u32>>())
+                    .to_vec()
+            }
             Value::Rgb => all
                 .flat_map(|cell| match is_empty(cell) {
                     true => [0; 4],
@@ -216,7 +293,8 @@ impl Request {
                 })
                 .collect(),
             Value::Height | Value::Intensity | Value::Scalar(_) => {
-                let value = |cell| if is_empty(cell) { NO_DATA } else { number(cell, 0) as f32 };
+                let empty = self.no_data.unwrap_or(NO_DATA).float();
+                let value = |cell| if is_empty(cell) { empty } else { number(cell, 0) as f32 };
                 bytemuck::cast_slice(&all.map(value).collect::<Vec<f32>>()).to_vec()
             }
         }
@@ -246,6 +324,7 @@ pub fn raster(
         };
         input.each(selection, progress, &map, &mut take)?;
         filled.cells += cells.counts.iter().filter(|count| **count > 0).count() as u64;
+        filled.ambiguous += request.ambiguous(&cells);
         for row in 0..rows.len() {
             put(&request.row(&cells, row))?;
             progress.tick("writing rows", rows.start as u64 + row as u64 + 1, height as u64)?;

@@ -11,11 +11,11 @@ use crate::cloud::histograms::Histograms;
 use crate::cloud::scalar::Scalar;
 use crate::cloud::up::Up;
 use crate::render::annotations::Annotations;
-use crate::view::{Projection, View};
+use crate::view::{Covered, Projection, View};
 use egui::epaint::{ImageDelta, Primitive, TextureId};
 use egui::{
-    Align2, Color32, Context, FontId, ImageData, LayerId, Painter, Pos2, RawInput, Rect, Shape,
-    Stroke, Vec2, pos2, vec2,
+    Align2, Color32, Context, FontId, FullOutput, ImageData, LayerId, Painter, Pos2, RawInput,
+    Rect, Shape, Stroke, Vec2, pos2, vec2,
 };
 use glam::DVec3;
 
@@ -34,6 +34,8 @@ pub struct Shown {
 /// Height of a line of text, relative to the height of the picture, and the least `[px]`.
 const LINE: f32 = 1.0 / 36.0;
 const LEAST_LINE: f32 = 9.0;
+/// Margin of the dark field behind, in lines.
+const FIELD: f32 = 0.5;
 /// Behind what is drawn, so that it can be read on any picture.
 const BEHIND: Color32 = Color32::from_rgba_premultiplied(14, 16, 19, 190);
 const INK: Color32 = Color32::WHITE;
@@ -59,18 +61,7 @@ impl Annotations {
         if self.is_empty() {
             return Overlay::default();
         }
-        let context = Context::default();
-        let rect =
-            Rect::from_min_size(Pos2::ZERO, vec2(view.whole[0] as f32, view.whole[1] as f32));
-        let input = RawInput {
-            screen_rect: Some(rect),
-            max_texture_side: Some(ATLAS),
-            ..RawInput::default()
-        };
-        let output = context.run_ui(input, |ui| {
-            let painter = ui.ctx().layer_painter(LayerId::background());
-            self.draw(&painter, rect, covered, view, shown);
-        });
+        let (context, output, _) = self.laid_out(covered, view, shown);
         let mut overlay = Overlay::default();
         let text = output.textures_delta.set.iter().filter(|(id, _)| **id == TextureId::default());
         text.flat_map(|(_, deltas)| deltas).for_each(|delta| take(&mut overlay, delta));
@@ -90,8 +81,39 @@ impl Annotations {
         overlay
     }
 
+    /// Returns what they cover of a view, beside its left part that is `covered` `[px]`.
+    pub fn covered(&self, covered: f32, view: &View, shown: &Shown) -> Covered {
+        let left = Covered { left: (covered / view.whole[0] as f32).into(), ..Covered::default() };
+        if self.is_empty() { left } else { self.laid_out(covered, view, shown).2 }
+    }
+
+    fn laid_out(&self, covered: f32, view: &View, shown: &Shown) -> (Context, FullOutput, Covered) {
+        let context = Context::default();
+        let rect =
+            Rect::from_min_size(Pos2::ZERO, vec2(view.whole[0] as f32, view.whole[1] as f32));
+        let input = RawInput {
+            screen_rect: Some(rect),
+            max_texture_side: Some(ATLAS),
+            ..RawInput::default()
+        };
+        let mut all = Covered::default();
+        let output = context.run_ui(input, |ui| {
+            let painter = ui.ctx().layer_painter(LayerId::background());
+            all = self.draw(&painter, rect, covered, view, shown);
+        });
+        (context, output, all)
+    }
+
     /// Draws into a rectangle that shows a whole view, beside its left part that is `covered`.
-    pub fn draw(&self, painter: &Painter, rect: Rect, covered: f32, view: &View, shown: &Shown) {
+    /// Returns what is covered then: the title's rows, those of the scale bar, and so on.
+    pub fn draw(
+        &self,
+        painter: &Painter,
+        rect: Rect,
+        covered: f32,
+        view: &View,
+        shown: &Shown,
+    ) -> Covered {
         let line = (LINE * rect.height().min(1.5 * rect.width())).max(LEAST_LINE);
         let left = rect.left() + covered;
         let sheet = Sheet { painter, rect, left, line, view, shown };
@@ -100,22 +122,39 @@ impl Annotations {
             pos2(left + edges.x + line, rect.top() + line),
             pos2(rect.right() - line, rect.bottom() - edges.y - line),
         );
+        let mut free = rect;
+        free.min.x = left + edges.x;
+        free.max.y -= edges.y;
         if let Some(title) = &self.title {
             let at = pos2((left + rect.right()) / 2.0, inner.top());
-            sheet.text(at, Align2::CENTER_TOP, title, 1.6 * line, true);
-        }
-        if self.north_arrow && no_north(shown.up).is_none() {
-            sheet.north_arrow(inner);
+            let place = sheet.text(at, Align2::CENTER_TOP, title, 1.6 * line, true);
+            free.min.y = place.bottom() + FIELD * line;
         }
         if self.scale_bar {
-            sheet.scale_bar(inner);
+            free.max.y = sheet.scale_bar(inner).top() - FIELD * line;
+        }
+        let mut beside = Vec::new();
+        if self.north_arrow && no_north(shown.up).is_none() {
+            beside.push(sheet.north_arrow(inner));
         }
         if self.legend {
-            sheet.legend(inner);
+            beside.extend(sheet.legend(inner));
         }
         if self.axes && edges == Vec2::ZERO {
-            sheet.triad(inner);
+            beside.push(sheet.triad(inner));
         }
+        for place in beside {
+            free.max.x = free.max.x.min(place.left() - FIELD * line);
+        }
+        let [x, y] = [rect.width(), rect.height()];
+        let parts = [
+            (free.left() - rect.left()) / x,
+            (rect.right() - free.right()) / x,
+            (free.top() - rect.top()) / y,
+            (rect.bottom() - free.bottom()) / y,
+        ];
+        let [left, right, top, bottom] = parts.map(|part| f64::from(part.clamp(0.0, 1.0)));
+        Covered { left, right, top, bottom }
     }
 }
 
@@ -166,7 +205,7 @@ impl Sheet<'_> {
 
     /// Draws the dark field behind a place.
     fn field(&self, place: Rect) {
-        self.painter.rect_filled(place.expand(0.5 * self.line), 0.3 * self.line, BEHIND);
+        self.painter.rect_filled(place.expand(FIELD * self.line), 0.3 * self.line, BEHIND);
     }
 
     fn stroke(&self) -> Stroke {
@@ -196,8 +235,8 @@ impl Sheet<'_> {
     }
 
     /// Draws a bar of a round length; of a perspective view, at the depth of the points in its
-    /// middle.
-    fn scale_bar(&self, inner: Rect) {
+    /// middle. Returns its place.
+    fn scale_bar(&self, inner: Rect) -> Rect {
         let projection = self.view.camera.projection;
         let depth = match projection {
             Projection::Orthographic => Some(1.0),
@@ -205,8 +244,7 @@ impl Sheet<'_> {
         };
         let Some(depth) = depth else {
             let at = inner.left_bottom();
-            self.text(at, Align2::LEFT_BOTTOM, "no points ahead", self.line, true);
-            return;
+            return self.text(at, Align2::LEFT_BOTTOM, "no points ahead", self.line, true);
         };
         let per_unit = self.enlarged() * self.view.focal_px() / depth;
         let length = round_below(0.25 * inner.width() as f64 / per_unit);
@@ -227,10 +265,11 @@ impl Sheet<'_> {
         for [from, to] in [[left, right], [left, left + tick], [right, right + tick]] {
             self.painter.line_segment([from, to], self.stroke());
         }
+        place
     }
 
-    /// Draws an arrow towards north, as the picture shows it, at the top right.
-    fn north_arrow(&self, inner: Rect) {
+    /// Draws an arrow towards north, as the picture shows it, at the top right. Returns its place.
+    fn north_arrow(&self, inner: Rect) -> Rect {
         let (basis, line) = (&self.view.basis, self.line);
         let seen = vec2(basis.right.y as f32, -basis.up.y as f32);
         let way = if seen.length() < 1e-3 { vec2(0.0, -1.0) } else { seen.normalized() };
@@ -250,19 +289,21 @@ impl Sheet<'_> {
             self.painter.add(Shape::convex_polygon(shape, fill, Stroke::NONE));
         }
         self.text(tip + way * 0.6 * line, Align2::CENTER_CENTER, "N", 0.9 * line, false);
+        place
     }
 
-    /// Draws the ramp with round values, or the labels that occur, at the right.
-    fn legend(&self, inner: Rect) {
+    /// Draws the ramp with round values, or the labels that occur, at the right. Returns its place,
+    /// if there is one.
+    fn legend(&self, inner: Rect) -> Option<Rect> {
         let attribute = &self.shown.attribute;
         match attribute.ends() {
-            Some(ends) if ends[1] > ends[0] => self.ramp(inner, ends),
-            _ if attribute.attribute.is_label() => self.labels(inner),
-            _ => {}
+            Some(ends) if ends[1] > ends[0] => Some(self.ramp(inner, ends)),
+            _ if attribute.attribute.is_label() => Some(self.labels(inner)),
+            _ => None,
         }
     }
 
-    fn ramp(&self, inner: Rect, [lo, hi]: [f64; 2]) {
+    fn ramp(&self, inner: Rect, [lo, hi]: [f64; 2]) -> Rect {
         let (shown, line) = (&self.shown.attribute, self.line);
         let heading = match shown.attribute {
             Attribute::Elevation => {
@@ -306,9 +347,10 @@ impl Sheet<'_> {
             self.painter.line_segment([at, at + vec2(0.5 * line, 0.0)], self.stroke());
             self.text(at + vec2(0.9 * line, 0.0), Align2::LEFT_CENTER, &label, line, false);
         }
+        place
     }
 
-    fn labels(&self, inner: Rect) {
+    fn labels(&self, inner: Rect) -> Rect {
         let (attribute, line) = (self.shown.attribute.attribute, self.line);
         let mut rows: Vec<([u8; 3], String, u64)> = match attribute {
             Attribute::Class => self
@@ -366,6 +408,7 @@ impl Sheet<'_> {
             }
             self.text(at + vec2(1.5 * line, 0.0), Align2::LEFT_CENTER, text, line, false);
         }
+        place
     }
 
     /// Draws coordinates along the left and the lower edge if the picture is a map or an elevation:
@@ -417,8 +460,8 @@ impl Sheet<'_> {
         room
     }
 
-    /// Draws the three axes as the picture shows them, at the lower right.
-    fn triad(&self, inner: Rect) {
+    /// Draws the three axes as the picture shows them, at the lower right. Returns their place.
+    fn triad(&self, inner: Rect) -> Rect {
         let (basis, line) = (&self.view.basis, self.line);
         let place = Rect::from_min_max(
             inner.right_bottom() - vec2(5.0 * line, 5.0 * line),
@@ -443,6 +486,7 @@ impl Sheet<'_> {
             let name = ["x", "y", "z"][axis];
             self.text(tip + seen * 0.6 * line, Align2::CENTER_CENTER, name, line, false);
         }
+        place
     }
 }
 

@@ -18,7 +18,7 @@ use pointillist::progress::Progress;
 use pointillist::render::frame::Outcome;
 use pointillist::render::source::Source;
 use pointillist::renderer::{self, CloudId, RendererOptions};
-use pointillist::view::{Camera, Preset, View};
+use pointillist::view::{Camera, Covered, Preset, View};
 use pointillist::{config, gpu};
 use pyo3::exceptions::{PyException, PyKeyboardInterrupt, PyUserWarning, PyValueError};
 use pyo3::prelude::*;
@@ -424,7 +424,8 @@ impl State {
         let uploaded = self.upload(picture, progress)?;
         let camera = picture.camera()?;
         let Uploaded { framed, up, .. } = uploaded;
-        let framing = || Camera::framing_beside(picture.view, framed, picture.size.0, 0.0, *up);
+        let none = Covered::default();
+        let framing = || Camera::framing_beside(picture.view, framed, picture.size.0, none, *up);
         Ok(camera.unwrap_or_else(framing))
     }
 

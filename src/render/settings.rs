@@ -175,8 +175,12 @@ impl FrameConfig {
         // If switched on explicitly, luminance is averaged everywhere.
         let partly =
             decisions.runs(Effect::Luminance) && settings.effects.luminance.switch == Switch::Auto;
-        let effects =
+        let mut effects =
             settled(&settings.effects, resolve::spacing_px(&view.entire(), resident)[1], &context);
+        if !decisions.runs(Effect::Fill) {
+            // Warnings are of what was asked for.
+            effects.fill.settings.method = settings.effects.fill.settings.method;
+        }
         FrameConfig {
             effects,
             decisions,

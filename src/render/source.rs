@@ -8,7 +8,7 @@ use crate::cloud::filter::{Filter, grouped};
 use crate::cloud::histograms::Histograms;
 use crate::cloud::input::Input;
 use crate::cloud::rgb_range::RgbRange;
-use crate::cloud::robust_bounds::without_strays;
+use crate::cloud::robust_bounds::{chosen_samples, without_strays};
 use crate::cloud::scalar::{self, Scalar};
 use crate::cloud::strays::{RobustBounds, Strays, Treatment};
 use crate::cloud::stream::FileSummary;
@@ -398,8 +398,8 @@ impl Source {
     pub fn framed_points(&self, clips: &Clips) -> Vec<DVec3> {
         let kept = match self {
             _ if clips.active() == 0 => Vec::new(),
-            Source::Files(cloud) => cloud.core_points_where(|p| clips.keep(p)),
-            Source::Index(index) => without_strays(samples_left(index, clips)),
+            Source::Files(cloud) => cloud.chosen_points(|p| clips.keep(p)),
+            Source::Index(index) => chosen_samples(samples_left(index, clips)),
         };
         if kept.is_empty() { self.core_points() } else { kept }
     }
@@ -501,8 +501,8 @@ impl Source {
         format!("`pointillist index {}{more} -o {output} {option}` finds them", files.join(" "))
     }
 
-    /// Returns a note if clip boxes leave nothing: of files no point, of an index no node.
-    pub fn clipped_away(&self, clips: &Clips) -> Option<String> {
+    /// Errors if clip boxes leave nothing: of files no point, of an index no node.
+    pub fn check_clips(&self, clips: &Clips) -> Result<()> {
         let (is_left, bounds) = match self {
             Source::Files(cloud) => {
                 let is_left = |part: &Part| {
@@ -518,11 +518,13 @@ impl Source {
                 (index.nodes().iter().any(is_left), bounds)
             }
         };
-        let (low, high) = bounds.filter(|_| !is_left)?;
+        let Some((low, high)) = bounds.filter(|_| !is_left) else { return Ok(()) };
         let [low, high] = [low, high]
             .map(|corner| self.reference().digits.round(corner).to_array().map(number).join(" "));
         let points = grouped(self.points());
-        Some(format!("--clip leaves none of {points} points; they lie in {low} to {high}"))
+        Err(Error::Request(format!(
+            "--clip leaves none of {points} points; they lie in {low} to {high}"
+        )))
     }
 
     /// Tests whether points need their kind on the device for a filter.
@@ -719,7 +721,11 @@ fn root_samples(index: &Index) -> (Vec<(DVec3, u32)>, Option<RobustBounds>) {
     let mut samples = Vec::new();
     for root in 0..index.directory.roots as usize {
         // An unreadable root is reported when drawn; until then its box is used.
-        samples.extend(left_samples(index, root).unwrap_or_else(|_| {
+        let left = left_samples(index, root).and_then(|left| match left.is_empty() {
+            true => index.samples(root),
+            false => Ok(left),
+        });
+        samples.extend(left.unwrap_or_else(|_| {
             let (lo, hi) = index.bounds(&index.nodes()[root]);
             vec![(lo, 1), (hi, 1)]
         }));
@@ -728,14 +734,12 @@ fn root_samples(index: &Index) -> (Vec<(DVec3, u32)>, Option<RobustBounds>) {
     (samples, core)
 }
 
-/// Returns the samples of a root that the index's filter leaves; all if it leaves none.
-fn left_samples(index: &Index, root: usize) -> Result<Vec<(DVec3, u32)>> {
-    let samples = index.samples(root)?;
+/// Returns the samples of a node that the index's filter leaves.
+fn left_samples(index: &Index, node: usize) -> Result<Vec<(DVec3, u32)>> {
+    let samples = index.samples(node)?;
     let Some(filter) = &index.filter else { return Ok(samples) };
-    let left = index.left(root, filter)?;
-    let some = samples.iter().zip(left).filter(|(_, left)| *left).map(|(sample, _)| *sample);
-    let some: Vec<_> = some.collect();
-    Ok(if some.is_empty() { samples } else { some })
+    let left = index.left(node, filter)?;
+    Ok(samples.into_iter().zip(left).filter(|(_, left)| *left).map(|(sample, _)| sample).collect())
 }
 
 /// Returns the strays of an index among the samples of its roots.
@@ -751,12 +755,13 @@ pub fn strays(index: &Index) -> Strays {
 
 /// Returns the points to frame as [`Cloud::core_points`], from the roots' samples.
 fn core_samples(index: &Index) -> Vec<DVec3> {
-    without_strays(root_samples(index).0)
+    let (samples, _) = root_samples(index);
+    if index.filter.is_some() { chosen_samples(samples) } else { without_strays(samples) }
 }
 
 /// Samples that describe what clip boxes leave of an index, if there are as many; and most nodes
 /// that are read for them.
-const FRAMED_SAMPLES: usize = 1000;
+const FRAMED_SAMPLES: usize = 50_000;
 const FRAMED_NODES: usize = 64;
 
 /// Returns samples that clip boxes leave: of the roots, or of nodes below while these leave few.
@@ -764,11 +769,19 @@ fn samples_left(index: &Index, clips: &Clips) -> Vec<(DVec3, u32)> {
     let meets = |&node: &usize| clips.left(index.bounds(&index.nodes()[node])) != Left::Nothing;
     let mut nodes: Vec<usize> = (0..index.directory.roots as usize).filter(meets).collect();
     loop {
-        let kept: Vec<(DVec3, u32)> = nodes
-            .iter()
-            .flat_map(|&node| index.samples(node).unwrap_or_default())
-            .filter(|(p, _)| clips.keep(*p))
-            .collect();
+        let mut kept = Vec::new();
+        for &node in &nodes {
+            // A sample stands for points as far as this, which boxes may leave without it.
+            let reach = index.nodes()[node].spacing;
+            let ways = DVec3::AXES.map(|axis| [axis * reach, -axis * reach]);
+            for (p, weight) in left_samples(index, node).unwrap_or_default() {
+                kept.extend(Some((p, weight)).filter(|_| clips.keep(p)));
+                if reach > 0.0 {
+                    let around = ways.iter().flatten().map(|&way| (p + way, 1));
+                    kept.extend(around.filter(|&(p, _)| clips.keep(p)));
+                }
+            }
+        }
         let below: Vec<usize> = nodes
             .iter()
             .flat_map(|&node| match index.nodes()[node].children() {

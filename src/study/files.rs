@@ -18,7 +18,7 @@ use crate::render::settings::RenderSettings;
 use crate::render::source::{OpenOptions, Source};
 use crate::select::lod::LodOptions;
 use crate::tune::KNOBS;
-use crate::view::{Camera, Preset};
+use crate::view::{Camera, Covered, Preset};
 use std::path::Path;
 
 pub const SUMMARY: &str =
@@ -51,7 +51,8 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
         };
         let source = Source::open(std::slice::from_ref(path), &options, progress)?;
         let points = source.framed_points(&Default::default());
-        let camera = Camera::framing_beside(Preset::Fit, &points, size, 0.0, source.up().axis());
+        let none = Covered::default();
+        let camera = Camera::framing_beside(Preset::Fit, &points, size, none, source.up().axis());
         let views = views(camera, source.up().axis(), size)?;
         let (shown, _) = source.shown(None)?;
         let cloud = source.upload(gpu, shown, u64::MAX, progress)?;

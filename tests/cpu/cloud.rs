@@ -13,9 +13,13 @@ use e57::{
 use glam::DVec3;
 use pointillist::cloud::point_lookup::{self, Extras, LookupQuery};
 use pointillist::cloud::scalar::{Scalar, Scalars};
-use pointillist::cloud::{self, Cloud, ColumnSet, Part, ReadOptions, spacing};
+use pointillist::cloud::{self, Cloud, ColumnSet, Columns, Part, ReadOptions, spacing};
 use pointillist::error::{Error, Result};
 use pointillist::progress::{Progress, Silent};
+use pointillist::render::source::{Source, bounds_of};
+use pointillist::select::clip::Clips;
+use pointillist::synth::{self, SceneKind};
+use pointillist::view::{Camera, Preset, View};
 use proptest::prelude::*;
 use std::fs;
 use std::path::Path;
@@ -1399,4 +1403,59 @@ fn an_intensity_that_most_points_share_is_not_shown_on_its_own() {
     };
     assert_eq!([0, 40].map(shown), [Attribute::Intensity; 2]);
     assert_eq!([60, 100].map(shown), [Attribute::Elevation; 2]);
+}
+
+/// What filters and boxes leave is seen to its edges, from all sides: what is left of trees and
+/// poles there is little, and apart.
+#[test]
+fn views_frame_everything_that_boxes_and_filters_leave() {
+    let world = synth::build(SceneKind::Street, 1, 0.1);
+    let street = || synth::collect("street", &world, 60_000, 1, 0.02, &Silent).unwrap();
+    let [low, high] = bounds_of(&places(&street())).unwrap();
+    let part = |from: [f64; 3], to: [f64; 3]| {
+        let [from, to] = [from, to].map(|share| low + (high - low) * DVec3::from(share));
+        let [[x0, y0, z0], [x1, y1, z1]] = [from, to].map(|corner| corner.to_array());
+        format!("box:{x0},{y0},{z0},{x1},{y1},{z1}")
+    };
+    let filters = ["", "building", "high-vegetation", "z=..104", "intensity=..400"];
+    let boxes = [
+        None,
+        Some(part([-1.0, -1.0, 0.5], [2.0, 2.0, 2.0])),
+        Some(part([0.0, 0.3, 0.3], [0.45, 0.8, 0.9])),
+        Some(part([0.6, 0.0, 0.05], [1.0, 0.3, 0.6])),
+        Some(part([0.2, 0.45, 0.1], [0.25, 0.5, 0.4])),
+    ];
+    let mut seen = 0;
+    for filter in filters {
+        let mut cloud = street();
+        cloud.filter(&filter.parse().unwrap()).unwrap();
+        let (left, source) = (places(&cloud), Source::Files(cloud));
+        for own in &boxes {
+            if filter.is_empty() && own.is_none() {
+                continue;
+            }
+            let clips = Clips(own.iter().map(|text| text.parse().unwrap()).collect());
+            let left: Vec<DVec3> = left.iter().copied().filter(|&p| clips.keep(p)).collect();
+            let framed = source.framed_points(&clips);
+            for preset in [Preset::Fit, Preset::Top, Preset::Front, Preset::Side, Preset::Iso] {
+                let size = [640, 400];
+                let view = View::new(Camera::framing(preset, &framed, size), size).unwrap();
+                for p in &left {
+                    let [x, y] = view.pixel(*p).expect("in front");
+                    let is_seen = (0.0..640.0).contains(&x) && (0.0..400.0).contains(&y);
+                    assert!(is_seen, "{preset:?}, {filter} {own:?}: {p} is at {x}, {y}");
+                }
+            }
+            seen += left.len();
+        }
+    }
+    assert!(seen > 100_000, "{seen}");
+}
+
+fn places(cloud: &Cloud) -> Vec<DVec3> {
+    let of = |part: &Part| -> Vec<DVec3> {
+        let Columns { x, y, z, .. } = &part.columns;
+        (0..x.len()).map(|i| part.lattice.world([x[i], y[i], z[i]].map(i64::from))).collect()
+    };
+    cloud.parts.iter().flat_map(of).collect()
 }

@@ -454,12 +454,12 @@ fn small_and_degenerate_clouds_are_drawn() {
 
 /// No point is visible, in every style.
 #[test]
-fn a_camera_that_looks_away_and_a_clip_that_leaves_nothing_show_the_background() {
+fn a_camera_that_looks_away_and_points_without_opacity_show_the_background() {
     let place = Place::new();
     let cloud = place.scan("scan.las", SceneKind::Torus, 2000);
     place.write("away.json", r#"{"eye": [0, 0, 100], "target": [0, 0, 200]}"#);
     for style in ["auto", "surface", "points", "splats", "strokes"] {
-        for unseen in ["--camera @away.json", "--clip box:9,9,9,9.5,9.5,9.5"] {
+        for unseen in ["--camera @away.json", "--opacity class:1=0"] {
             succeeded(
                 &place.render(&cloud, &format!("--size 64x48 -o @a.png --style {style} {unseen}")),
             );

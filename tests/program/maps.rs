@@ -270,6 +270,64 @@ fn counts_and_colors_are_those_of_the_points() {
     }
 }
 
+/// GDAL knows cells without points by the value that was asked for.
+#[test]
+fn gdal_reads_the_value_of_cells_without_points() {
+    let place = Place::new();
+    let all = points(2_000);
+    let (file, output) = (place.scan(&all), place.at("map.tif"));
+    let (_, size, cells) = direct(&whole(&all), 25);
+    for (line, stored) in [
+        ("--no-data nan", f32::NAN),
+        ("--no-data -32768", -32768.0),
+        ("--no-data 0.1 --pick mean", 0.1),
+        ("--no-data -3.4028235e38", f32::MIN),
+        ("--value intensity --no-data nan", f32::NAN),
+    ] {
+        succeeded(&raster(&file, &output, &format!("--resolution 0.25 {line}")));
+        let Some(info) = gdalinfo(&output) else { return };
+        let found = &info["bands"][0]["noDataValue"];
+        let is_stated = match found.as_f64() {
+            Some(number) => number as f32 == stored,
+            None => stored.is_nan() && found == "NaN",
+        };
+        assert!(is_stated, "{line}: {found}");
+        let found = floats(&samples(&output).unwrap());
+        for (at, value) in found.iter().enumerate() {
+            let is_empty = value.to_bits() == stored.to_bits();
+            assert_eq!(is_empty, !cells.contains_key(&at), "{line}: cell {at} is {value}");
+        }
+    }
+    succeeded(&raster(&file, &output, "--resolution 0.25 --value count --no-data 65535"));
+    assert_eq!(gdalinfo(&output).unwrap()["bands"][0]["noDataValue"], 65535.0);
+    let found = samples(&output).unwrap();
+    let counts = found.chunks_exact(4).map(|four| u32::from_le_bytes(four.try_into().unwrap()));
+    let expected = (0..size[0] * size[1]).map(|at| cells.get(&at).map_or(65535, Vec::len) as u32);
+    assert!(counts.eq(expected));
+    // A value that points have is noted.
+    let height = format!("--resolution 0.25 --no-data {}", all[0].steps[2] as f64 / 100.0);
+    let said = text(
+        &raster(
+            &file,
+            &output,
+            &format!("{height} --only z={0}..{0}", all[0].steps[2] as f64 / 100.0),
+        )
+        .stderr,
+    );
+    assert!(said.contains("have the value of those without"), "{said}");
+    for (line, code, words) in [
+        ("--value count --no-data -1", 1, "whole numbers from 0"),
+        ("--value count --no-data nan", 1, "whole numbers from 0"),
+        ("--value rgb --no-data 0", 1, "alpha of 0"),
+        ("--no-data none", 2, "such as -9999, nor nan"),
+        ("--no-data 1e39", 2, "such as -9999, nor nan"),
+        ("--no-data inf", 2, "such as -9999, nor nan"),
+    ] {
+        let said = failed(&raster(&file, &output, &format!("--resolution 0.25 {line}")), code);
+        assert!(said.contains(words), "{line}: {said}");
+    }
+}
+
 /// In memory for a few rows the file is the same, byte by byte.
 #[test]
 fn maps_larger_than_memory_are_the_same() {

@@ -178,8 +178,10 @@ fn heights_have_the_ramp_and_the_range_that_are_asked_for() {
 fn annotations_are_drawn_the_same_whole_and_in_pieces_and_not_into_layers() {
     let folder = tempfile::tempdir().unwrap();
     let cloud = ply(folder.path(), "cone.ply", &cone([200, 180, 160]));
-    let all = "--up z --title A_cone --legend --scale-bar --north-arrow --axes --color elevation";
-    let plain = "--up z --color elevation";
+    let camera = folder.path().join("camera.json");
+    std::fs::write(&camera, r#"{"eye": [3, -5, 3], "target": [0, 1, 0]}"#).unwrap();
+    let plain = &format!("--up z --color elevation --camera {}", camera.display())[..];
+    let all = &format!("{plain} --title A_cone --legend --scale-bar --north-arrow --axes")[..];
     let sized = |line: &str| draw(&cloud, &format!("{line} --size 320x240")).0;
     let (whole, bare) = (sized(all), sized(plain));
     let pieces = sized(&format!("{all} --piece 64"));

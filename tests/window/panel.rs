@@ -2,6 +2,7 @@
 
 use crate::display::Viewer;
 use crate::display::place::Place;
+use crate::png_file::read_png;
 use crate::program::{succeeded, text};
 use std::path::Path;
 use std::time::Duration;
@@ -76,6 +77,55 @@ fn a_line_of_filters_leaves_what_the_command_line_leaves() {
     viewer.key("7");
     viewer.shows(&fit);
     viewer.close();
+}
+
+/// Only motions of the camera hold a view.
+#[test]
+fn a_view_that_was_only_clicked_on_is_framed_again_for_another_room() {
+    let place = Place::new();
+    let cloud = place.street(60_000);
+    let fit = place.picture(&[&cloud], "fit.png", &size());
+    let mut viewer = panel(&place, &[&cloud], "");
+    viewer.rests();
+    // Tabs, a mode, a point of the picture, and the background.
+    for [x, y] in [[225, 82], [40, 82], [60, 55], [20, 55], [540, 300], [790, 10]] {
+        place.display.xdotool(&format!("mousemove {x} {y} click 1"));
+        std::thread::sleep(Duration::from_millis(500));
+    }
+    viewer.key("Delete");
+    viewer.key("n");
+    viewer.shows(&fit);
+    place.display.xdotool(&format!("windowsize {} 500 300", viewer.window));
+    viewer.shows(&place.picture(&[&cloud], "smaller.png", "--size 500x300"));
+    place.display.xdotool(&format!("windowsize {} {} {}", viewer.window, SIZE[0], SIZE[1]));
+    viewer.shows(&fit);
+    place.display.xdotool("mousemove 540 300 mousedown 1 mousemove 560 310 mouseup 1");
+    let held = place.shows_its_scene(&mut viewer, &[&cloud], 1, &size());
+    place.display.xdotool(&format!("windowsize {} 500 300", viewer.window));
+    let smaller = place.shows_its_scene(&mut viewer, &[&cloud], 2, "--size 500x300");
+    assert_eq!(held["camera"], smaller["camera"]);
+    viewer.leave();
+    viewer.ended();
+}
+
+/// What is drawn over the picture covers no points of a view that is framed.
+#[test]
+fn the_first_view_is_framed_beside_annotations() {
+    let place = Place::new();
+    let cloud = place.street(60_000);
+    let own = "--color elevation --legend --scale-bar --title Street";
+    let with = place.picture(&[&cloud], "with.png", &format!("{} {own}", size()));
+    let mut viewer = panel(&place, &[&cloud], own);
+    viewer.key("n");
+    viewer.until("the picture beside annotations", |viewer| {
+        let (seen, wanted) = (viewer.photograph(), read_png(&with));
+        // Edges of text are blended by the device.
+        let apart = |(a, b): (&[u8; 3], &[u8; 3])| (0..3).any(|k| a[k].abs_diff(b[k]) > 60);
+        let differ = seen.pixels.iter().zip(&wanted.pixels).filter(|pair| apart(*pair)).count();
+        seen.size == wanted.size && differ < seen.pixels.len() / 500
+    });
+    viewer.leave();
+    viewer.ended();
 }
 
 #[test]

@@ -35,7 +35,7 @@ use crate::present::overlay::Overlay;
 use crate::render::scene::Scene;
 use crate::view::View;
 use egui::{Area, Frame, Margin, Order, ScrollArea, Ui, vec2};
-pub use state::{SaveSize, Tab, UiState};
+pub use state::{SaveSize, Tab, UiState, named_of};
 use std::time::Duration;
 use winit::event::{ElementState, WindowEvent};
 use winit::keyboard::{KeyCode, PhysicalKey};
@@ -66,6 +66,18 @@ pub struct Panel {
     cursor: egui::Pos2,
     /// Whether a drop-down list was open at the last layout.
     list_open: bool,
+    /// Factor on the size of everything, besides the user's: of large windows without a scale.
+    enlarged: f32,
+}
+
+/// Returns how much larger everything is drawn in a window of this size `[px]` than the system's
+/// scale says. Systems that know no scale say 1: then text stays as large beside the window as in
+/// 1920 x 1080.
+fn enlarged([width, height]: [u32; 2], scale: f64) -> f32 {
+    /// Steps of a half, so that dragging the window's edge seldom changes it.
+    const STEPS: f64 = 2.0;
+    let times = (f64::from(width) / 1920.0).min(f64::from(height) / 1080.0);
+    if scale == 1.0 { ((times * STEPS).floor() / STEPS).max(1.0) as f32 } else { 1.0 }
 }
 
 /// Width of the panel, and its margin `[points]`.
@@ -84,12 +96,23 @@ impl Panel {
             None,
         );
         theme::set(input.egui_ctx());
-        Panel { input, cursor: egui::Pos2::ZERO, list_open: false }
+        let mut panel = Panel { input, cursor: egui::Pos2::ZERO, list_open: false, enlarged: 1.0 };
+        panel.fit(window.inner_size().into(), window.scale_factor());
+        panel
+    }
+
+    /// Fits the size of everything to a window, and keeps what the user has changed it by.
+    fn fit(&mut self, size: [u32; 2], scale: f64) {
+        let before = std::mem::replace(&mut self.enlarged, enlarged(size, scale));
+        if self.enlarged != before {
+            let context = self.input.egui_ctx();
+            context.set_zoom_factor(context.zoom_factor() * self.enlarged / before);
+        }
     }
 
     /// Returns a panel without textures, for another device; layout and open sections are kept.
     pub fn renewed(&self, window: &Window) -> Panel {
-        let renewed = Panel { cursor: self.cursor, ..Panel::new(window) };
+        let renewed = Panel { cursor: self.cursor, enlarged: self.enlarged, ..Panel::new(window) };
         let memory = self.input.egui_ctx().memory(Clone::clone);
         renewed.input.egui_ctx().memory_mut(|own| *own = memory);
         renewed
@@ -97,10 +120,16 @@ impl Panel {
 
     /// Passes an event to egui.
     pub fn handle_event(&mut self, window: &Window, event: &WindowEvent) -> EventResponse {
-        if let WindowEvent::ScaleFactorChanged { scale_factor, .. } = event {
-            // On some systems the event comes before the window, which egui asks, knows the new
-            // factor.
-            self.input.egui_ctx().set_zoom_factor((scale_factor / window.scale_factor()) as f32);
+        match event {
+            WindowEvent::Resized(size) => self.fit((*size).into(), window.scale_factor()),
+            WindowEvent::ScaleFactorChanged { scale_factor, .. } => {
+                self.fit(window.inner_size().into(), *scale_factor);
+                // On some systems the event comes before the window, which egui asks, knows the new
+                // factor.
+                let unknown = (scale_factor / window.scale_factor()) as f32;
+                self.input.egui_ctx().set_zoom_factor(self.enlarged * unknown);
+            }
+            _ => {}
         }
         let response = self.input.on_window_event(window, event);
         let consumed = match event {
@@ -147,6 +176,7 @@ impl Panel {
     ) -> PanelOutput {
         let input = self.input.take_egui_input(window);
         let context = self.input.egui_ctx().clone();
+        let resets = input.events.iter().any(resets_size);
         let mut actions = Vec::new();
         let output = context.run_ui(input, |ui| {
             heat_map::show(ui, &mut state.pace);
@@ -176,6 +206,9 @@ impl Panel {
             windows::hint(ui.ctx(), state, &mut actions);
             windows::question(ui.ctx(), state, &mut actions);
         });
+        if resets {
+            context.set_zoom_factor(self.enlarged);
+        }
         let continues =
             context.input(|input| input.pointer.any_down()) || context.text_edit_focused();
         self.list_open = egui::Popup::is_any_open(&context);
@@ -189,6 +222,13 @@ impl Panel {
         };
         PanelOutput { overlay, actions, continues, repaint_in }
     }
+}
+
+/// Returns whether it is the key that resets the size of everything, which egui sets to 1.
+fn resets_size(event: &egui::Event) -> bool {
+    let egui::Event::Key { key, pressed: true, modifiers, .. } = event else { return false };
+    let reset = egui::gui_zoom::kb_shortcuts::ZOOM_RESET;
+    *key == reset.logical_key && modifiers.matches_logically(reset.modifiers)
 }
 
 /// Shows the panel on the left, as high as the window.
@@ -226,4 +266,16 @@ fn panel(
             });
         });
     });
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn text_in_large_windows_without_a_scale_is_as_large_as_on_smaller_monitors() {
+        let sizes = [[640, 480], [1920, 1080], [2560, 1440], [3840, 2160], [3840, 1080]];
+        assert_eq!(sizes.map(|size| enlarged(size, 1.0)), [1.0, 1.0, 1.0, 2.0, 1.0]);
+        assert_eq!(enlarged([3840, 2160], 1.5), 1.0);
+    }
 }

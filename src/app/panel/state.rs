@@ -154,13 +154,16 @@ impl UiState {
 
     /// Returns what annotations name of the displayed cloud, if there is one.
     pub fn named(&self, scene: &Scene) -> Option<Shown> {
-        let mut attribute = self.shown?;
-        attribute.scale = scene.scale;
-        let Categories { classes, returns, stations, reference, up, bounds, .. } =
-            self.categories.clone();
-        let counts = Histograms { classes, returns };
-        Some(Shown { attribute, reference, up, bounds, counts, stations })
+        self.shown.map(|shown| named_of(shown, &self.categories, scene))
     }
+}
+
+/// Returns what annotations name of a cloud.
+pub fn named_of(mut attribute: DisplayAttribute, categories: &Categories, scene: &Scene) -> Shown {
+    attribute.scale = scene.scale;
+    let Categories { classes, returns, stations, reference, up, bounds, .. } = categories.clone();
+    let counts = Histograms { classes, returns };
+    Shown { attribute, reference, up, bounds, counts, stations }
 }
 
 /// Size of a saved picture.
