@@ -12,6 +12,12 @@ mod commands;
 mod copc_file;
 #[path = "../support/files.rs"]
 mod files;
+#[path = "../fuzz/heap.rs"]
+mod fuzz_heap;
+#[path = "../fuzz/mutate.rs"]
+mod fuzz_mutate;
+#[path = "../fuzz/targets/mod.rs"]
+mod fuzz_targets;
 #[path = "../support/index_file.rs"]
 mod index_file;
 #[path = "../support/made.rs"]
@@ -29,11 +35,16 @@ mod skip;
 #[path = "../support/tree.rs"]
 mod tree;
 
+/// Counts the bytes of the heap, for tests that ask.
+#[global_allocator]
+static HEAP: fuzz_heap::CountingHeap = fuzz_heap::CountingHeap;
+
 mod cloud;
 mod copc;
 mod cut;
 mod damaged_las;
 mod export;
+mod fuzz;
 mod ground;
 mod header;
 mod imports;

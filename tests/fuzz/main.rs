@@ -1,0 +1,69 @@
+//! The driver of `tools/fuzz`: libFuzzer, guided by coverage, with the target that TARGET names.
+//!
+//! `POINTILLIST_FUZZ_SEEDS=FOLDER` writes the seeds of the target there, and its words, and ends.
+
+#![no_main]
+
+#[path = "../support/copc_file.rs"]
+mod copc_file;
+mod heap;
+#[path = "../support/made.rs"]
+#[allow(dead_code, reason = "tests use the rest")]
+mod made;
+#[path = "../support/octree_files.rs"]
+#[allow(dead_code, reason = "tests use the rest")]
+mod octree_files;
+#[allow(dead_code, reason = "tests use the rest")]
+mod targets;
+#[path = "../support/tree.rs"]
+#[allow(dead_code, reason = "tests use the rest")]
+mod tree;
+
+use std::path::Path;
+use std::sync::OnceLock;
+use targets::{MOST_HEAP, Target};
+
+#[global_allocator]
+static HEAP: heap::CountingHeap = heap::CountingHeap;
+
+/// The target, and the folder of its files.
+static CHOSEN: OnceLock<(&Target, tempfile::TempDir)> = OnceLock::new();
+
+fn begin() {
+    // One thread, so that coverage is of one input.
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(1).use_current_thread();
+    pool.build_global().expect("nothing used threads before");
+    let name = std::env::var("TARGET").unwrap_or_default();
+    let Some(target) = targets::target(&name) else {
+        let names: Vec<_> = targets::TARGETS.iter().map(|target| target.name).collect();
+        eprintln!("TARGET={name:?} is none of {}", names.join(" "));
+        std::process::exit(2);
+    };
+    // tools/fuzz removes it.
+    let folder = tempfile::tempdir().expect("a folder");
+    if let Some(output) = std::env::var_os("POINTILLIST_FUZZ_SEEDS") {
+        let output = Path::new(&output);
+        for (k, seed) in (target.seeds)(folder.path()).iter().enumerate() {
+            std::fs::write(output.join(format!("seed-{k}")), seed).expect("seeds");
+        }
+        std::fs::write(output.with_extension("dict"), dictionary(target)).expect("a dictionary");
+        drop(folder);
+        std::process::exit(0);
+    }
+    drop(CHOSEN.set((target, folder)));
+}
+
+/// Returns the words of a target as libFuzzer's dictionary.
+fn dictionary(target: &Target) -> String {
+    let escaped =
+        |word: &str| word.bytes().map(|byte| format!("\\x{byte:02x}")).collect::<String>();
+    target.words.iter().map(|word| format!("\"{}\"\n", escaped(word))).collect()
+}
+
+libfuzzer_sys::fuzz_target!(init: begin(), |bytes: &[u8]| {
+    let (target, folder) = CHOSEN.get().expect("a target was chosen");
+    heap::peak();
+    (target.run)(folder.path(), bytes);
+    let peak = heap::peak();
+    assert!(peak < MOST_HEAP, "{} MiB of the heap were taken", peak >> 20);
+});
