@@ -14,6 +14,7 @@ const EXAMPLES: &str = "\
 Examples:
   pointillist view scan.laz
   pointillist render scan.laz -o out.png
+  pointillist view https://example.org/site.copc.laz       in place, on a server
   pointillist info scan.laz
   pointillist export scan.laz -o ground.laz --only ground
   pointillist raster scan.laz -o surface.tif --resolution 0.5

@@ -37,6 +37,7 @@ const EXAMPLES: &str = "\
 Examples:
   pointillist render scan.laz -o out.png
   pointillist render scan.e57 -o out.png --camera cam.json --size 3840x2160 --exr out.exr
+  pointillist render https://example.org/site.copc.laz -o out.png --explain    the nodes that it shows are fetched
   pointillist render scan.laz -o out.png --effect edl=on,strength=0.5,radius=2 --background ffffff
   pointillist render scan.laz -o out.png --opacity class:6=0.3 --opacity class:5=0    glass roofs, no trees
   pointillist render scan.laz -o out.png --clip box:10,-5,0,14,5,3 --clip outside:11,-1,0,12,1,3    a room, without its table

@@ -12,8 +12,9 @@
 //!   its nearest resident ancestor alone; where nodes add to those above them, what is resident
 //!
 //! Roots stay resident, so that there is always an ancestor. A node that cannot be read is reported
-//! once and left to its parent or children ([`lod::choose`]); so is one that has not come in time,
-//! which is drawn once it comes. A loader that has ended is replaced.
+//! once and left to its parent or children ([`lod::choose`]), and those of a server are tried again
+//! later. So is one left that has not come in time, which is drawn once it comes. A loader that has
+//! ended is replaced.
 //!
 //! [`Residency::wait_until_resident`] repeats that until the cut is complete: the picture then
 //! depends on view, detail and pool alone, not on earlier frames.
@@ -39,10 +40,13 @@ use crate::select::clip::{Clips, Left};
 use crate::select::lod::{self, Cut, Detail};
 use crate::select::opacity::Opacities;
 use crate::view::View;
-use std::collections::{BTreeSet, HashMap, HashSet};
+use std::collections::{BTreeSet, HashMap, HashSet, VecDeque};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
-use std::time::Duration;
+use std::time::{Duration, Instant};
+
+/// Time after which a node that a server did not give is asked for again.
+const AGAIN: Duration = Duration::from_secs(10);
 
 /// Pages of a node: position planes, then the attribute words of its points.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -124,6 +128,8 @@ pub struct Residency {
     stalled: Option<usize>,
     entries: HashMap<usize, Entry>,
     unreadable: HashSet<usize>,
+    /// Those of a server, which are tried again at these times.
+    again: VecDeque<(Instant, usize)>,
     /// Pages that a submission may still read.
     retired: Vec<(Run, u64)>,
     /// Node numbers of `resident.nodes`.
@@ -223,6 +229,7 @@ impl Residency {
             stalled: None,
             entries: HashMap::new(),
             unreadable: HashSet::new(),
+            again: VecDeque::new(),
             retired: Vec::new(),
             drawn: Vec::new(),
             pages_coming: 0,
@@ -361,6 +368,14 @@ impl Residency {
         self.receive_answers()?;
         self.resident.pool.submit_copies(gpu)?;
         self.reclaim(gpu)?;
+        // A picture that waits is drawn of what comes at the first try.
+        while let Some((at, node)) = self.again.front().copied()
+            && at <= Instant::now()
+            && policy.fall_back
+        {
+            self.again.pop_front();
+            self.unreadable.remove(&node);
+        }
         let (cut, budget) = self.fitting(views, detail, policy.fall_back);
         let mut update = Update { cut, budget, ..std::mem::take(&mut self.unreported) };
         let wants = self.wants(views, detail, &update.cut, policy.fall_back);
@@ -443,6 +458,9 @@ impl Residency {
             Outcome::Dropped => self.retired.push((run, 0)),
             Outcome::Failed(error) => {
                 self.retired.push((run, 0));
+                if self.index.is_remote() {
+                    self.again.push_back((Instant::now() + AGAIN, node));
+                }
                 if self.unreadable.insert(node) {
                     self.unreported
                         .errors

@@ -16,6 +16,8 @@ mod octree_files;
 mod png_file;
 #[path = "../support/program.rs"]
 mod program;
+#[path = "../support/servers.rs"]
+mod servers;
 #[path = "../support/shared.rs"]
 mod shared;
 #[path = "../support/skip.rs"]
@@ -37,6 +39,7 @@ mod indexed;
 mod inputs_and_outputs;
 mod jobs;
 mod maps;
+mod network;
 mod pictures;
 mod python;
 mod saved_shadows;

@@ -71,7 +71,8 @@ impl Server {
             command.env_remove("AWS_PROFILE").env("no_proxy", "127.0.0.1");
             command
         };
-        let found = python().args(["-c", "import moto.server, boto3"]).stderr(Stdio::null()).status();
+        let found =
+            python().args(["-c", "import moto.server, boto3"]).stderr(Stdio::null()).status();
         if !found.is_ok_and(|status| status.success()) {
             skip("python3 with moto is missing; pip has it as moto[s3,server]");
             return None;
