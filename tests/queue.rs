@@ -156,3 +156,13 @@ fn two_who_post_at_once_lose_nothing() {
         assert_eq!(places.load(SeqCst), 0);
     });
 }
+
+#[test]
+fn a_list_is_looked_at_once() {
+    model(|| {
+        let (queue, places) = shared();
+        queue.post(vec![new(1, &places)]);
+        assert_eq!(queue.newest().map(|list| list.len()), Some(1));
+        assert!(queue.newest().is_none());
+    });
+}

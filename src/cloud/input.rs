@@ -4,7 +4,7 @@
 //! be read is said beforehand ([`Input::ahead`]), so that servers are asked for much at a time.
 //! Indexes, whose nodes are read again and again, are mapped; other files are read once.
 
-use super::mmap::Map;
+use super::mmap::{Map, read_some_at};
 use super::rgb_range::RgbRange;
 use crate::error::{Error, Result};
 use crate::network::{self, Object};
@@ -195,7 +195,7 @@ impl Input {
         let there = self.read_at(offset, bytes)?;
         if there < bytes.len() {
             return Err(self.wrong(format!(
-                "was truncated while being read: byte {} is missing",
+                "became shorter while it was open: byte {} is gone",
                 offset + there as u64
             )));
         }
@@ -290,16 +290,6 @@ impl Contents {
             }
         }
     }
-}
-
-#[cfg(unix)]
-pub(super) fn read_some_at(file: &File, bytes: &mut [u8], offset: u64) -> io::Result<usize> {
-    std::os::unix::fs::FileExt::read_at(file, bytes, offset)
-}
-
-#[cfg(windows)]
-pub(super) fn read_some_at(file: &File, bytes: &mut [u8], offset: u64) -> io::Result<usize> {
-    std::os::windows::fs::FileExt::seek_read(file, bytes, offset)
 }
 
 pub struct Stream<'a> {

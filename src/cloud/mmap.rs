@@ -1,11 +1,10 @@
-//! A read-only file map that survives a shrinking file.
+//! Files read by position, and a read-only map that survives a shrinking file.
 //!
 //! Touching a mapped page that a shrinking file has lost ends a program with SIGBUS, and checking
 //! the length first only makes that rarer. So on Linux the kernel copies: `process_vm_readv` on our
 //! own memory reports such a page as an error. On other systems the file is read by position. Bytes
 //! that turn zero after a shrink are found by checksums.
 
-use super::input::read_some_at;
 use memmap2::Mmap;
 use std::fs::File;
 use std::io;
@@ -58,22 +57,37 @@ impl Map {
     }
 }
 
+/// Reads bytes from `offset` on. Returns their number, 0 at the end of the file.
+#[cfg(unix)]
+pub(super) fn read_some_at(file: &File, bytes: &mut [u8], offset: u64) -> io::Result<usize> {
+    std::os::unix::fs::FileExt::read_at(file, bytes, offset)
+}
+
+/// Reads bytes from `offset` on. Returns their number, 0 at the end of the file.
+#[cfg(windows)]
+pub(super) fn read_some_at(file: &File, bytes: &mut [u8], offset: u64) -> io::Result<usize> {
+    std::os::windows::fs::FileExt::seek_read(file, bytes, offset)
+}
+
 #[cfg(test)]
 mod tests {
-    use crate::cloud::input::Input;
+    use super::*;
 
     #[test]
     fn a_file_that_shrinks_is_an_error_and_not_the_end() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("map");
         std::fs::write(&path, vec![7u8; 1 << 20]).unwrap();
-        let input = Input::open_mapped(&path).unwrap();
+        let map = Map::new(File::open(&path).unwrap()).unwrap();
         let mut bytes = vec![0; 1 << 20];
-        input.read_exactly(0, &mut bytes).unwrap();
-        assert!(bytes.iter().all(|&b| b == 7));
+        assert_eq!(map.read_some_at(&mut bytes, 0).unwrap(), 1 << 20);
+        assert!(bytes.iter().all(|&byte| byte == 7));
+        assert_eq!(map.read_some_at(&mut bytes, 1 << 20).unwrap(), 0);
         std::fs::OpenOptions::new().write(true).open(&path).unwrap().set_len(10_000).unwrap();
-        assert!(input.read_exactly(0, &mut bytes).is_err());
-        assert!(input.read_exactly((1 << 20) - 1, &mut bytes[..2]).is_err());
-        input.read_exactly(0, &mut bytes[..10_000]).unwrap();
+        // The rest of the last page is zeros.
+        assert!(map.read_some_at(&mut bytes, 0).unwrap() < 1 << 16);
+        assert_eq!(map.read_some_at(&mut bytes[..2], (1 << 20) - 2).unwrap(), 0);
+        assert_eq!(map.read_some_at(&mut bytes[..10_000], 0).unwrap(), 10_000);
+        assert!(bytes[..10_000].iter().all(|&byte| byte == 7));
     }
 }

@@ -106,7 +106,6 @@ fn is_root() -> bool {
 pub struct Request {
     /// Number of requests before it.
     pub number: u64,
-    pub path: String,
     /// First byte that is asked for.
     pub from: Option<u64>,
 }
@@ -228,7 +227,7 @@ fn serve(
     let from = head.value("range").and_then(|range| range.strip_prefix("bytes="));
     let from = from.and_then(|range| range.split('-').next()?.parse().ok());
     let number = requests.fetch_add(1, Relaxed);
-    let fault = faults.lock().unwrap()(&Request { number, path: path.clone(), from });
+    let fault = faults.lock().unwrap()(&Request { number, from });
     std::thread::sleep(latency);
     let mut client = client;
     match fault {
