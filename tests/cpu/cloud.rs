@@ -1417,7 +1417,7 @@ fn views_frame_everything_that_boxes_and_filters_leave() {
         let [[x0, y0, z0], [x1, y1, z1]] = [from, to].map(|corner| corner.to_array());
         format!("box:{x0},{y0},{z0},{x1},{y1},{z1}")
     };
-    let filters = ["", "building", "high-vegetation", "z=..104", "intensity=..4000"];
+    let filters = ["", "building", "high-vegetation", "z=..104", "intensity=..16000"];
     let boxes = [
         None,
         Some(part([-1.0, -1.0, 0.5], [2.0, 2.0, 2.0])),
