@@ -634,7 +634,8 @@ fn read_one(
         notes.extend(options.text.idle(input));
         return ply::read(input, options, progress, notes);
     }
-    let extension = input.path.extension().unwrap_or_default().to_string_lossy().to_lowercase();
+    let path = crate::network::without_query(&input.path);
+    let extension = path.extension().unwrap_or_default().to_string_lossy().to_lowercase();
     match extension.as_str() {
         "obj" => obj::read(input, options, progress, notes),
         "xyz" | "csv" | "tsv" | "txt" | "asc" | "pts" | "ptx" | "xyzrgb" | "xyzi" | "xyzn" => xyz::read(input, options, progress, notes),

@@ -9,6 +9,9 @@ use rayon::prelude::*;
 use std::collections::HashMap;
 use std::ops::RangeInclusive;
 
+/// A point and the number of points for which it stands.
+type Weighted = (DVec3, u32);
+
 /// Approximate number of sampled points. They are chosen by coordinates, not by their place in the
 /// file, so that the camera does not depend on the order.
 const SAMPLES: u64 = 100_000;
@@ -70,7 +73,7 @@ impl Cloud {
         &self,
         count: u64,
         keeps: &(impl Fn(DVec3) -> bool + Sync),
-        near: &dyn Fn(Vec<(DVec3, u32)>) -> Vec<(DVec3, u32)>,
+        near: &dyn Fn(Vec<Weighted>) -> Vec<Weighted>,
     ) -> (Vec<DVec3>, Certain) {
         let every = count / SAMPLES + 1;
         let samples: Vec<_> = self

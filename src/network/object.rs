@@ -347,7 +347,7 @@ impl Object {
         let mut part = vec![0; step as usize];
         for at in (0..self.length).step_by(step as usize) {
             progress.tick(&doing, at, self.length)?;
-            self.ahead(&[at..at + 8 * step]);
+            self.ahead(std::slice::from_ref(&(at..at + 8 * step)));
             self.read_at(at, &mut part)?;
         }
         progress.tick(&doing, self.length, self.length)

@@ -111,10 +111,11 @@ impl Place {
         let _one = AT_A_TIME.acquire().await;
         let options =
             GetOptions { range: Some(GetRange::Bounded(range.clone())), ..GetOptions::default() };
-        let result = self.server.get_opts(&self.location, options).await.map_err(failure)?;
+        let result = self.server.get_opts(&self.location, options).await;
+        REQUESTS.fetch_add(1, Relaxed);
+        let result = result.map_err(failure)?;
         let (length, tag) = (result.meta.size, tag(&result));
         let bytes = result.bytes().await.map_err(failure)?;
-        REQUESTS.fetch_add(1, Relaxed);
         BYTES.fetch_add(bytes.len() as u64, Relaxed);
         let expected = range.end.min(length).saturating_sub(range.start);
         if bytes.len() as u64 != expected {

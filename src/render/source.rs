@@ -155,8 +155,8 @@ pub fn refuse_rgb_range(index: &Path, asked: Option<RgbRange>) -> Result<()> {
 
 /// Opens what is on servers, with reports of progress; from then on it is known.
 fn connect(paths: &[PathBuf], progress: &dyn Progress) -> Result<()> {
-    let remote = paths.iter().filter(|path| is_address(path));
-    remote.map(|path| Input::open_slowly(path, progress).map(drop)).collect()
+    let mut remote = paths.iter().filter(|path| is_address(path));
+    remote.try_for_each(|path| Input::open_slowly(path, progress).map(drop))
 }
 
 /// A sample of the points of files.

@@ -425,7 +425,7 @@ impl Builder<'_> {
     /// Replaces each list of open nodes by their parent.
     fn parents(&mut self, kind: &TreeSpec, lists: Vec<&mut Vec<OpenNode>>) -> Result<()> {
         let this = &*self;
-        let made: Vec<((Vec<u8>, BuiltNode), &mut Vec<OpenNode>)> = lists
+        let made: Vec<(_, &mut Vec<OpenNode>)> = lists
             .into_par_iter()
             .map(|open| Ok((this.parent(&this.nodes, kind, open)?, open)))
             .collect::<Result<_>>()?;
