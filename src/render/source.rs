@@ -216,7 +216,8 @@ impl Source {
                     progress.note(&format!("drawn in place, because {why}"));
                     return opening.equipped(index, progress);
                 }
-                Err(error) if opening.read.strict => return Err(error),
+                // Of a server all points would have to be fetched.
+                Err(error) if opening.read.strict || is_address(path) => return Err(error),
                 Err(error) => progress.note(&format!("{error}; its points are indexed instead")),
             }
         }

@@ -10,6 +10,8 @@ mod png_file;
 mod points;
 #[path = "../support/program.rs"]
 mod program;
+#[path = "../support/servers.rs"]
+mod servers;
 #[path = "../support/skip.rs"]
 mod skip;
 #[path = "../support/tree.rs"]
@@ -20,5 +22,6 @@ mod hosts;
 mod pace;
 mod panel;
 mod presentation;
+mod server;
 mod window;
 mod window_lifecycle;
