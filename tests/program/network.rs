@@ -114,7 +114,10 @@ fn check_same(place: &Place, proxy: &Proxy, name: &str, line: &str, per_node: f6
     let [again, _] = proxy.counted();
     assert_eq!(place.picture("file.png"), place.picture("again.png"));
     // Of a folder, the description of each kind is asked for.
-    assert!(again <= if name.contains('.') { 1 } else { 2 }, "{name}: {again} requests for what is in the cache");
+    assert!(
+        again <= if name.contains('.') { 1 } else { 2 },
+        "{name}: {again} requests for what is in the cache"
+    );
 }
 
 #[test]

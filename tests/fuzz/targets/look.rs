@@ -23,7 +23,7 @@ const NAMED: usize = 1 << 12;
 pub fn at_file(path: &Path, bytes: &[u8]) {
     // All ways of reading are taken, by the input itself.
     let pick = choice(bytes);
-    let strict = pick % 4 == 0;
+    let strict = pick.is_multiple_of(4);
     let scalars = if bytes.len() < NAMED { Scalars::ALL } else { Scalars::NONE };
     let wanted = ColumnSet { scalars, ..ColumnSet::ALL };
     let options = ReadOptions { extras: true, ..ReadOptions::new(wanted, strict) };

@@ -18,7 +18,7 @@ use std::path::Path;
 /// Opens an index, reads all of it, and asks what a picture needs.
 pub fn index(folder: &Path, bytes: &[u8]) {
     // Half of the inputs keep damaged planes.
-    let planes = bytes.len() % 2 == 0;
+    let planes = bytes.len().is_multiple_of(2);
     let path = file(folder, "a.pnti", &forge::pnti(bytes, planes));
     match Index::open(&path) {
         Ok(mut index) => {
