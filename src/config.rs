@@ -56,6 +56,9 @@ pub const UPLOAD_BYTES_SHARED: u64 = 2 << 20;
 /// A slower read of a node is reported, to explain a coarse picture within a second.
 pub const PATIENCE: Duration = Duration::from_millis(750);
 
+/// The same of a node on a server, which may be busy for a moment.
+pub const PATIENCE_WITH_SERVERS: Duration = Duration::from_secs(5);
+
 /// Default device memory for the pages of an index: the cut of a large picture several times over.
 pub const POOL_BYTES: u64 = 1 << 30;
 

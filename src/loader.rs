@@ -19,7 +19,7 @@ use crate::cloud::attribute::{
 };
 use crate::cloud::octahedral;
 use crate::cloud::scalar::Scalar;
-use crate::config::{BITS_PER_PLANE, PATIENCE, POINTS_PER_PAGE};
+use crate::config::{BITS_PER_PLANE, PATIENCE, PATIENCE_WITH_SERVERS, POINTS_PER_PAGE};
 use crate::error::{Error, Result};
 use crate::index::attributes::strokes;
 use crate::index::fault_injection::FaultKind;
@@ -82,6 +82,7 @@ pub struct Loader {
     queue: Arc<Queue<Box<dyn Destination>>>,
     answers: Receiver<Answer>,
     reading: Arc<Mutex<Reading>>,
+    patience: Duration,
     thread: Option<JoinHandle<()>>,
 }
 
@@ -110,6 +111,7 @@ impl Loader {
         let (queue, reading) = (Arc::new(Queue::new()), Arc::<Mutex<Reading>>::default());
         let (answer, answers) = channel();
         let path = index.path().to_owned();
+        let patience = if index.is_remote() { PATIENCE_WITH_SERVERS } else { PATIENCE };
         let words = vec![0; POINTS_PER_PAGE as usize];
         let thread = Thread {
             index,
@@ -124,7 +126,7 @@ impl Loader {
         };
         let thread = std::thread::Builder::new().name("loader".into()).spawn(move || thread.run());
         let thread = thread.map_err(|error| Error::io("start a thread to read", &path, error))?;
-        Ok(Loader { queue, answers, reading, thread: Some(thread) })
+        Ok(Loader { queue, answers, reading, patience, thread: Some(thread) })
     }
 
     /// Replaces the request list.
@@ -133,10 +135,15 @@ impl Loader {
         self.queue.post(requests);
     }
 
+    /// Returns the longest read that is not reported.
+    pub fn patience(&self) -> Duration {
+        self.patience
+    }
+
     /// Returns the node whose read takes too long.
     pub fn stalled(&self) -> Option<usize> {
         let reading = lock(&self.reading);
-        reading.node.filter(|_| reading.since.is_some_and(|since| since.elapsed() >= PATIENCE))
+        reading.node.filter(|_| reading.since.is_some_and(|since| since.elapsed() >= self.patience))
     }
 
     /// Returns the thread's processor time since the start, to a tick of the system's clock; 0 once

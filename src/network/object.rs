@@ -26,7 +26,7 @@ const IN_MEMORY: usize = 1024;
 
 /// Time for which an object is believed to be as it was, and an error.
 const FRESH: Duration = Duration::from_secs(30);
-const FAILED: Duration = Duration::from_secs(3);
+const FAILED: Duration = Duration::from_secs(5);
 
 /// Longest wait between two looks at whether waiting makes sense.
 const LOOK: Duration = Duration::from_millis(50);
@@ -53,6 +53,8 @@ struct State {
     /// Blocks in memory, the oldest first.
     order: VecDeque<u64>,
     coming: HashMap<u64, Arc<Request>>,
+    /// Blocks that did not come, and until when they are not requested again.
+    failed: HashMap<u64, (Instant, Failure)>,
 }
 
 /// A request for adjacent blocks.
@@ -144,8 +146,13 @@ impl Object {
     }
 
     fn new(path: &Path, place: Place, disk: Option<Blocks>, length: u64, tag: String) -> Object {
-        let state =
-            State { disk, recent: HashMap::new(), order: VecDeque::new(), coming: HashMap::new() };
+        let state = State {
+            disk,
+            recent: HashMap::new(),
+            order: VecDeque::new(),
+            coming: HashMap::new(),
+            failed: HashMap::new(),
+        };
         Object {
             path: path.to_owned(),
             length,
@@ -254,7 +261,10 @@ impl Object {
         }
         let request = match state.coming.get(&block) {
             Some(request) => request.clone(),
-            None => self.request(&mut state, block..block + 1),
+            None => match state.failure(block) {
+                Some(failure) => return Err(self.wrong(&failure)),
+                None => self.request(&mut state, block..block + 1),
+            },
         };
         loop {
             match request.outcome.get() {
@@ -280,7 +290,9 @@ impl Object {
         let mut blocks: Vec<u64> = ranges.iter().flat_map(ends).collect();
         blocks.sort_unstable();
         blocks.dedup();
-        blocks.retain(|&block| !state.has(block, self.bytes_of(block)));
+        blocks.retain(|&block| {
+            !state.has(block, self.bytes_of(block)) && state.failure(block).is_none()
+        });
         for run in blocks.chunk_by(|a, b| b - a <= GAP + 1) {
             let (first, end) = (run[0], run[run.len() - 1] + 1);
             for start in (first..end).step_by(LONGEST as usize) {
@@ -307,14 +319,18 @@ impl Object {
         let is_same = |own: &Answer| (own.length, &own.tag) == (self.length, &self.tag);
         let outcome = answer.and_then(|answer| match is_same(&answer) {
             true => Ok(answer.bytes),
-            false => Err(Failure::Wrong(format!(
-                "has changed on its server since it was opened ({} bytes, now {}; tag {}, now {}); open it again",
-                self.length, answer.length, self.tag, answer.tag
-            ))),
+            false => Err(Failure::Wrong(
+                "has changed on its server since it was opened; open it again".into(),
+            )),
         });
         let mut state = lock(&self.state);
-        if let Ok(bytes) = &outcome {
-            self.keep(&mut state, request.blocks.start, bytes);
+        match &outcome {
+            Ok(bytes) => self.keep(&mut state, request.blocks.start, bytes),
+            Err(failure) => {
+                let until = Instant::now() + FAILED;
+                let failed = request.blocks.clone().map(|block| (block, (until, failure.clone())));
+                state.failed.extend(failed);
+            }
         }
         let is_own = |own: &Arc<Request>| std::ptr::eq(Arc::as_ptr(own), request);
         state.coming.retain(|_, own| !is_own(own));
@@ -404,6 +420,12 @@ impl Object {
 }
 
 impl State {
+    /// Returns why a block did not come a short time ago.
+    fn failure(&mut self, block: u64) -> Option<Failure> {
+        let now = Instant::now();
+        self.failed.get(&block).filter(|(until, _)| *until > now).map(|(_, why)| why.clone())
+    }
+
     /// Tests whether a block need not be requested.
     fn has(&mut self, block: u64, bytes: usize) -> bool {
         self.coming.contains_key(&block)

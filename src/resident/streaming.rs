@@ -26,7 +26,7 @@ use super::pages::{PAGE_BYTES, Pages};
 use super::pool::Pool;
 use super::{Resident, ResidentNode, in_metres};
 use crate::cloud::attribute::DisplayAttribute;
-use crate::config::{PATIENCE, UPLOAD_BYTES, UPLOAD_BYTES_SHARED};
+use crate::config::{UPLOAD_BYTES, UPLOAD_BYTES_SHARED};
 use crate::error::{Error, Result};
 use crate::gpu::memory::MappedRange;
 use crate::gpu::timeline::Timeline;
@@ -315,7 +315,9 @@ impl Residency {
                 detail,
                 RequestPolicy { fall_back: false, max_in_flight: UPLOAD_BYTES },
             )?;
-            whole.errors.extend(update.errors.iter().cloned());
+            let is_new = |said: &&String| !whole.errors.contains(said);
+            let new: Vec<String> = update.errors.iter().filter(is_new).cloned().collect();
+            whole.errors.extend(new);
             whole.bytes_read += update.bytes_read;
             whole.evicted += update.evicted;
             let total = update.cut.nodes.len() as u64;
@@ -420,7 +422,8 @@ impl Residency {
         }
         let stalled = self.loader.stalled();
         if let Some(node) = stalled.filter(|_| stalled != self.stalled) {
-            let (path, waited) = (self.index.path().display(), PATIENCE.as_secs_f64());
+            let (path, waited) =
+                (self.index.path().display(), self.loader.patience().as_secs_f64());
             self.unreported.errors.push(format!("{path}: node {node} has not come within {waited} s; coarser nodes are drawn until it does"));
         }
         self.stalled = stalled;
@@ -461,10 +464,10 @@ impl Residency {
                 if self.index.is_remote() {
                     self.again.push_back((Instant::now() + AGAIN, node));
                 }
-                if self.unreadable.insert(node) {
-                    self.unreported
-                        .errors
-                        .push(format!("{error}; its nearest resident ancestor is drawn instead"));
+                let said = format!("{error}; its nearest resident ancestor is drawn instead");
+                // A server fails for many nodes in the same words.
+                if self.unreadable.insert(node) && !self.unreported.errors.contains(&said) {
+                    self.unreported.errors.push(said);
                 }
             }
         }
