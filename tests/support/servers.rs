@@ -18,7 +18,8 @@ pub struct Server {
 
 impl Drop for Server {
     fn drop(&mut self) {
-        let _ = self.child.kill();
+        // Nginx ends its workers only if it is asked to end.
+        let _ = Command::new("kill").arg(self.child.id().to_string()).status();
         let _ = self.child.wait();
     }
 }
@@ -54,7 +55,12 @@ impl Server {
         let path = folder.path().join("nginx.conf");
         std::fs::write(&path, config).unwrap();
         let start = |program: &str| {
-            Command::new(program).arg("-c").arg(&path).stderr(Stdio::null()).spawn()
+            Command::new(program)
+                .arg("-c")
+                .arg(&path)
+                .stdout(Stdio::null())
+                .stderr(Stdio::null())
+                .spawn()
         };
         let Ok(child) = start("nginx").or_else(|_| start("/usr/sbin/nginx")) else {
             skip("nginx is missing; Debian has it in nginx-light");

@@ -10,6 +10,7 @@ mod png_file;
 mod points;
 #[path = "../support/program.rs"]
 mod program;
+#[allow(dead_code, reason = "tests of the program use the rest")]
 #[path = "../support/servers.rs"]
 mod servers;
 #[path = "../support/skip.rs"]
