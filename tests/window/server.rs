@@ -18,8 +18,8 @@ fn a_cloud_on_a_server_is_shown_as_render_draws_it_and_nodes_that_fail_come_late
     let proxy = Proxy::start(server.port, Duration::from_millis(20));
     let address = format!("http://127.0.0.1:{}/{name}", proxy.port);
     let address = Path::new(&address);
-    let line = "--lod 1 --no-cache";
-    let picture = place.picture(&[address], "server.png", line);
+    let line = "--lod 1";
+    let picture = place.picture(&[address], "server.png", "--lod 1 --no-cache");
     let mut viewer = place.view(&[address], line);
     viewer.shows(&picture);
     viewer.close();
