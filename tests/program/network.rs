@@ -168,8 +168,8 @@ fn s3_with_a_latency_of_50_ms_is_little_slower_than_a_disk() {
         runs.into_iter().reduce(|a, b| if a.0 <= b.0 { a } else { b }).unwrap()
     };
     let (first, _) = best(address, "--lod 16 -o @first.png");
-    let (settled, told) = best(address, "--lod 0.5 --point-budget 4000000 -o @server.png");
-    let (local, _) = best(&file, "--lod 0.5 --point-budget 4000000 -o @file.png");
+    let (settled, told) = best(address, "--lod 1 --point-budget 2000000 -o @server.png");
+    let (local, _) = best(&file, "--lod 1 --point-budget 2000000 -o @file.png");
     let index = &told["index"];
     let [nodes, requests] = [&index["nodes"], &index["network"]["requests"]].map(number);
     println!(
