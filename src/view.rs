@@ -244,7 +244,8 @@ impl View {
             return None;
         }
         let reach = reach(basis.forward);
-        Some(((depth - reach).max(0.0), depth + reach))
+        // A box that is behind the eye by no more than rounding ends at the eye.
+        Some(((depth - reach).max(0.0), (depth + reach).max(0.0)))
     }
 }
 
