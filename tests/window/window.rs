@@ -595,7 +595,8 @@ fn a_clip_box_is_added_around_a_picked_point_and_its_face_dragged() {
     viewer.key("n");
     viewer.shows(&place.picture(&[&cloud], "top.png", &format!("{line} --view top")));
     pick(&place, &mut viewer, &[[308, 187]]);
-    place.display.xdotool("key b Delete");
+    // A view that was moved stays as it is when the panel comes.
+    place.display.xdotool("click 5 key b Delete");
     let before = place.shows_its_scene(&mut viewer, &[&cloud], 1, line);
     let camera: Camera = serde_json::from_value(before["camera"].clone()).unwrap();
     let [x0, y0, z0, x1, y1, z1]: [f64; 6] = faces(&before).try_into().unwrap();
