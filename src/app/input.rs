@@ -136,8 +136,11 @@ impl App {
                 .pressed
                 .take()
                 .is_some_and(|at| at.distance(self.mouse.cursor) < CLICK_PX);
-            if button == Button::Left && still {
-                self.pick(self.mouse.cursor, self.mouse.modifiers.shift);
+            match (button, still) {
+                (Button::Left, true) => self.pick(self.mouse.cursor, self.mouse.modifiers.shift),
+                // A drag is no click, however soon the next follows it.
+                (Button::Left, false) => self.mouse.last_click = None,
+                _ => {}
             }
             return self.navigate(Input::Release { button });
         }
