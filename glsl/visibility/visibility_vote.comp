@@ -4,8 +4,9 @@
 // closed ones go in steps, and near the limit neighbours differ by chance. So each pixel takes the
 // verdict of the majority around it, of those within three quarters of its square's side. Steps
 // become slopes, squares in the middle of an opening do not float there, gaps have no pinholes, and
-// strips as wide as a square stay as they are. Pixels that no level has decided are open. Those that
-// the finest level has closed do not vote, since gaps beside dense points say nothing about openings.
+// strips as wide as a square stay as they are. Pixels that no level has decided are open, by the
+// coarsest level. Those that the finest level has closed do not vote, since gaps beside dense points
+// say nothing about openings.
 #version 460
 #extension GL_EXT_scalar_block_layout : require
 #extension GL_EXT_control_flow_attributes : require
@@ -16,6 +17,8 @@
 layout(local_size_x = 64) in;
 
 layout(scalar) readonly buffer Tiles { Tile tile[]; } tiles;
+// Three words per tile: two of pixels to judge, and one of levels that have.
+layout(scalar) readonly buffer Asked { uint word[]; } asked;
 // Hidden pixels or holes, two words per tile.
 layout(scalar) buffer Invisible { uint word[]; } invisible;
 // Pixels without a point that each level has decided, two words per tile and level; those of level 0
@@ -54,6 +57,10 @@ uvec2 decided_by(uint tile, int first, int end) {
     return bits;
 }
 
+uvec2 undecided(uint tile) {
+    return uvec2(asked.word[3u * tile], asked.word[3u * tile + 1u]) & ~decided_by(tile, 0, 1);
+}
+
 // Returns the verdicts on a tile; none outside.
 Verdicts verdicts_at(ivec2 tile) {
     ivec2 across = ivec2(push.tiles);
@@ -71,6 +78,7 @@ const int COLUMNS = TILE_PX + 2 * AROUND;
 
 // Returns the pixels of a tile whose verdict turns.
 uvec2 turned(uint number) {
+    if ((undecided(number) | decided_by(number, 0, 1)) == uvec2(0u)) return uvec2(0u);
     ivec2 tile = ivec2(number % push.tiles.x, number / push.tiles.x);
     Verdicts own = verdicts_at(tile);
     // Columns of three tiles, bits from the upper one's first row on.
@@ -94,6 +102,8 @@ uvec2 turned(uint number) {
         int first = across == 2 ? 1 : across == 4 ? 3 : 4;
         int end = across == 2 ? 3 : across == 4 ? 4 : push.levels;
         uvec2 squares = decided_by(number, first, min(end, push.levels));
+        bool coarsest = push.levels > first && push.levels <= end;
+        squares |= coarsest ? undecided(number) : uvec2(0u);
         if (squares == uvec2(0u)) continue;
         int reach = 3 * across / 4;
         [[dont_unroll]] for (int y = 0; y < TILE_PX; ++y) {
@@ -121,25 +131,38 @@ void count(uint number) {
     decided.word[word + 1u] = turns.y;
 }
 
+// Several lanes may turn a tile; one gets its pixels.
 void turn(uint number) {
-    uvec2 turns = decided_by(number, push.levels, push.levels + 1);
-    uvec2 before = uvec2(invisible.word[2u * number], invisible.word[2u * number + 1u]);
-    invisible.word[2u * number] = before.x ^ turns.x;
-    invisible.word[2u * number + 1u] = before.y ^ turns.y;
-    if ((turns & ~before) == uvec2(0u) || kernels.tile[number] != 0u) return;
+    uint word = uint(push.levels) * push.stride + 2u * number;
+    uvec2 turns = uvec2(atomicExchange(decided.word[word], 0u), atomicExchange(decided.word[word + 1u], 0u));
+    if (turns == uvec2(0u)) return;
+    uvec2 before = uvec2(atomicXor(invisible.word[2u * number], turns.x), atomicXor(invisible.word[2u * number + 1u], turns.y));
+    uvec2 closes = turns & ~before;
+    if (closes == uvec2(0u)) return;
     int level = push.levels - 1;
-    [[dont_unroll]] while (level > 1 && (decided_by(number, level, level + 1) & turns & ~before) == uvec2(0u)) --level;
-    kernels.tile[number] = push.kernel << level;
-    APPEND(holes, 0u, number)
+    uvec2 by_coarsest = undecided(number);
+    [[dont_unroll]] while (level > 1 && ((decided_by(number, level, level + 1) | by_coarsest) & closes) == uvec2(0u)) --level;
+    if (atomicCompSwap(kernels.tile[number], 0u, push.kernel << level) == 0u) APPEND(holes, 0u, number)
+}
+
+// Votes on a tile, and on those beside it that no level has looked at.
+void vote(uint number) {
+    ivec2 tile = ivec2(number % push.tiles.x, number / push.tiles.x);
+    [[dont_unroll]] for (int n = 0; n < 9; ++n) {
+        ivec2 at = tile + ivec2(n % 3 - 1, n / 3 - 1);
+        if (any(lessThan(at, ivec2(0))) || any(greaterThanEqual(at, ivec2(push.tiles)))) continue;
+        uint beside = uint(at.y) * push.tiles.x + uint(at.x);
+        if (n != 4 && asked.word[3u * beside + 2u] != 0u) continue;
+        if (TURN) turn(beside);
+        else count(beside);
+    }
 }
 
 void main() {
     uint end = lists.word[push.at + 3u];
     uint n = gl_GlobalInvocationID.x;
     if (n < end) for (;;) {
-        uint number = lists.word[push.at + LIST_HEADER + n];
-        if (TURN) turn(number);
-        else count(number);
+        vote(lists.word[push.at + LIST_HEADER + n]);
         n += 64u * gl_NumWorkGroups.x;
         if (n >= end) break;
     }

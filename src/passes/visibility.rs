@@ -558,11 +558,11 @@ impl<'s> Judged<'s> {
                 level,
             );
         }
-        self.vote(g, &lists[1]);
+        self.vote(g, &lists);
     }
 
     /// Settles which pixels without a point are holes, by majorities around them.
-    fn vote(&mut self, g: &mut Graph, lists: &Buffer) {
+    fn vote(&mut self, g: &mut Graph, [asked, lists]: &[Buffer; 2]) {
         let levels = self.settings.levels as u32;
         let push = visibility_vote::Push {
             tiles: self.across,
@@ -577,6 +577,7 @@ impl<'s> Judged<'s> {
             g.run(
                 shader::VisibilityVote {
                     tiles,
+                    asked,
                     invisible,
                     decided,
                     lists,

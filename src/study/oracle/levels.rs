@@ -152,7 +152,7 @@ fn across(level: usize) -> i64 {
 /// its square. `said` has verdicts and the levels that decided; None for pixels with a point.
 fn vote(said: &[Option<(Said, usize)>], size: [i64; 2], i: usize) -> Said {
     let Some((own, level)) = said[i] else { return Said::TooFew };
-    if level == 0 || !matches!(own, Said::Open | Said::Closed) {
+    if level == 0 || own == Said::Either {
         return own;
     }
     let (x, y) = (i as i64 % size[0], i as i64 / size[0]);
@@ -173,7 +173,7 @@ fn vote(said: &[Option<(Said, usize)>], size: [i64; 2], i: usize) -> Said {
             }
         }
     }
-    let other = if own == Said::Open { Said::Closed } else { Said::Open };
+    let other = if own == Said::Closed { Said::Open } else { Said::Closed };
     match (least > 0, most > 0) {
         (true, _) => other,
         (false, true) => Said::Either,
@@ -285,7 +285,7 @@ impl Pyramid {
         (0..self.levels.len() - 1)
             .map(|level| (self.at_level(view, settings, pixel, level, Subject::Empty), level))
             .find(|(said, _)| !matches!(said, Said::TooFew | Said::Undecided))
-            .unwrap_or((Said::Undecided, 0))
+            .unwrap_or((Said::Undecided, self.levels.len() - 2))
     }
 
     fn at_level(
