@@ -71,7 +71,14 @@ impl Place {
         fs::write(place.path("faulty.json"), manifest.to_string()).unwrap();
         scan(&place.path("a.las"), SceneKind::Street, 20_000);
         let mut index = crate::program::pointillist();
-        index.current_dir(place.0.path()).args(["index", "a.las", "--normals", "--strokes"]);
+        index.current_dir(place.0.path()).args([
+            "index",
+            "a.las",
+            "-o",
+            "a.pnti",
+            "--normals",
+            "--strokes",
+        ]);
         succeeded(&index.output().unwrap());
         Some(place)
     }
