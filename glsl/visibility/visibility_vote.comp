@@ -57,6 +57,7 @@ uvec2 decided_by(uint tile, int first, int end) {
     return bits;
 }
 
+// Returns the pixels of a tile that levels have judged, and none has decided.
 uvec2 undecided(uint tile) {
     return uvec2(asked.word[3u * tile], asked.word[3u * tile + 1u]) & ~decided_by(tile, 0, 1);
 }
@@ -124,6 +125,7 @@ uvec2 turned(uint number) {
     return turns;
 }
 
+// Counts the votes on a tile, and records the pixels that turn.
 void count(uint number) {
     uvec2 turns = turned(number);
     uint word = uint(push.levels) * push.stride + 2u * number;
@@ -131,7 +133,7 @@ void count(uint number) {
     decided.word[word + 1u] = turns.y;
 }
 
-// Several lanes may turn a tile; one gets its pixels.
+// Turns the recorded pixels of a tile. Several lanes may try; one gets each half of the tile.
 void turn(uint number) {
     uint word = uint(push.levels) * push.stride + 2u * number;
     uvec2 turns = uvec2(atomicExchange(decided.word[word], 0u), atomicExchange(decided.word[word + 1u], 0u));

@@ -89,18 +89,23 @@ type Callbacks<'c> = Option<&'c vk::AllocationCallbacks<'static>>;
 
 /// An object that [`LogicalDevice::destroy`] destroys.
 pub trait Object: Copy {
+    /// Destroys it.
+    ///
     /// # Safety
-    /// As for [`LogicalDevice::destroy`].
+    /// The object was made by this device, nothing uses it, and nothing will.
     unsafe fn destroy(self, device: &ash::Device, callbacks: Callbacks);
 }
 
-/// What [`LogicalDevice::make`] makes an object from.
+/// Description of an object for [`LogicalDevice::make`].
 pub trait Description {
     type Object: Object;
+    /// Name of the call that makes it, for errors.
     const CALL: &'static str;
 
+    /// Makes the object.
+    ///
     /// # Safety
-    /// As for [`LogicalDevice::make`].
+    /// The description is valid for this device.
     unsafe fn make(&self, device: &ash::Device, callbacks: Callbacks) -> VkResult<Self::Object>;
 }
 

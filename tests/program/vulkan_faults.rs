@@ -25,7 +25,7 @@ const LAYERS: &str = "/usr/share/vulkan/explicit_layer.d:/usr/local/share/vulkan
 /// Longest time of a run on a busy machine, beyond which it hangs [s].
 const LONGEST: &str = "60";
 
-/// What happens at the N-th call.
+/// Fault at the N-th call.
 #[derive(Clone, Copy, PartialEq)]
 enum Fault {
     /// The call fails for lack of memory.
