@@ -73,7 +73,7 @@ fn a_line_of_filters_leaves_what_the_command_line_leaves() {
     viewer.key("ctrl+z");
     viewer.key("ctrl+z");
     // Undoing moves no camera; the key frames all points again, once they are there.
-    viewer.rests();
+    viewer.comes_to_rest();
     viewer.key("7");
     viewer.shows(&fit);
     viewer.close();
@@ -86,7 +86,7 @@ fn a_view_that_was_only_clicked_on_is_framed_again_for_another_room() {
     let cloud = place.street(60_000);
     let fit = place.picture(&[&cloud], "fit.png", &size());
     let mut viewer = panel(&place, &[&cloud], "");
-    viewer.rests();
+    viewer.comes_to_rest();
     // Tabs, a mode, a point of the picture, and the background.
     for [x, y] in [[225, 82], [40, 82], [60, 55], [20, 55], [540, 300], [790, 10]] {
         place.display.xdotool(&format!("mousemove {x} {y} click 1"));

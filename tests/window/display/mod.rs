@@ -292,14 +292,25 @@ impl<'d> Viewer<'d> {
         [11, 12].map(|at| fields[at].parse::<u64>().unwrap()).iter().sum()
     }
 
+    /// Returns the processor time that the program takes within two seconds [10 ms].
+    fn ticks_within_two_seconds(&self) -> u64 {
+        let before = self.ticks();
+        std::thread::sleep(Duration::from_secs(2));
+        self.ticks() - before
+    }
+
     /// Checks that nothing is drawn, and nothing else done, without input.
     #[track_caller]
     pub fn rests(&self) {
         std::thread::sleep(Duration::from_secs(1));
-        let before = self.ticks();
-        std::thread::sleep(Duration::from_secs(2));
-        let worked = self.ticks() - before;
+        let worked = self.ticks_within_two_seconds();
         assert!(worked <= 2, "{worked} hundredths of a second of work within two seconds of rest");
+    }
+
+    /// Waits until files are read and nothing is drawn, where no picture tells it.
+    #[track_caller]
+    pub fn comes_to_rest(&mut self) {
+        self.until("rest", |viewer| viewer.ticks_within_two_seconds() <= 2);
     }
 
     /// Sends a signal, as `kill -NAME` does.
