@@ -156,10 +156,17 @@ fn around(places: &[DVec3], own: usize) -> Clump {
         near.truncate(AROUND + 1);
     }
     let neighbours = NEIGHBOURS.min(near.len() - 1);
-    let (_, &mut (farthest, _), _) = near.select_nth_unstable_by(neighbours, by_distance);
-    let spacing = if neighbours > 0 { apart(farthest, neighbours) } else { 0.0 };
+    near.select_nth_unstable_by(neighbours, by_distance);
+    near[..=neighbours].sort_by(by_distance);
+    let spacing = typical(&near[1..=neighbours]);
     let scatter = if near.len() > AROUND { scatter(&near) } else { 0.0 };
     Clump { spacing, scatter, ..Clump::default() }
+}
+
+/// Returns the median of the spacings by the nearest neighbour, by the nearest two, and so on: few
+/// points beside each other are as far apart as they are, however far off the next ones lie.
+fn typical(nearest: &[(f64, DVec3)]) -> f64 {
+    quantile(nearest.iter().zip(1..).map(|((square, _), count)| apart(*square, count)), 0.5)
 }
 
 /// Returns the scatter of places; that of a line if they lie on one.
@@ -246,6 +253,15 @@ mod tests {
             let allowed = -1e-9..0.09 * 960.0 * direction.length();
             assert!(allowed.contains(&slack), "{direction} {slack}");
         }
+    }
+
+    #[test]
+    fn rows_far_apart_have_the_spacing_of_their_points() {
+        let mut rows: Vec<[u32; 3]> = (0..60).map(|i| [2 * (i % 6), 100 * (i / 6), 0]).collect();
+        rows.sort_by_key(|&p| morton::code(p));
+        let words: Vec<u32> = rows.iter().map(|[x, y, z]| x | y << 10 | z << 20).collect();
+        let [spacing, _] = medians(&words);
+        assert!((2.0..9.0).contains(&spacing), "{spacing}");
     }
 
     #[test]
