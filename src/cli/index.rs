@@ -1,4 +1,4 @@
-//! `pointillist index`: files in, one index out, complete or absent.
+//! `pointillist index`: files in, one index out, complete or absent; or a plan, and its jobs.
 
 use super::files::{check_extension, refuse_to_overwrite};
 use super::options::{CacheOptions, ColorOptions, TextArguments};
@@ -6,12 +6,14 @@ use super::streams;
 use super::units::Bytes;
 use crate::cloud::ColumnSet;
 use crate::cloud::attribute::Attribute;
+use crate::cloud::filter::grouped;
 use crate::cloud::scalar::Scalar;
 use crate::config;
 use crate::error::{Error, Result};
-use crate::index::build::{self, DerivedPlanes, Options, Summary};
+use crate::index::build::plan::{self, Plan, PlanSummary};
+use crate::index::build::{self, DerivedPlanes, JobSummary, Options, Summary};
 use crate::progress::Progress;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 const EXAMPLES: &str = "\
 Examples:
@@ -21,6 +23,11 @@ Examples:
   pointillist index scan.laz -o scan.pnti --normals          planes fitted to the points around each
   pointillist render scan.pnti -o out.png
 
+On several machines, which share the files (tools/cluster has them as a workflow):
+  pointillist index tiles/*.laz --plan site.json             cuts the work into jobs and says how many
+  pointillist index --plan site.json --job 3                 does one of them: site.3.part
+  pointillist index --plan site.json --merge -o site.pnti    once all parts are there
+
 The folder of OUT.pnti needs room for the index, about 16 bytes a point, and while it is built about 24 more for points beyond --memory.";
 
 #[derive(clap::Args, Clone, Debug)]
@@ -28,11 +35,24 @@ The folder of OUT.pnti needs room for the index, about 16 bytes a point, and whi
 pub struct Arguments {
     /// Point clouds: LAS, LAZ, COPC, Potree 2, EPT; also PLY, E57, OBJ, XYZ, CSV, TXT, PTS, PTX, which are read
     /// into memory whole
-    #[arg(required = true, value_name = "FILE")]
+    #[arg(required_unless_present_any = ["job", "merge"], value_name = "FILE")]
     pub files: Vec<PathBuf>,
     /// The index to write
-    #[arg(short, long, value_name = "OUT.pnti")]
-    pub output: PathBuf,
+    #[arg(short, long, value_name = "OUT.pnti", required_unless_present = "plan")]
+    pub output: Option<PathBuf>,
+    /// Cut the work into jobs that know nothing of each other, and write what they have in common;
+    /// with --job or --merge, read it
+    #[arg(long, value_name = "PLAN.json")]
+    pub plan: Option<PathBuf>,
+    /// Do one job of the plan, of 1 to as many as it has; writes PLAN.N.part, or --output
+    #[arg(long, value_name = "N", requires = "plan", conflicts_with_all = PLANNED)]
+    pub job: Option<usize>,
+    /// Merge the parts of all jobs, PLAN.N.part or FILE..., into the index
+    #[arg(long, requires_all = ["plan", "output"], conflicts_with_all = PLANNED)]
+    pub merge: bool,
+    /// Most points of a job
+    #[arg(long, value_name = "N", requires = "plan", default_value_t = JOB_POINTS)]
+    pub job_points: u64,
     /// Memory for points while building, at least 64MiB; what does not fit goes to a temporary file
     /// beside the index
     #[arg(long, value_name = "BYTES", default_value_t = Bytes(config::INDEX_MEMORY))]
@@ -71,6 +91,23 @@ pub struct Arguments {
     #[command(flatten)]
     pub cache: CacheOptions,
 }
+
+/// Options that a plan has settled.
+const PLANNED: [&str; 11] = [
+    "job_points",
+    "rgb_range",
+    "gps_time",
+    "keep",
+    "normals",
+    "luminance",
+    "strokes",
+    "strict",
+    "columns",
+    "delimiter",
+    "scalar",
+];
+
+const JOB_POINTS: u64 = 50_000_000;
 
 /// The least `--memory`: a chunk of the least size has to fit.
 const LEAST_MEMORY: u64 = 64 << 20;
@@ -111,25 +148,100 @@ fn kept(text: &str) -> std::result::Result<Attribute, String> {
 
 pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
     arguments.cache.use_for_servers(progress);
-    refuse_to_overwrite(&arguments.output, &arguments.files)?;
-    check_extension(&arguments.output, &["pnti"])?;
-    let summary =
-        build::build(&arguments.files, &arguments.output, &arguments.options()?, progress)?;
+    let Arguments { files, output, .. } = arguments;
+    match (&arguments.plan, output) {
+        (Some(plan), _) if arguments.job.is_some() || arguments.merge => {
+            run_planned(arguments, plan, progress)
+        }
+        (Some(_), Some(output)) => Err(Error::Request(format!(
+            "--plan writes no index; leave out -o {}, and give it to --merge",
+            output.display()
+        ))),
+        (Some(plan), None) => run_plan(arguments, plan, progress),
+        (None, Some(output)) => {
+            refuse_to_overwrite(output, files)?;
+            check_extension(output, &["pnti"])?;
+            report(arguments, output, build::build(files, output, &arguments.options()?, progress)?)
+        }
+        (None, None) => Err(Error::Request("name the index to write with -o".into())),
+    }
+}
+
+/// Plans jobs.
+fn run_plan(arguments: &Arguments, plan: &Path, progress: &dyn Progress) -> Result<()> {
+    refuse_to_overwrite(plan, &arguments.files)?;
+    check_extension(plan, &["json"])?;
+    let options = arguments.options()?;
+    let planned = plan::plan(&arguments.files, plan, &options, arguments.job_points, progress)?;
+    if arguments.json {
+        return print_json(&planned);
+    }
+    let PlanSummary { jobs, points, most_points } = planned;
+    let name = plan.display();
+    streams::say(format_args!(
+        "{name}: {} points in {jobs} jobs of at most {}; run `pointillist index --plan {name} --job N` for every N from 1 to {jobs}, then `pointillist index --plan {name} --merge -o OUT.pnti`",
+        grouped(points),
+        grouped(most_points)
+    ));
+    Ok(())
+}
+
+/// Does a job of a plan, or merges the parts of all.
+fn run_planned(arguments: &Arguments, path: &Path, progress: &dyn Progress) -> Result<()> {
+    let Arguments { files, output, .. } = arguments;
+    let plan = Plan::read(path)?;
+    let options = arguments.options()?;
+    let mut inputs: Vec<PathBuf> = plan.files.iter().map(|file| file.path.clone()).collect();
+    inputs.push(path.to_owned());
+    let Some(number) = arguments.job else {
+        let made = |number| plan::part_path(path, number);
+        let parts: Vec<PathBuf> = match files.is_empty() {
+            true => (1..=plan.summary().jobs).map(made).collect(),
+            false => files.clone(),
+        };
+        let output = output.as_deref().expect("required by --merge");
+        inputs.extend_from_slice(&parts);
+        refuse_to_overwrite(output, &inputs)?;
+        check_extension(output, &["pnti"])?;
+        return report(arguments, output, build::merge(&plan, &parts, output, &options, progress)?);
+    };
+    if !files.is_empty() {
+        return Err(Error::Request("the files of a job are in its plan; leave them out".into()));
+    }
+    let output = output.clone().unwrap_or_else(|| plan::part_path(path, number));
+    refuse_to_overwrite(&output, &inputs)?;
+    check_extension(&output, &["part"])?;
+    let done = build::job(&plan, number, &output, &options, progress)?;
+    if arguments.json {
+        return print_json(&done);
+    }
+    let JobSummary { points, nodes, bytes, seconds } = done;
+    streams::say(format_args!(
+        "{}: {} points in {nodes} nodes, {} MiB, {seconds:.1} s",
+        output.display(),
+        grouped(points),
+        bytes >> 20
+    ));
+    Ok(())
+}
+
+fn print_json(summary: &impl serde::Serialize) -> Result<()> {
+    let text = serde_json::to_string_pretty(summary);
+    streams::print(&format!("{}\n", text.map_err(|error| Error::Request(error.to_string()))?))
+}
+
+/// Prints the summary of an index.
+fn report(arguments: &Arguments, output: &Path, summary: Summary) -> Result<()> {
     summary.notes.iter().for_each(streams::note);
     if arguments.json {
-        streams::print(&format!(
-            "{}\n",
-            serde_json::to_string_pretty(&summary)
-                .map_err(|error| Error::Request(error.to_string()))?
-        ))?;
-        return Ok(());
+        return print_json(&summary);
     }
     let Summary { points, nodes, leaves, bytes, seconds, derive_seconds, spilled_bytes, .. } =
         summary;
     let per_point = |bytes: u64| bytes as f64 / points.max(1) as f64;
     streams::say(format_args!(
         "{}: {points} points in {leaves} leaves and {} inner nodes, {} MiB ({:.1} bytes a point), {seconds:.1} s ({:.1} M points/s){}{}",
-        arguments.output.display(),
+        output.display(),
         nodes - leaves,
         bytes >> 20,
         per_point(bytes),

@@ -250,7 +250,7 @@ impl Columns {
 }
 
 /// A set of columns besides the positions. Memory is bounded by what is requested.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub struct ColumnSet {
     pub rgb: bool,
     pub intensity: bool,

@@ -14,7 +14,8 @@ pub fn to_8_bits(v: u16) -> u8 {
 }
 
 /// The value of a full channel, as in `--rgb-range`.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
 pub enum RgbRange {
     Unit,
     Bytes,

@@ -90,7 +90,8 @@ impl FromStr for Scalar {
 
 /// A set of scalars, in order. Each set and each name is kept once, for as long as the process
 /// lives.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(into = "Vec<String>", try_from = "Vec<String>")]
 pub struct Scalars {
     named: &'static [Scalar],
     /// Choice of all scalars of a file, beside the named ones.
@@ -139,6 +140,21 @@ impl Scalars {
     pub fn and(self, other: Scalars) -> Scalars {
         let both = self.iter().chain(other.iter()).collect();
         Scalars { all: self.all || other.all, ..both }
+    }
+}
+
+impl From<Scalars> for Vec<String> {
+    fn from(scalars: Scalars) -> Vec<String> {
+        scalars.iter().map(|scalar| scalar.to_string()).collect()
+    }
+}
+
+impl TryFrom<Vec<String>> for Scalars {
+    type Error = String;
+
+    fn try_from(names: Vec<String>) -> Result<Scalars, String> {
+        let scalar = |name: &String| name.parse().map_err(|()| format!("{name:?} is no attribute"));
+        names.iter().map(scalar).collect()
     }
 }
 

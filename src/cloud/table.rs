@@ -48,6 +48,17 @@ impl Delimiter {
     }
 }
 
+impl fmt::Display for Delimiter {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Delimiter::Comma => "comma",
+            Delimiter::Semicolon => "semicolon",
+            Delimiter::Tab => "tab",
+            Delimiter::Space => "space",
+        })
+    }
+}
+
 impl FromStr for Delimiter {
     type Err = String;
 
@@ -75,6 +86,13 @@ pub struct Columns {
 impl Columns {
     pub fn roles(&self) -> &[Role] {
         &self.roles[..self.count]
+    }
+}
+
+impl fmt::Display for Columns {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let name = |role: &Role| if *role == Role::Other { "-" } else { word(*role) };
+        f.write_str(&self.roles().iter().map(name).collect::<Vec<_>>().join(","))
     }
 }
 

@@ -10,6 +10,7 @@ mod crafted;
 mod damaged;
 mod inner;
 mod kept;
+mod planned;
 mod stopped;
 
 use crate::files::{names, scan};

@@ -67,8 +67,11 @@ impl Options {
     /// Returns the most points of a chunk.
     pub(super) fn chunk_points(&self) -> u64 {
         let points = self.memory / 4 / self.threads as u64 / CHUNK_BYTES_PER_POINT;
-        points.clamp(*CHUNK_POINTS.start(), *CHUNK_POINTS.end())
+        points.clamp(*CHUNK_POINTS.start(), Options::MOST_CHUNK_POINTS)
     }
+
+    /// The most points of a chunk with any memory.
+    pub(super) const MOST_CHUNK_POINTS: u64 = *CHUNK_POINTS.end();
 
     /// Returns the memory for buckets: what building chunks leaves, or a good part of the total if
     /// memory is short `[bytes]`.
@@ -86,11 +89,11 @@ const CHUNK_BYTES_PER_POINT: u64 = 96;
 const FIXED_BYTES: u64 = 192 << 20;
 const CHUNK_POINTS: std::ops::RangeInclusive<u64> = (1 << 17)..=(1 << 19);
 
-pub(super) struct Builder<'a> {
+/// What is known of files before the first node is built.
+pub(super) struct Survey<'a> {
     pub sources: &'a [Source],
     pub options: &'a Options,
     pub progress: &'a dyn Progress,
-    pub writer: &'a Writer,
     pub spill: &'a Spill,
     pub contents: Contents,
     /// Parts by source number.
@@ -99,17 +102,61 @@ pub(super) struct Builder<'a> {
     /// Histogram of intensities.
     pub intensities: Vec<u64>,
     pub tally: Tally,
+    /// Corner of the tree of every lattice `[steps]`.
+    pub corners: Vec<[i64; 3]>,
+    /// Station numbers by part and source.
+    pub numbers: BTreeMap<(u16, u16), u16>,
+    pub gains: Option<Arc<Gains>>,
+}
+
+impl<'a> Survey<'a> {
+    pub fn new(
+        sources: &'a [Source],
+        options: &'a Options,
+        progress: &'a dyn Progress,
+        spill: &'a Spill,
+        contents: Contents,
+    ) -> Survey<'a> {
+        Survey {
+            sources,
+            options,
+            progress,
+            spill,
+            contents,
+            parts: vec![None; sources.len()],
+            colors: vec![Colors::Bytes; sources.len()],
+            intensities: vec![0; 1 << 16],
+            tally: Tally::default(),
+            corners: Vec::new(),
+            numbers: BTreeMap::new(),
+            gains: None,
+        }
+    }
+}
+
+/// Nodes being built and written.
+pub(super) struct Builder<'a> {
+    pub survey: Survey<'a>,
+    pub writer: &'a Writer,
     /// End of the planes written so far.
     pub end: u64,
     pub nodes: Vec<BuiltNode>,
     pub roots: Vec<u32>,
     /// Roots of trees of strays.
     pub far_roots: Vec<u32>,
-    /// Corner of the tree of every lattice `[steps]`.
-    pub corners: Vec<[i64; 3]>,
-    /// Station numbers by part and source.
-    pub numbers: BTreeMap<(u16, u16), u16>,
-    pub gains: Option<Arc<Gains>>,
+}
+
+impl<'a> Builder<'a> {
+    pub fn new(survey: Survey<'a>, writer: &'a Writer) -> Builder<'a> {
+        Builder {
+            survey,
+            writer,
+            end: Writer::START,
+            nodes: Vec::new(),
+            roots: Vec::new(),
+            far_roots: Vec::new(),
+        }
+    }
 }
 
 pub(super) fn lock<T>(mutex: &Mutex<T>) -> std::sync::MutexGuard<'_, T> {

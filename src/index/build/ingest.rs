@@ -2,12 +2,13 @@
 //! that is known before the first node is built.
 
 use super::build_chunk::{PIECE_POINTS, TreeLayout, TreeSpec};
-use super::builder::{Builder, lock};
+use super::builder::{Survey, lock};
+use super::kd_cell::KdCell;
 use super::point_record::{Batch, Colors, Layout};
 use super::spill_bucket::{self, Bucket, Grid, Sorter, Spill};
 use crate::cloud::histograms::Tally;
 use crate::cloud::stream::{self, Source};
-use crate::cloud::{ColumnSet, Lattice, Station};
+use crate::cloud::{ColumnSet, Columns, Lattice, Station};
 use crate::error::{Error, Result};
 use crate::index::attributes::exposure;
 use crate::index::format::samples::{Cell, DerivedPlanes};
@@ -20,9 +21,45 @@ use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 
 /// Sources on one lattice.
 pub struct Group {
-    lattice: Lattice,
+    pub lattice: Lattice,
     /// Source numbers, and offsets of their coordinates.
-    members: Vec<(usize, [i64; 3])>,
+    pub members: Vec<(usize, [i64; 3])>,
+}
+
+/// What gets the points of a group, from any thread.
+pub trait Collector: Sync {
+    fn add(&self, batch: &Batch, sorter: &mut Sorter) -> Result<()>;
+}
+
+/// Points in a grid of buckets.
+pub struct Gridded<'a> {
+    pub grid: Grid,
+    pub spill: &'a Spill,
+}
+
+impl Collector for Gridded<'_> {
+    fn add(&self, batch: &Batch, sorter: &mut Sorter) -> Result<()> {
+        self.grid.add(batch, sorter, self.spill)
+    }
+}
+
+/// Fills the places of points on the lattice of a tree with this corner. Returns all bits that
+/// occur in their coordinates.
+pub fn cells_of(
+    columns: &Columns,
+    shift: [i64; 3],
+    corner: [i64; 3],
+    cells: &mut Vec<Cell>,
+) -> u64 {
+    cells.clear();
+    let at = |v: i32, axis: usize| (v as i64 + shift[axis] - corner[axis]) as u64;
+    let mut bits = 0;
+    for ((&x, &y), &z) in columns.x.iter().zip(&columns.y).zip(&columns.z) {
+        let q = [at(x, 0), at(y, 1), at(z, 2)];
+        bits |= q[0] | q[1] | q[2];
+        cells.push(q.map(|v| v as u32));
+    }
+    bits
 }
 
 /// Groups sources with equal steps whose offsets differ by whole steps, to a thousandth of one.
@@ -46,14 +83,15 @@ pub fn group(sources: &[Source]) -> Vec<Group> {
     groups
 }
 
-/// A distributed group.
+/// A group whose files have been read.
 pub struct Ingested {
-    group: Group,
+    pub group: Group,
     pub tree: TreeLayout,
-    pub chunks: Vec<Chunk>,
     pub points: u64,
     /// Points by part and source.
     stations: BTreeMap<(u16, u16), u64>,
+    /// The box around each member's points, on the tree's lattice; `None` without points.
+    pub boxes: Vec<Option<[Cell; 2]>>,
 }
 
 impl Ingested {
@@ -65,16 +103,24 @@ impl Ingested {
 
 /// Points of one kd-cell, few enough to be built at once.
 pub struct Chunk {
-    /// Number and value of the code bits that the cell decides.
-    pub depth: u32,
-    pub prefix: u128,
+    pub cell: KdCell,
     pub buckets: Vec<Bucket>,
 }
 
-impl Builder<'_> {
-    /// Distributes all points of a group to a grid of buckets within the stated box; if points lie
-    /// outside, again within their own box.
-    pub fn ingest(&mut self, group: Group) -> Result<Ingested> {
+/// Returns a box of points on the lattice of a tree with this corner.
+pub fn on_tree(bounds: [[i32; 3]; 2], shift: [i64; 3], corner: [i64; 3]) -> [Cell; 2] {
+    let at = |q: i32, axis: usize| (q as i64 + shift[axis] - corner[axis]) as u32;
+    bounds.map(|q| [0, 1, 2].map(|axis| at(q[axis], axis)))
+}
+
+impl Survey<'_> {
+    /// Passes all points of a group to a collector for their tree's layout, in the stated box; if
+    /// points lie outside, again in their own box.
+    pub fn ingest<C: Collector>(
+        &mut self,
+        group: Group,
+        collector: &dyn Fn(u32, Layout) -> C,
+    ) -> Result<(Ingested, C)> {
         let union = |boxes: &mut dyn Iterator<Item = ([[i32; 3]; 2], [i64; 3])>| {
             boxes.fold(([i64::MAX; 3], [i64::MIN; 3]), |(low, high), (own, shift)| {
                 let at = |corner: [i32; 3], axis: usize| corner[axis] as i64 + shift[axis];
@@ -119,7 +165,7 @@ impl Builder<'_> {
             }
             let corner = if cube.0[0] == i64::MAX { [0; 3] } else { cube.0 };
             let layout = Layout::new(has, bits, &parts);
-            let grid = Grid::new(bits, layout, self.options.chunk_points());
+            let collector = collector(bits, layout);
             let outside = AtomicBool::new(false);
             let stations = Mutex::new(BTreeMap::<(u16, u16), u64>::new());
             let tally = Mutex::new(Tally::default());
@@ -136,21 +182,13 @@ impl Builder<'_> {
                     }
                     let (mut sorter, mut cells, mut intensities) =
                         lock(&sorters).pop().unwrap_or_default();
-                    cells.clear();
                     let columns = batch.columns;
-                    let at = |v: i32, axis: usize| (v as i64 + shift[axis] - corner[axis]) as u64;
-                    let mut highest = 0;
-                    for ((&x, &y), &z) in columns.x.iter().zip(&columns.y).zip(&columns.z) {
-                        let q = [at(x, 0), at(y, 1), at(z, 2)];
-                        highest |= q[0] | q[1] | q[2];
-                        cells.push(q.map(|v| v as u32));
-                    }
-                    if highest >> bits != 0 {
+                    if cells_of(columns, shift, corner, &mut cells) >> bits != 0 {
                         outside.store(true, Relaxed);
                         return Ok(());
                     }
                     let batch = Batch { cells: &cells, columns, part };
-                    grid.add(&batch, &mut sorter, self.spill)?;
+                    collector.add(&batch, &mut sorter)?;
                     let mut counts = BTreeMap::new();
                     match &columns.source {
                         Some(source) => source.chunk_by(|a, b| a == b).for_each(|run| {
@@ -178,16 +216,16 @@ impl Builder<'_> {
                 again |= streamed.again;
                 found = found.and(streamed.available);
                 notes.extend(streamed.notes.clone());
-                own.extend(streamed.bounds.map(|bounds| (bounds, shift)));
+                own.push(streamed.bounds.map(|bounds| (bounds, shift)));
                 worlds.extend(
                     streamed.bounds.map(|bounds| self.sources[number].lattice().world_box(bounds)),
                 );
                 self.part(number, &group, &streamed);
             }
-            let true_box = union(&mut own.into_iter());
+            let true_box = union(&mut own.iter().flatten().copied());
             let outside = outside.into_inner();
             if outside || again {
-                drop(grid);
+                drop(collector);
                 self.spill.forget(taken);
                 if !outside {
                     continue;
@@ -225,26 +263,27 @@ impl Builder<'_> {
                 lattice_number,
                 gains: None,
             };
-            let mut chunks = Vec::new();
-            let limit = self.options.chunk_points();
-            Cut { limit, layout, colors: &self.colors, spill: self.spill }.cut(
-                grid,
-                0,
-                0,
-                &mut chunks,
-            )?;
-            chunks
-                .par_iter_mut()
-                .flat_map(|chunk| &mut chunk.buckets)
-                .try_for_each(|bucket| bucket.close(self.spill))?;
-            return Ok(Ingested {
+            let on_tree = |(bounds, shift)| on_tree(bounds, shift, corner);
+            let ingested = Ingested {
+                boxes: own.into_iter().map(|own| own.map(on_tree)).collect(),
                 group,
-                chunks,
                 tree: TreeLayout { kind, layout },
                 points,
                 stations: stations.into_inner().unwrap_or_else(|poisoned| poisoned.into_inner()),
-            });
+            };
+            return Ok((ingested, collector));
         }
+    }
+
+    /// Cuts a grid's buckets into chunks.
+    pub fn cut(&self, grid: Grid, layout: Layout) -> Result<Vec<Chunk>> {
+        let mut chunks = Vec::new();
+        let limit = self.options.chunk_points();
+        let cut = Cut { limit, layout, colors: &self.colors, spill: self.spill };
+        cut.cut(grid, 0, 0, &mut chunks)?;
+        let buckets = chunks.par_iter_mut().flat_map(|chunk| &mut chunk.buckets);
+        buckets.try_for_each(|bucket| bucket.close(self.spill))?;
+        Ok(chunks)
     }
 
     /// Adds the lattice of a tree, and the one that starts at its corner. Returns the first number.
@@ -292,9 +331,8 @@ impl Builder<'_> {
     }
 
     /// Numbers the stations, part by part.
-    pub fn stations(&mut self, trees: &[Ingested]) -> Result<()> {
+    pub fn stations<'t>(&mut self, trees: impl Iterator<Item = &'t Ingested>) -> Result<()> {
         let all: BTreeMap<(u16, u16), u64> = trees
-            .iter()
             .flat_map(|tree| &tree.stations)
             .map(|(station, points)| (*station, *points))
             .collect();
@@ -329,14 +367,21 @@ impl Builder<'_> {
         let last = std::cell::Cell::new(((u16::MAX, u16::MAX), 0));
         move |part: u16, source: u16| {
             if last.get().0 != (part, source) {
-                last.set(((part, source), self.numbers[&(part, source)]));
+                // A crafted plan may lack it.
+                let number = self.numbers.get(&(part, source)).copied().unwrap_or_default();
+                last.set(((part, source), number));
             }
             last.get().1
         }
     }
 
-    /// Finds the exposure gains of the stations' colours and intensities, if possible.
-    pub fn balances(&self, trees: &[Ingested]) -> Result<[Option<Balance>; 2]> {
+    /// Finds the exposure gains of the stations' colours and intensities, if possible. `records`
+    /// passes all records of a tree to a function, from any thread.
+    pub fn balances<'t, T>(
+        &self,
+        trees: impl Iterator<Item = (&'t Ingested, T)>,
+        records: impl Fn(&Ingested, T, &(dyn Fn(&[u8]) + Sync)) -> Result<()>,
+    ) -> Result<[Option<Balance>; 2]> {
         let Contents { stations, points, bounds, intensity_stretch, .. } = &self.contents;
         let Some([low, high]) = bounds.filter(|_| stations.len() > 1) else {
             return Ok([None, None]);
@@ -349,41 +394,46 @@ impl Builder<'_> {
         // memory.
         let mut own: Vec<_> =
             self.sources.iter().map(|source| (source.lattice(), [0; 3])).collect();
-        for Ingested { group, tree: TreeLayout { kind, layout }, chunks, .. } in
-            trees.iter().filter(|tree| tree.tree.kind.has.rgb || tree.tree.kind.has.intensity)
-        {
+        for (ingested, of) in trees {
+            let Ingested { group, tree: TreeLayout { kind, layout }, .. } = ingested;
+            if !kind.has.rgb && !kind.has.intensity {
+                continue;
+            }
             for &(number, shift) in &group.members {
                 own[number].1 = [0, 1, 2].map(|axis| kind.corner[axis] - shift[axis]);
             }
-            chunks.par_iter().try_for_each(|chunk| -> Result<()> {
-                self.progress.tick("comparing stations", 0, 1)?;
+            records(ingested, of, &|records| {
                 let (number, mut found) = (self.numbered(), [Vec::new(), Vec::new()]);
-                let mut look = |records: &[u8]| {
-                    for record in records.chunks_exact(layout.bytes) {
-                        let (q, part) = (layout.cell(record), layout.part(record));
-                        let (lattice, from) = &own[part as usize];
-                        let place =
-                            lattice.world([0, 1, 2].map(|axis| q[axis] as i64 + from[axis]));
-                        let station = || number(part, layout.source(record));
-                        if kind.has.rgb {
-                            let color = || (station(), layout.color(record, &self.colors));
-                            found[0].extend(colors.point(place, color));
-                        }
-                        if kind.has.intensity && has_intensity[part as usize] {
-                            let grey = greys[layout.intensity(record) as usize];
-                            let grey = || (station(), [grey; 3]);
-                            found[1].extend(intensities.point(place, grey));
-                        }
+                for record in records.chunks_exact(layout.bytes) {
+                    let (q, part) = (layout.cell(record), layout.part(record));
+                    let (lattice, from) = &own[part as usize];
+                    let place = lattice.world([0, 1, 2].map(|axis| q[axis] as i64 + from[axis]));
+                    let station = || number(part, layout.source(record));
+                    if kind.has.rgb {
+                        let color = || (station(), layout.color(record, &self.colors));
+                        found[0].extend(colors.point(place, color));
                     }
-                };
-                chunk.buckets.iter().try_for_each(|bucket| bucket.look(self.spill, &mut look))?;
+                    if kind.has.intensity && has_intensity[part as usize] {
+                        let grey = greys[layout.intensity(record) as usize];
+                        let grey = || (station(), [grey; 3]);
+                        found[1].extend(intensities.point(place, grey));
+                    }
+                }
                 let [of_colors, of_intensities] = found;
                 colors.keep(of_colors);
                 intensities.keep(of_intensities);
-                Ok(())
             })?;
         }
         Ok([colors, intensities].map(|sample| exposure::of_sample(sample, stations)))
+    }
+
+    /// Passes the records of chunks to a function.
+    pub fn look(&self, chunks: &[Chunk], look: &(dyn Fn(&[u8]) + Sync)) -> Result<()> {
+        chunks.par_iter().try_for_each(|chunk| {
+            self.progress.tick("comparing stations", 0, 1)?;
+            let mut look = |records: &[u8]| look(records);
+            chunk.buckets.iter().try_for_each(|bucket| bucket.look(self.spill, &mut look))
+        })
     }
 }
 
@@ -436,13 +486,12 @@ impl Cut<'_> {
                     let pieces =
                         bucket.pieces(&self.layout, self.colors, PIECE_POINTS, self.spill)?;
                     chunks.extend(pieces.into_iter().map(|piece| Chunk {
-                        depth,
-                        prefix,
+                        cell: KdCell { depth, prefix },
                         buckets: vec![piece],
                     }));
                 }
             } else if !own.is_empty() {
-                chunks.push(Chunk { depth, prefix, buckets: own });
+                chunks.push(Chunk { cell: KdCell { depth, prefix }, buckets: own });
             }
         }
         Ok(())
@@ -451,7 +500,7 @@ impl Cut<'_> {
 
 /// Finds the largest runs of cells with at most `limit` points, or single cells, that cover all
 /// occupied ones.
-fn largest(
+pub fn largest(
     starts: &[u64],
     cells: std::ops::Range<usize>,
     limit: u64,

@@ -27,10 +27,14 @@
 mod build_chunk;
 mod builder;
 mod ingest;
+mod job;
+mod kd_cell;
 mod merge_lattices;
 mod morton_sort;
 pub mod pack;
+mod part_file;
 pub mod partition;
+pub mod plan;
 mod point_record;
 mod spill_bucket;
 
@@ -42,17 +46,17 @@ use super::format::{Contents, Directory, NodeRecord, Writer};
 use super::merge::Gains;
 use crate::cloud::ReadOptions;
 use crate::cloud::attribute::percentiles;
-use crate::cloud::histograms::Tally;
-use crate::cloud::stream;
+use crate::cloud::stream::{self, Source};
 use crate::error::{Error, Result};
 use crate::progress::Progress;
 use build_chunk::{BuiltNode, GrownChunk, OpenNode, TreeLayout, TreeSpec, Worker};
 pub use builder::Options;
-use builder::{Builder, lock};
-use ingest::{Chunk, Ingested, group};
-use point_record::Colors;
+use builder::{Builder, Survey, lock};
+use ingest::{Chunk, Gridded, Ingested, group};
+pub use job::{JobSummary, job, merge};
+use kd_cell::KdCell;
 use rayon::prelude::*;
-use spill_bucket::Spill;
+use spill_bucket::{Grid, Spill};
 use std::collections::BTreeMap;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
@@ -94,76 +98,95 @@ pub fn build(
     progress: &dyn Progress,
 ) -> Result<Summary> {
     let began = Instant::now();
-    let options = &Options { threads: options.threads.max(1), ..*options };
+    with_threads(options, |options| {
+        let (sources, contents) = open(paths, options, progress)?;
+        let writer = Writer::create(output)?;
+        let spill = Spill::new(output, options.bucket_bytes())?;
+        let mut survey = Survey::new(&sources, options, progress, &spill, contents);
+        let trees = group(&sources)
+            .into_iter()
+            .map(|group| {
+                let limit = options.chunk_points();
+                let collector =
+                    |bits, layout| Gridded { grid: Grid::new(bits, layout, limit), spill: &spill };
+                let (ingested, Gridded { grid, .. }) = survey.ingest(group, &collector)?;
+                let chunks = survey.cut(grid, ingested.tree.layout)?;
+                Ok((ingested, chunks))
+            })
+            .collect::<Result<Vec<_>>>()?;
+        let read_seconds = began.elapsed().as_secs_f64();
+        survey.settle(
+            trees.iter().map(|(ingested, chunks)| (ingested, chunks)),
+            |survey, _, chunks, look| survey.look(chunks, look),
+        )?;
+        let mut builder = Builder::new(survey, &writer);
+        for (ingested, chunks) in trees {
+            let is_of_strays = ingested.is_of_strays(&sources);
+            builder.tree(ingested.tree, is_of_strays, ingested.points, chunks)?;
+        }
+        let complete = builder.complete()?;
+        let summary = complete.write(writer, options, progress)?;
+        let (spilled_bytes, seconds) = (spill.bytes_on_disk(), began.elapsed().as_secs_f64());
+        Ok(Summary { read_seconds, spilled_bytes, seconds, ..summary })
+    })
+}
+
+/// Runs on the threads of the options.
+fn with_threads<T: Send>(
+    options: &Options,
+    run: impl FnOnce(&Options) -> Result<T> + Send,
+) -> Result<T> {
+    let options = Options { threads: options.threads.max(1), ..*options };
     let pool = rayon::ThreadPoolBuilder::new().num_threads(options.threads).build();
     let pool = pool.map_err(|error| {
         Error::Request(format!("cannot start {} threads: {error}", options.threads))
     })?;
-    pool.install(|| {
-        let mut notes = Vec::new();
-        let Options { wanted, strict, text, rgb_range, .. } = *options;
-        let read = ReadOptions { text, rgb_range, ..ReadOptions::new(wanted, strict) };
-        let sources = stream::open(paths, &read, progress, &mut notes)?;
-        if sources.len() > u16::MAX as usize {
-            return Err(Error::Request(format!(
-                "{} files are more than the 65,535 that one index takes",
-                sources.len()
-            )));
-        }
-        let writer = Writer::create(output)?;
-        let spill = Spill::new(output, options.bucket_bytes())?;
-        let scalar = sources.iter().find_map(|source| source.available().scalars.iter().next());
-        let scalar = scalar.map(|scalar| scalar.to_string());
-        let contents = Contents { notes, scalar, ..Contents::default() };
-        let mut builder = Builder {
-            sources: &sources,
-            options,
-            progress,
-            writer: &writer,
-            spill: &spill,
-            contents,
-            parts: vec![None; sources.len()],
-            colors: vec![Colors::Bytes; sources.len()],
-            intensities: vec![0; 1 << 16],
-            tally: Tally::default(),
-            end: Writer::START,
-            nodes: Vec::new(),
-            roots: Vec::new(),
-            far_roots: Vec::new(),
-            corners: Vec::new(),
-            numbers: BTreeMap::new(),
-            gains: None,
-        };
-        let trees = group(&sources)
-            .into_iter()
-            .map(|group| builder.ingest(group))
-            .collect::<Result<Vec<_>>>()?;
-        let read_seconds = began.elapsed().as_secs_f64();
-        builder.stations(&trees)?;
-        builder.contents.intensity_stretch = percentiles(&builder.intensities);
-        let [colors, intensities] = builder.balances(&trees)?;
-        builder.gains = Some(Arc::new(Gains::new(colors.as_ref(), intensities.as_ref())));
-        (builder.contents.balance, builder.contents.intensity_balance) = (colors, intensities);
-        trees.into_iter().try_for_each(|tree| builder.tree(tree))?;
-        builder.unite()?;
-        // Strays have no parent in common with the others, which would show them as one place.
-        builder.roots.append(&mut builder.far_roots);
-        let Builder { mut contents, parts, nodes, roots, end, tally, corners, .. } = builder;
-        contents.counts = Some(tally.counts());
-        contents.parts = parts.into_iter().flatten().collect();
-        let (nodes, roots) = number(nodes, &roots);
+    pool.install(|| run(&options))
+}
+
+/// Opens files, and begins their description.
+fn open(
+    paths: &[PathBuf],
+    options: &Options,
+    progress: &dyn Progress,
+) -> Result<(Vec<Source>, Contents)> {
+    let mut notes = Vec::new();
+    let Options { wanted, strict, text, rgb_range, .. } = *options;
+    let read = ReadOptions { text, rgb_range, ..ReadOptions::new(wanted, strict) };
+    let sources = stream::open(paths, &read, progress, &mut notes)?;
+    if sources.len() > u16::MAX as usize {
+        return Err(Error::Request(format!(
+            "{} files are more than the 65,535 that one index takes",
+            sources.len()
+        )));
+    }
+    let scalar = sources.iter().find_map(|source| source.available().scalars.iter().next());
+    let scalar = scalar.map(|scalar| scalar.to_string());
+    Ok((sources, Contents { notes, scalar, ..Contents::default() }))
+}
+
+/// All nodes of an index, numbered.
+struct Complete {
+    directory: Directory,
+    corners: Vec<[i64; 3]>,
+    /// End of the planes.
+    end: u64,
+}
+
+impl Complete {
+    /// Derives what depends on neighbours, and writes the directory.
+    fn write(self, writer: Writer, options: &Options, progress: &dyn Progress) -> Result<Summary> {
+        let Complete { mut directory, corners, end } = self;
+        let Directory { nodes, contents, .. } = &directory;
         let mut summary = Summary {
             points: contents.points,
             nodes: nodes.len(),
             leaves: nodes.iter().filter(|node| node.is_leaf()).count(),
             core_bytes: nodes.iter().map(core_bytes).sum(),
-            spilled_bytes: spill.bytes_on_disk(),
             held_bytes_per_point: (nodes.len() * HELD_BYTES_PER_NODE) as f64
                 / contents.points.max(1) as f64,
-            read_seconds,
             ..Summary::default()
         };
-        let mut directory = Directory { nodes, roots, contents };
         directory.contents.elevation_stretch = elevations(&directory, &writer)?;
         if options.derive != DerivedPlanes::NONE {
             let began = Instant::now();
@@ -175,9 +198,8 @@ pub fn build(
         summary.bytes = writer.finish(&directory, end)?;
         summary.notes = directory.contents.notes;
         summary.peak_mib = peak_mib();
-        summary.seconds = began.elapsed().as_secs_f64();
         Ok(summary)
-    })
+    }
 }
 
 /// Returns "VmHWM" of /proc/self/status `[MiB]`.
@@ -195,30 +217,78 @@ fn core_bytes(node: &NodeRecord) -> u64 {
     planes.into_iter().filter(|&plane| node.has(plane)).map(|plane| node.range(plane).1).sum()
 }
 
-impl Builder<'_> {
-    /// Builds and writes one group's tree.
-    fn tree(&mut self, ingested: Ingested) -> Result<()> {
-        let is_of_strays = ingested.is_of_strays(self.sources);
-        let Ingested { mut tree, chunks, points, .. } = ingested;
-        if points == 0 {
-            return Ok(());
-        }
-        tree.kind.gains = self.gains.clone();
-        let root = self.grow(&tree, chunks, points)?;
-        if is_of_strays {
-            self.far_roots.push(root)
-        } else {
-            self.roots.push(root)
-        };
+impl Survey<'_> {
+    /// Finds what nodes need to know of all files: stations and their gains. `records` passes all
+    /// records of a tree to a function.
+    fn settle<'t, T>(
+        &mut self,
+        trees: impl Iterator<Item = (&'t Ingested, T)> + Clone,
+        records: impl Fn(&Survey, &Ingested, T, &(dyn Fn(&[u8]) + Sync)) -> Result<()>,
+    ) -> Result<()> {
+        self.stations(trees.clone().map(|(ingested, _)| ingested))?;
+        self.contents.intensity_stretch = percentiles(&self.intensities);
+        let [colors, intensities] =
+            self.balances(trees, |ingested, of, look| records(self, ingested, of, look))?;
+        (self.contents.balance, self.contents.intensity_balance) = (colors, intensities);
+        self.contents.counts = Some(self.tally.counts());
+        self.contents.parts = std::mem::take(&mut self.parts).into_iter().flatten().collect();
+        self.balance();
         Ok(())
     }
 
-    /// Builds the chunks on all threads, and the nodes above them. Writes planes in the order of the
-    /// tree. Returns the root.
-    fn grow(&mut self, tree: &TreeLayout, chunks: Vec<Chunk>, points: u64) -> Result<u32> {
+    /// Prepares the gains for nodes.
+    fn balance(&mut self) {
+        let Contents { balance, intensity_balance, .. } = &self.contents;
+        self.gains = Some(Arc::new(Gains::new(balance.as_ref(), intensity_balance.as_ref())));
+    }
+}
+
+impl Builder<'_> {
+    /// Builds and writes one group's tree.
+    fn tree(
+        &mut self,
+        mut tree: TreeLayout,
+        is_of_strays: bool,
+        points: u64,
+        chunks: Vec<Chunk>,
+    ) -> Result<()> {
+        if points == 0 {
+            return Ok(());
+        }
+        tree.kind.gains = self.survey.gains.clone();
+        let open = self.grow(&tree, chunks, points, KdCell::ALL)?;
+        self.root(&open, is_of_strays);
+        Ok(())
+    }
+
+    /// Adds the root of a tree.
+    fn root(&mut self, open: &[OpenNode], is_of_strays: bool) {
+        let roots = if is_of_strays { &mut self.far_roots } else { &mut self.roots };
+        roots.extend(open.iter().map(|open| open.node));
+    }
+
+    /// Joins the trees, and numbers all nodes.
+    fn complete(mut self) -> Result<Complete> {
+        self.unite()?;
+        // Strays have no parent in common with the others, which would show them as one place.
+        self.roots.append(&mut self.far_roots);
+        let Builder { survey: Survey { contents, corners, .. }, nodes, roots, end, .. } = self;
+        let (nodes, roots) = number(nodes, &roots);
+        Ok(Complete { directory: Directory { nodes, roots, contents }, corners, end })
+    }
+
+    /// Builds the chunks of a cell on all threads, and the nodes above them. Writes planes in the
+    /// order of the tree. Returns the open nodes of the cell: the root, if it is the whole tree.
+    fn grow(
+        &mut self,
+        tree: &TreeLayout,
+        chunks: Vec<Chunk>,
+        points: u64,
+        within: KdCell,
+    ) -> Result<Vec<OpenNode>> {
         let count = chunks.len();
-        let cells: Vec<Cell> =
-            chunks.iter().map(|chunk| Cell { depth: chunk.depth, prefix: chunk.prefix }).collect();
+        // Those of few points may be larger.
+        let cells: Vec<KdCell> = chunks.iter().map(|chunk| chunk.cell.within(within)).collect();
         let chunks: Vec<Mutex<Option<Chunk>>> =
             chunks.into_iter().map(|chunk| Mutex::new(Some(chunk))).collect();
         let next = AtomicUsize::new(0);
@@ -228,11 +298,11 @@ impl Builder<'_> {
             ..Placing::default()
         });
         let placed = Condvar::new();
-        let (this, progress) = (&*self, self.progress);
-        let threads = self.options.threads;
+        let (this, progress) = (&*self, self.survey.progress);
+        let threads = self.survey.options.threads;
         let work = || -> Result<()> {
             let mut worker = Worker::default();
-            let station = this.numbered();
+            let station = this.survey.numbered();
             loop {
                 let number = next.fetch_add(1, Relaxed);
                 if number >= count {
@@ -241,11 +311,11 @@ impl Builder<'_> {
                 let chunk = lock(&chunks[number]).take().expect("each chunk is taken once");
                 let grown = worker.grow(
                     tree,
-                    &this.colors,
-                    chunk.depth,
+                    &this.survey.colors,
+                    cells[number].depth,
                     chunk.buckets,
                     &station,
-                    this.spill,
+                    this.survey.spill,
                 )?;
                 // Chunks that are ready before their turn wait here, but not many of them.
                 let mut state = lock(&placing);
@@ -262,8 +332,10 @@ impl Builder<'_> {
                     state.waiting.remove(&next)
                 } {
                     let next = state.next;
-                    writes.push((next, state.place(cells[next], grown)));
-                    this.ascend(&mut state, &tree.kind, cells.get(next + 1))?;
+                    let GrownChunk { planes, nodes, open } = grown;
+                    let at = state.place(cells[next], nodes, open, planes.len() as u64);
+                    writes.push((next, (at, planes)));
+                    this.ascend(&mut state, &tree.kind, cells.get(next + 1), within)?;
                 }
                 let (done, total) = (state.points, points);
                 drop(state);
@@ -312,17 +384,27 @@ impl Builder<'_> {
         if let Some(error) = first.or(interrupted) {
             return Err(error);
         }
-        let Placing { end, nodes, open, .. } =
-            placing.into_inner().unwrap_or_else(|poisoned| poisoned.into_inner());
-        (self.end, self.nodes) = (end, nodes);
-        Ok(open[0].nodes[0].node)
+        Ok(self.placed(placing.into_inner().unwrap_or_else(|poisoned| poisoned.into_inner())))
+    }
+
+    /// Takes what has been placed. Returns the open nodes.
+    fn placed(&mut self, placing: Placing) -> Vec<OpenNode> {
+        (self.end, self.nodes) = (placing.end, placing.nodes);
+        placing.open.into_iter().flat_map(|open| open.nodes).collect()
     }
 
     /// Joins the open nodes of cells that no further chunk lies in, and makes and writes their
-    /// parents. `next` is the cell of the next chunk, if any.
-    fn ascend(&self, state: &mut Placing, kind: &TreeSpec, next: Option<&Cell>) -> Result<()> {
+    /// parents, up to the cell `within`. `next` is the cell of the next chunk, if any.
+    fn ascend(
+        &self,
+        state: &mut Placing,
+        kind: &TreeSpec,
+        next: Option<&KdCell>,
+        within: KdCell,
+    ) -> Result<()> {
         while let Some(top) = state.open.pop_if(|top| {
-            top.cell.parent().is_some_and(|parent| next.is_none_or(|next| !parent.has(next)))
+            let parent = top.cell.parent().filter(|parent| within.has(parent));
+            parent.is_some_and(|parent| next.is_none_or(|next| !parent.has(next)))
         }) {
             let Some(cell) = top.cell.parent() else { break };
             let mut joined = OpenCell { cell, nodes: Vec::new() };
@@ -335,6 +417,7 @@ impl Builder<'_> {
             state.open.push(joined);
         }
         if next.is_none()
+            && within == KdCell::ALL
             && let Some(mut root) = state.open.pop()
         {
             if root.nodes.len() > 1 {
@@ -366,12 +449,12 @@ impl Builder<'_> {
         let records: Vec<_> =
             self.roots.iter().map(|&root| &self.nodes[root as usize].record).collect();
         let Some((mut kind, order)) =
-            merge_lattices::over(&records, &self.contents, self.options.derive)
+            merge_lattices::over(&records, &self.survey.contents, self.survey.options.derive)
         else {
             return Ok(());
         };
-        kind.lattice_number = self.lattice(&kind.lattice, kind.corner)?;
-        kind.gains = self.gains.clone();
+        kind.lattice_number = self.survey.lattice(&kind.lattice, kind.corner)?;
+        kind.gains = self.survey.gains.clone();
         let open = |&place: &usize| {
             let node = self.roots[place];
             OpenNode { node, count: self.nodes[node as usize].record.count, samples: None }
@@ -379,8 +462,8 @@ impl Builder<'_> {
         let mut open: Vec<OpenNode> = order.iter().map(open).collect();
         while open.len() > 1 {
             let mut lists = merge_lattices::lists(open);
-            for some in lists.chunks_mut(4 * self.options.threads) {
-                self.progress.tick("joining", 0, 1)?;
+            for some in lists.chunks_mut(4 * self.survey.options.threads) {
+                self.survey.progress.tick("joining", 0, 1)?;
                 self.parents(&kind, some.iter_mut().filter(|list| list.len() > 1).collect())?;
             }
             open = lists.into_iter().flatten().collect();
@@ -403,10 +486,10 @@ impl Builder<'_> {
             let record = &nodes[open.node as usize].record;
             let mut planes = vec![0; record.bytes() as usize];
             self.writer.get(record.at, &mut planes)?;
-            let corner = self.corners[record.lattice as usize];
+            let corner = self.survey.corners[record.lattice as usize];
             let samples = Samples::unpack(record, corner, &samples::within(record, &planes));
             let is_own = record.lattice / 2 == kind.lattice_number / 2;
-            let lattices = &self.contents.lattices;
+            let lattices = &self.survey.contents.lattices;
             Ok(if is_own {
                 samples
             } else {
@@ -444,28 +527,9 @@ impl Builder<'_> {
     }
 }
 
-/// A cell of the kd-tree: the number of code bits that it decides, and their value.
-#[derive(Clone, Copy, Debug, PartialEq)]
-struct Cell {
-    depth: u32,
-    prefix: u128,
-}
-
-impl Cell {
-    /// Returns the cell that is halved into this one and another; `None` for the whole tree.
-    fn parent(self) -> Option<Cell> {
-        Some(Cell { depth: self.depth.checked_sub(1)?, prefix: self.prefix >> 1 })
-    }
-
-    /// Tests whether the cell is `other` or holds it.
-    fn has(self, other: &Cell) -> bool {
-        other.depth >= self.depth && other.prefix >> (other.depth - self.depth) == self.prefix
-    }
-}
-
 /// Open nodes of a cell whose chunks are all placed.
 struct OpenCell {
-    cell: Cell,
+    cell: KdCell,
     nodes: Vec<OpenNode>,
 }
 
@@ -498,25 +562,31 @@ impl Drop for Alarm<'_> {
 }
 
 impl Placing {
-    /// Numbers the next chunk's nodes and places its planes.
-    fn place(&mut self, cell: Cell, grown: GrownChunk) -> (u64, Vec<u8>) {
+    /// Numbers the next nodes of a cell and places their planes, of this many bytes. Returns where.
+    fn place(
+        &mut self,
+        cell: KdCell,
+        nodes: Vec<BuiltNode>,
+        open: Vec<OpenNode>,
+        bytes: u64,
+    ) -> u64 {
         let (at, first) = (self.end, self.nodes.len() as u32);
-        for BuiltNode { mut record, mut children } in grown.nodes {
+        for BuiltNode { mut record, mut children } in nodes {
             record.at += at;
             children.iter_mut().for_each(|child| *child += first);
             self.points += if children.is_empty() { record.points } else { 0 };
             self.nodes.push(BuiltNode { record, children });
         }
-        let nodes = grown.open.into_iter().map(|open| OpenNode { node: open.node + first, ..open });
+        let nodes = open.into_iter().map(|open| OpenNode { node: open.node + first, ..open });
         match self.open.last_mut() {
             // The next piece of many points in one place.
             Some(last) if last.cell == cell => last.nodes.extend(nodes),
             _ => self.open.push(OpenCell { cell, nodes: nodes.collect() }),
         }
         self.unwritten.insert(self.next, first..self.nodes.len() as u32);
-        self.end += grown.planes.len() as u64;
+        self.end += bytes;
         self.next += 1;
-        (at, grown.planes)
+        at
     }
 
     /// Drops the samples of a chunk that can be read back now.

@@ -430,7 +430,7 @@ impl Grid {
         self.buckets.into_iter().map(inner).map(contents).collect()
     }
 
-    fn points(&self) -> u64 {
+    pub fn points(&self) -> u64 {
         let of = |bucket: &Mutex<Bucket>| {
             let bucket = bucket.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
             bucket.finer.as_ref().map_or(bucket.points, |finer| finer.points())

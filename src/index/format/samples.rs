@@ -41,7 +41,7 @@ pub struct DerivedColumns {
 }
 
 /// Planes to derive.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub struct DerivedPlanes {
     pub normals: bool,
     pub strokes: bool,
