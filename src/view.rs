@@ -11,6 +11,7 @@ use crate::error::{Error, Result};
 use crate::small_file::read_text;
 use glam::{DMat3, DVec3};
 use serde::{Deserialize, Serialize};
+use std::f64::consts::TAU;
 use std::path::Path;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -327,12 +328,27 @@ impl Camera {
         Camera::framing_beside(preset, points, size, Covered::default(), DVec3::Z)
     }
 
-    /// Returns the camera after a turn around an axis through its target, anticlockwise seen
-    /// from above `[rad]`.
-    pub fn turned(&self, up: DVec3, angle: f64) -> Camera {
-        let turn = DMat3::from_axis_angle(up, angle);
-        let eye = self.target + turn * (self.eye - self.target);
-        Camera { eye, up: turn * self.up, ..*self }
+    /// Returns the camera after a turn around an axis through a point, anticlockwise seen from above
+    /// `[rad]`.
+    pub fn turned(&self, axis: DVec3, through: DVec3, angle: f64) -> Camera {
+        let turn = DMat3::from_axis_angle(axis, angle);
+        let turned = |place: DVec3| through + turn * (place - through);
+        Camera { eye: turned(self.eye), target: turned(self.target), up: turn * self.up, ..*self }
+    }
+
+    /// Returns the places of points during a turn around an axis through the middle of their box,
+    /// and this middle: a camera that frames them shows all points while it turns.
+    pub fn swept(points: &[DVec3], axis: DVec3) -> (Vec<DVec3>, DVec3) {
+        /// Places of a turn: between them a point leaves their hull by less than a margin.
+        const PLACES: u32 = 24;
+        let bounds = points.iter().map(|&p| (p, p));
+        let bounds = bounds.reduce(|(low, high), (p, _)| (low.min(p), high.max(p)));
+        let middle = bounds.map_or(DVec3::ZERO, |(low, high)| low / 2.0 + high / 2.0);
+        let turn = |k| DMat3::from_axis_angle(axis, TAU * f64::from(k) / f64::from(PLACES));
+        let turns = (0..PLACES).map(turn);
+        let swept =
+            turns.flat_map(|turn| points.iter().map(move |&p| middle + turn * (p - middle)));
+        (swept.collect(), middle)
     }
 
     /// Returns the camera as [`Camera::framing`] for a picture of which a part is covered, of points

@@ -45,7 +45,7 @@ pub fn per_second(text: &str) -> std::result::Result<f64, String> {
 /// The cameras of frames.
 enum Cameras {
     Path(CameraPath),
-    /// So many around the target of the picture's own view.
+    /// So many around the cloud, or the target of a given camera.
     Turntable(u64),
 }
 
@@ -78,11 +78,13 @@ impl Cameras {
     }
 
     /// Returns the camera of a frame, counted from 0.
-    fn camera(&self, number: u64, first: &Camera, up: DVec3) -> Camera {
+    /// `axis` and `through` are those of a turntable.
+    fn camera(&self, number: u64, first: &Camera, axis: DVec3, through: DVec3) -> Camera {
         match self {
             Cameras::Path(path) => path.frame(number),
             Cameras::Turntable(frames) => {
-                first.turned(up, std::f64::consts::TAU * number as f64 / *frames as f64)
+                let angle = std::f64::consts::TAU * number as f64 / *frames as f64;
+                first.turned(axis, through, angle)
             }
         }
     }
@@ -155,15 +157,19 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
     source.check_clips(&options.clips())?;
     let (shown, _) = options.shown(&source)?;
     let (named, annotations) = (options.named(&source, shown)?, options.report.annotations());
-    let first = match &cameras {
-        Cameras::Path(path) => path.frame(0),
-        Cameras::Turntable(_) => options.view(&source, &named)?.camera,
+    let (first, through) = match &cameras {
+        Cameras::Path(path) => (path.frame(0), DVec3::ZERO),
+        Cameras::Turntable(_) => {
+            let (view, through) = options.turning_view(&source, &named)?;
+            (view.camera, through)
+        }
     };
+    let axis = DVec3::AXES[named.up.index()];
     let index = if let Source::Index(index) = &source { Some(index.clone()) } else { None };
     let mut renderer = options.renderer(&arguments.device)?;
     let cloud = renderer.add_source(source, shown, progress)?;
     let view = |number: u64| {
-        View::new(cameras.camera(number, &first, DVec3::AXES[named.up.index()]), size)
+        View::new(cameras.camera(number, &first, axis, through), size)
             .map_err(|error| Error::Request(format!("frame {}: {error}", number + 1)))
     };
     let (mut lod, mut chosen) = (options.detail.lod(), None);

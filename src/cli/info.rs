@@ -173,6 +173,9 @@ fn counted(arguments: &Arguments, progress: &dyn Progress) -> Result<String> {
     }
     let mut out = format!("{} of {} points\n", grouped(points), grouped(of));
     push(&mut out, "bounds", &words(&bounds.map(|[min, max]| Bounds { min, max })));
+    if points == 0 && of > 0 {
+        push(&mut out, "note", &selection.leaves_none(&input, progress).to_string());
+    }
     let kinds = [("classes", histograms.classes), ("returns", histograms.returns)];
     for (what, kinds) in kinds.into_iter().filter(|(_, kinds)| !kinds.is_empty()) {
         push(&mut out, what, &listed(kinds.into_iter()));

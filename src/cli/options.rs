@@ -31,6 +31,7 @@ use crate::select::lod::LodOptions;
 use crate::select::opacity::{Opacities, Rule};
 use crate::view::light::Light;
 use crate::view::{Camera, Covered, Preset, View};
+use glam::DVec3;
 use std::path::PathBuf;
 
 const MIB: u64 = 1 << 20;
@@ -539,22 +540,41 @@ impl PictureOptions {
 
     /// Returns the view: from the given camera, or one that frames the cloud beside annotations.
     pub fn view(&self, source: &Source, shown: &Shown) -> Result<View> {
-        // Coordinates along the edges are those of the view.
-        let whole = self.view_beside(source, Covered::default())?;
-        match self.report.annotations().covered(0.0, &whole, shown) {
-            covered if covered == Covered::default() => Ok(whole),
-            covered => self.view_beside(source, covered),
-        }
+        self.view_of(&source.framed_points(&self.clips()), source.up().axis(), shown)
     }
 
-    /// Returns the view: from the given camera, or one that frames the cloud beside what is covered.
-    pub fn view_beside(&self, source: &Source, covered: Covered) -> Result<View> {
+    /// Returns the first view of a turn around an axis, from the given camera, or one that frames
+    /// the cloud all around; and a point on the axis.
+    pub fn turning_view(&self, source: &Source, shown: &Shown) -> Result<(View, DVec3)> {
+        if let Some(camera) = self.camera()? {
+            return Ok((self.view(source, shown)?, camera.target));
+        }
+        let up = source.up().axis();
+        let (points, middle) = Camera::swept(&source.framed_points(&self.clips()), up);
+        Ok((self.view_of(&points, up, shown)?, middle))
+    }
+
+    /// Returns the view: from the given camera, or one that frames the cloud, whatever is drawn over
+    /// it.
+    pub fn plain_view(&self, source: &Source) -> Result<View> {
+        let points = source.framed_points(&self.clips());
+        self.framing(&points, source.up().axis(), Covered::default())
+    }
+
+    fn framing(&self, points: &[DVec3], up: DVec3, covered: Covered) -> Result<View> {
         let size = self.size.0;
-        let framing = || {
-            let (points, up) = (source.framed_points(&self.clips()), source.up().axis());
-            Camera::framing_beside(self.view, &points, size, covered, up)
-        };
+        let framing = || Camera::framing_beside(self.view, points, size, covered, up);
         View::new(self.camera()?.unwrap_or_else(framing), size)
+    }
+
+    fn view_of(&self, points: &[DVec3], up: DVec3, shown: &Shown) -> Result<View> {
+        let beside = |covered| self.framing(points, up, covered);
+        // Coordinates along the edges are those of the view.
+        let whole = beside(Covered::default())?;
+        match self.report.annotations().covered(0.0, &whole, shown) {
+            covered if covered == Covered::default() => Ok(whole),
+            covered => beside(covered),
+        }
     }
 }
 

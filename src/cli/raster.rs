@@ -67,7 +67,7 @@ pub struct Arguments {
     #[arg(long, value_name = "X0,Y0,X1,Y1", allow_hyphen_values = true)]
     pub extent: Option<Extent>,
     /// Memory for cells; larger maps read the files several times
-    #[arg(long, value_name = "BYTES", default_value_t = Bytes(1 << 30))]
+    #[arg(long, value_name = "BYTES", default_value_t = MEMORY)]
     pub memory: Bytes,
     #[command(flatten)]
     pub filters: FilterOptions,
@@ -83,6 +83,9 @@ pub struct Arguments {
     #[command(flatten)]
     pub cache: CacheOptions,
 }
+
+/// Memory for cells, unless it is set.
+pub const MEMORY: Bytes = Bytes(1 << 30);
 
 /// Most cells of a side, as other programs read them.
 const LARGEST_SIDE: u32 = i32::MAX as u32;

@@ -4,7 +4,7 @@ use super::files::{check_extension, refuse_to_overwrite};
 use super::frames;
 use super::limits::{Chosen, LimitOptions, Target};
 use super::options::{DeviceOptions, PictureOptions};
-use super::raster::note_system;
+use super::raster::{self, note_system};
 use super::streams;
 use super::tune;
 use super::units::LARGEST_SIDE;
@@ -12,6 +12,7 @@ use crate::atomic_file::{AtomicFile, STANDARD_OUTPUT};
 use crate::cloud::crs::Crs;
 use crate::cloud::up::Up;
 use crate::error::{Error, Result};
+use crate::extract::raster::{NoData, Pick, Value};
 use crate::graph::{CompletedSubmission, Gpu, Graph};
 use crate::output::export::Downloads;
 use crate::output::geotiff::{self, Map, Sample};
@@ -51,7 +52,8 @@ Examples:
   pointillist render scan.laz -o tour.png --path tour.json   tour-0001.png and so on, along a camera path
   pointillist render scan.laz -o tour.mp4 --path tour.json   the same as a film; needs ffmpeg
   pointillist render scan.laz -o turn.webm --turntable 120 --fps 30    also .mp4, .apng, or .png for frames
-  pointillist render scan.laz -o map.tif --view top --resolution 0.25    a map, GeoTIFF or PNG with map.pgw; heights: raster
+  pointillist render scan.laz -o map.tif --view top --resolution 0.25    a map, GeoTIFF or PNG with map.pgw
+  pointillist render scan.laz -o dem.tif --raster height --resolution 1 --only ground,return=last    also: raster
   pointillist render scan.laz -o - | magick - out.jpg      a picture to standard output
   pointillist render huge.las -o out.png                   indexed first; the index is kept";
 
@@ -72,8 +74,8 @@ pub struct Arguments {
     /// Draw every frame of a camera path: OUT-0001.png, OUT-0001.exr and so on
     #[arg(long, value_name = "PATH.json", conflicts_with_all = ["camera", "view", "explain", "timings"])]
     pub path: Option<PathBuf>,
-    /// Draw this many frames around the picture's target on a level circle, anticlockwise seen from
-    /// above
+    /// Draw this many frames on a level circle around the cloud, all of it in view, anticlockwise
+    /// seen from above; with --camera around its target
     #[arg(long, value_name = "FRAMES", value_parser = clap::value_parser!(u64).range(1..=100_000), conflicts_with_all = ["path", "explain", "timings"])]
     pub turntable: Option<u64>,
     /// Frames per second of a film [default: those of the camera path, 25]
@@ -98,6 +100,13 @@ pub struct Arguments {
     /// but strays]
     #[arg(long, value_name = "X0,Y0,X1,Y1", allow_hyphen_values = true, requires = "resolution")]
     pub extent: Option<Extent>,
+    /// Write a raster of the points' own values with --resolution, instead of a picture. `pointillist
+    /// raster` also picks the lowest, the mean or the last
+    #[arg(long, value_name = "height|intensity|count|rgb", requires_all = ["output", "resolution"])]
+    pub raster: Option<Value>,
+    /// Value of cells of --raster without points, a number or nan [default: -9999]
+    #[arg(long, value_name = "NUMBER|nan", allow_hyphen_values = true, requires = "raster")]
+    pub no_data: Option<NoData>,
     #[command(flatten)]
     pub picture: PictureOptions,
     #[command(flatten)]
@@ -131,6 +140,27 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
     if arguments.help_effects {
         streams::print(&format!("{}\n", Effects::help()))?;
         return Ok(());
+    }
+    if let (Some(value), Some(output), Some(resolution)) =
+        (arguments.raster, &arguments.output, arguments.resolution)
+    {
+        let raster = raster::Arguments {
+            files: arguments.files.clone(),
+            output: output.clone(),
+            resolution,
+            value,
+            pick: Pick::Highest,
+            no_data: arguments.no_data,
+            extent: arguments.extent,
+            memory: raster::MEMORY,
+            filters: arguments.picture.filters.clone(),
+            clips: arguments.picture.clips.clone(),
+            strict: arguments.strict,
+            colors: arguments.picture.colors,
+            text: arguments.picture.text,
+            cache: arguments.picture.detail.cache.clone(),
+        };
+        return raster::run(&raster, progress);
     }
     if let (Some(png), Some(exr)) = (&arguments.output, &arguments.exr)
         && png == exr

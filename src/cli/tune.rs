@@ -130,7 +130,7 @@ fn write(path: &Path, text: &str) -> Result<()> {
 /// from another side.
 fn views(picture: &PictureOptions, source: &Source, effort: &Effort) -> Result<Vec<View>> {
     let sized = PictureOptions { size: super::units::Size(effort.size), ..picture.clone() };
-    let whole = sized.view_beside(source, Covered::default())?;
+    let whole = sized.plain_view(source)?;
     if picture.camera()?.is_some() {
         return Ok(vec![whole]);
     }

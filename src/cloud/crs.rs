@@ -384,6 +384,17 @@ pub fn differences<'a>(headers: impl Iterator<Item = &'a Header>) -> Option<Stri
             names.join(", ")
         ));
     }
+    let mut numbers: Vec<u32> =
+        systems.iter().filter_map(|system| system.and_then(|system| system.epsg)).collect();
+    numbers.sort_unstable();
+    numbers.dedup();
+    if numbers.len() > 1 {
+        let names: Vec<String> = numbers.iter().map(|number| format!("EPSG:{number}")).collect();
+        return Some(format!(
+            "the files are in different coordinate systems ({}), so they do not lie where they should; convert them to one",
+            names.join(", ")
+        ));
+    }
     let mixed = systems.iter().any(is_angular) && !systems.iter().all(is_angular);
     mixed.then(|| "some files are in degrees and drawn on a local plane, the others are not".into())
 }

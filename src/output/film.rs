@@ -175,7 +175,7 @@ impl Encoder {
                 Ok(None) => {}
                 Err(error) => return Err(Error::io("write", path, error)),
             }
-            progress.tick("ending the film", 0, 0)?;
+            progress.tick("ending the film", 1, 1)?;
             std::thread::sleep(Duration::from_millis(20));
         }
     }

@@ -62,6 +62,11 @@ impl std::str::FromStr for PointSize {
             },
         };
         let number = number.trim().parse().ok().filter(|n: &f64| *n > 0.0 && n.is_finite());
+        if let Some(PointSize::Pixels(pixels)) = number.map(of)
+            && pixels < 1.0
+        {
+            return Err(format!("{pixels} pixels are less than one; {pixels}m is in metres"));
+        }
         number.map(of).ok_or_else(|| {
             format!("{text:?} is not a size; give pixels such as 3, metres such as 0.05m, or auto")
         })

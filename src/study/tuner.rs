@@ -183,7 +183,7 @@ pub fn scenes(
 /// Returns three views: the camera's, from half as far, and from another side.
 pub fn views(camera: Camera, up: DVec3, size: [u32; 2]) -> Result<Vec<View>> {
     let nearer = Camera { eye: camera.target + (camera.eye - camera.target) / 2.0, ..camera };
-    let turned = camera.turned(up, 2.0);
+    let turned = camera.turned(up, camera.target, 2.0);
     [camera, nearer, turned].into_iter().map(|camera| View::new(camera, size)).collect()
 }
 

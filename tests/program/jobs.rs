@@ -429,7 +429,7 @@ fn job_15_a_mistake_is_answered_by_what_to_do() {
         let shown = suggested.map(|name| format!("  tip: a similar argument exists: '{name}'"));
         assert_eq!(tip, shown.as_deref(), "{said}");
     }
-    let said = failed(&desk.run("render SCAN -o @no.tif --raster height"), 2);
+    let said = failed(&desk.run("view SCAN --raster height"), 2);
     assert!(said.contains("tip: `pointillist raster` is a command"), "{said}");
     let said = failed(&desk.run("view --lose-devic 3"), 2);
     assert!(!said.contains("similar argument"), "{said}");
