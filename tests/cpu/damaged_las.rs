@@ -9,6 +9,7 @@ use pointillist::progress::Silent;
 use proptest::prelude::*;
 use proptest::test_runner::{Config, RngAlgorithm, TestRng, TestRunner};
 use std::cell::Cell;
+use std::path::Path;
 
 /// A change of a file: its kind, place, and byte.
 type Edit = (Kind, prop::sample::Index, u8);
@@ -139,4 +140,28 @@ fn what_damage_changes_is_an_error_or_said() {
     let (same, said, refused) = (same.get(), said.get(), refused.get());
     println!("{same} without a change of values, {said} said, {refused} refused");
     assert!(same > 100 && said > 100 && refused > 100);
+}
+
+/// A GPS time that names another sequence of times, which names another one, and so on a million
+/// times, in layers and between other fields.
+#[test]
+fn endless_gps_times_are_said() {
+    let folder = tempfile::tempdir().unwrap();
+    for name in ["laz/02_endless_times_of_layers", "laz/03_endless_times_in_sequence"] {
+        let seed = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/fuzz/crashed").join(name);
+        let path = folder.path().join("a.laz");
+        std::fs::copy(seed, &path).unwrap();
+        let read = |strict| {
+            let options = ReadOptions::new(ColumnSet::ALL, strict);
+            cloud::read(std::slice::from_ref(&path), &options, &Silent)
+        };
+        let cloud = read(false).unwrap();
+        assert_eq!(cloud.parts[0].columns.len(), 1);
+        let said = "header declares 2 points, 1 could be read";
+        let why = "its GPS times are damaged";
+        let is_said =
+            |text: &str| text.contains("a.laz") && text.contains(said) && text.contains(why);
+        assert!(cloud.notes.iter().any(|note| is_said(note)), "{:?}", cloud.notes);
+        assert!(is_said(&read(true).unwrap_err().to_string()));
+    }
 }

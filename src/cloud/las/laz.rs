@@ -4,7 +4,11 @@
 //! for layered chunks (point formats 6 to 10), by their own sizes; else in one sequential pass,
 //! since the arithmetic decoder stops exactly where a chunk ends. The `laz` crate only decodes
 //! records: its table reader allocates, and its file readers unwrap, on any input. Sizes are
-//! checked here first, and panics are caught.
+//! checked here first, and panics are caught. The fields that it decodes by recursion, GPS times and
+//! layered points, have decoders of their own here.
+
+mod point14;
+mod times;
 
 use super::header::{Layout, array_at, u32_at};
 use super::records::{Fields, Lane};
@@ -20,7 +24,9 @@ use laz::record::{
     LayeredPointRecordDecompressor, RecordDecompressor, SequentialPointRecordDecompressor,
 };
 use laz::{LazItem, LazItemType, LazVlr};
+use point14::Point14;
 use std::io::{BufReader, Cursor, Read};
+use times::Times;
 
 /// Most points per compressed byte: a million coincident points come to about 100. It bounds the
 /// memory a crafted file can take.
@@ -176,7 +182,12 @@ impl Coding {
         source: R,
     ) -> laz::Result<SequentialPointRecordDecompressor<'a, R>> {
         let mut decoder = SequentialPointRecordDecompressor::new(source);
-        decoder.set_fields_from(&self.items)?;
+        for item in &self.items {
+            match (item.item_type(), item.version()) {
+                (LazItemType::GpsTime, 2) => decoder.add_field_decompressor(Times::sequential()),
+                _ => decoder.set_fields_from(&vec![*item])?,
+            }
+        }
         Ok(decoder)
     }
 
@@ -185,7 +196,14 @@ impl Coding {
         source: Cursor<&'a [u8]>,
     ) -> laz::Result<LayeredPointRecordDecompressor<'a, Cursor<&'a [u8]>>> {
         let mut decoder = LayeredPointRecordDecompressor::new(source);
-        decoder.set_fields_from(&self.items)?;
+        for item in &self.items {
+            match (item.item_type(), item.version()) {
+                (LazItemType::Point14, version @ 3..=4) => {
+                    decoder.add_field_decompressor(Point14::new(version));
+                }
+                _ => decoder.set_fields_from(&vec![*item])?,
+            }
+        }
         decoder.set_selection(self.selection);
         Ok(decoder)
     }
