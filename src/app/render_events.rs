@@ -1,10 +1,12 @@
 //! Events of the render thread, applied to the window.
 
+use super::load_thread::Categories;
 use super::measure::Picked;
 use super::navigation::Direction;
 use super::render_thread::{FrameReport, RenderEvent};
 use super::scripted_flight::Step;
 use super::{App, print_line};
+use crate::cloud::digits;
 use crate::resident::Point;
 use std::time::{Duration, Instant};
 use winit::event_loop::ActiveEventLoop;
@@ -22,7 +24,7 @@ impl App {
                 (self.ui.pace.measured, self.ui.pace.texture) = (Some(measured), None);
             }
             RenderEvent::Priced(prices) => self.ui.prices = prices,
-            RenderEvent::Counted(points) => (self.ui.drawn, self.ui.at_most) = (points, false),
+            RenderEvent::Counted(points) => self.counted(points),
             RenderEvent::Uploaded(info, token) => self.uploaded(*info, &token),
             RenderEvent::Picked { point, adds } => self.picked(point, adds),
             RenderEvent::PickLater { at, adds } => self.mouse.pending_pick = Some((at, adds)),
@@ -56,6 +58,19 @@ impl App {
             }
         }
         self.title();
+    }
+
+    /// Takes the number of points that filters and clip boxes leave in view.
+    fn counted(&mut self, points: u64) {
+        (self.ui.drawn, self.ui.at_most) = (points, false);
+        let Categories { bounds, reference, .. } = &self.ui.categories;
+        if let (0, 1.., Some(bounds)) = (points, self.scene.clips.active(), bounds) {
+            let corner = |at| reference.digits.round(at).to_array().map(digits::number).join(" ");
+            let [low, high] = bounds.map(corner);
+            self.ui.picture_notes.push(format!(
+                "clip boxes leave no point in view; the cloud lies in {low} to {high}"
+            ));
+        }
     }
 
     pub(super) fn frame_done(&mut self, report: FrameReport) {

@@ -11,7 +11,7 @@ use crate::progress::Progress;
 use crate::render::source::{OpenOptions, Source};
 use crate::study::tuner::{self, Effort, Subject, Tuner};
 use crate::tune::store::{self, switches};
-use crate::view::{Covered, View};
+use crate::view::View;
 use std::path::{Path, PathBuf};
 
 const EXAMPLES: &str = "\

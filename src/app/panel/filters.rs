@@ -4,7 +4,7 @@ use super::state::{FilterLine, UiState};
 use super::text::{self, spaced_hyphens, weak};
 use super::theme;
 use crate::cloud::filter::Filter;
-use egui::{RichText, TextEdit, Ui};
+use egui::{Key, RichText, TextEdit, Ui};
 
 /// Edits the filter; it is applied when the line is left, or with Enter.
 pub fn show(ui: &mut Ui, state: &mut UiState, filter: &mut Filter) {
@@ -15,16 +15,23 @@ pub fn show(ui: &mut Ui, state: &mut UiState, filter: &mut Filter) {
     }
     ui.horizontal(|ui| {
         ui.label("filters");
-        let hint = spaced_hyphens(ui, "--only ground --not noise");
+        let hint = spaced_hyphens(ui, "such as --only ground --not noise");
         let line = TextEdit::singleline(words).hint_text(hint);
         let about = "--only and --where: what every point must be; --not: what none may be. Classes by name; class=2,6, return=last, intensity=100..2000, z=..50, gps-time, source, file";
-        if ui.add(line.desired_width(f32::INFINITY)).on_hover_text(about).lost_focus() {
+        let line = ui.add(line.desired_width(f32::INFINITY)).on_hover_text(about);
+        if line.lost_focus() {
             match words.parse::<Filter>() {
                 Ok(typed) => {
                     *error = None;
                     (*of, *filter) = (typed.clone(), typed);
                 }
-                Err(why) => *error = Some(why),
+                Err(why) => {
+                    *error = Some(why);
+                    // What is typed next corrects it, and is no key of the window.
+                    if ui.input(|input| input.key_pressed(Key::Enter)) {
+                        line.request_focus();
+                    }
+                }
             }
         }
     });
