@@ -34,6 +34,10 @@ pub struct Shown {
 /// Height of a line of text, relative to the height of the picture, and the least `[px]`.
 const LINE: f32 = 1.0 / 36.0;
 const LEAST_LINE: f32 = 9.0;
+/// Height of the north arrow and of the axes, and least height of a legend [lines].
+const ARROW: f32 = 4.0;
+const TRIAD: f32 = 5.0;
+const LEAST_LEGEND: f32 = 6.0;
 /// Margin of the dark field behind, in lines.
 const FIELD: f32 = 0.5;
 /// Behind what is drawn, so that it can be read on any picture.
@@ -125,23 +129,39 @@ impl Annotations {
         let mut free = rect;
         free.min.x = left + edges.x;
         free.max.y -= edges.y;
+        // What is left of the column at the right. What has no room there is left out.
+        let (mut room, column) = (inner, inner.right() - TRIAD * line);
         if let Some(title) = &self.title {
             let at = pos2((left + rect.right()) / 2.0, inner.top());
-            let place = sheet.text(at, Align2::CENTER_TOP, title, 1.6 * line, true);
+            let wide = sheet.width_of(title) / line;
+            let size = (1.6 * line).min(inner.width() / wide.max(1.0));
+            let place = sheet.text(at, Align2::CENTER_TOP, title, size, true);
             free.min.y = place.bottom() + FIELD * line;
+            if place.right() + line > column {
+                room.min.y = free.min.y + FIELD * line;
+            }
         }
         if self.scale_bar {
-            free.max.y = sheet.scale_bar(inner).top() - FIELD * line;
+            let bar = sheet.scale_bar(inner);
+            free.max.y = bar.top() - FIELD * line;
+            if bar.right() + line > column {
+                room.max.y = free.max.y - FIELD * line;
+            }
         }
+        let has = |room: Rect, lines: f32| room.height() >= lines * line;
         let mut beside = Vec::new();
-        if self.north_arrow && no_north(shown.up).is_none() {
-            beside.push(sheet.north_arrow(inner));
+        if self.north_arrow && no_north(shown.up).is_none() && has(room, ARROW) {
+            let place = sheet.north_arrow(room);
+            room.min.y = place.bottom() + line;
+            beside.push(place);
         }
-        if self.legend {
-            beside.extend(sheet.legend(inner));
+        if self.axes && edges == Vec2::ZERO && has(room, TRIAD) {
+            let place = sheet.triad(room);
+            room.max.y = place.top() - line;
+            beside.push(place);
         }
-        if self.axes && edges == Vec2::ZERO {
-            beside.push(sheet.triad(inner));
+        if self.legend && has(room, LEAST_LEGEND) {
+            beside.extend(sheet.legend(inner, room));
         }
         for place in beside {
             free.max.x = free.max.x.min(place.left() - FIELD * line);
@@ -171,6 +191,12 @@ fn take(overlay: &mut Overlay, delta: &ImageDelta) {
             }
         }
     }
+}
+
+/// Returns a place of this size at the right, halfway up if there is room.
+fn beside(inner: Rect, room: Rect, size: Vec2) -> Rect {
+    let top = (inner.center().y - size.y / 2.0).min(room.bottom() - size.y).max(room.top());
+    Rect::from_min_size(pos2(inner.right() - size.x, top), size)
 }
 
 /// Where annotations are drawn.
@@ -274,8 +300,8 @@ impl Sheet<'_> {
         let seen = vec2(basis.right.y as f32, -basis.up.y as f32);
         let way = if seen.length() < 1e-3 { vec2(0.0, -1.0) } else { seen.normalized() };
         let place = Rect::from_min_size(
-            pos2(inner.right() - 4.0 * line, inner.top()),
-            vec2(4.0 * line, 4.0 * line),
+            pos2(inner.right() - ARROW * line, inner.top()),
+            Vec2::splat(ARROW * line),
         );
         self.field(place);
         // Seen from aside it is shorter.
@@ -294,16 +320,16 @@ impl Sheet<'_> {
 
     /// Draws the ramp with round values, or the labels that occur, at the right. Returns its place,
     /// if there is one.
-    fn legend(&self, inner: Rect) -> Option<Rect> {
+    fn legend(&self, inner: Rect, room: Rect) -> Option<Rect> {
         let attribute = &self.shown.attribute;
         match attribute.ends() {
-            Some(ends) if ends[1] > ends[0] => Some(self.ramp(inner, ends)),
-            _ if attribute.attribute.is_label() => Some(self.labels(inner)),
+            Some(ends) if ends[1] > ends[0] => Some(self.ramp(inner, room, ends)),
+            _ if attribute.attribute.is_label() => Some(self.labels(inner, room)),
             _ => None,
         }
     }
 
-    fn ramp(&self, inner: Rect, [lo, hi]: [f64; 2]) -> Rect {
+    fn ramp(&self, inner: Rect, room: Rect, [lo, hi]: [f64; 2]) -> Rect {
         let (shown, line) = (&self.shown.attribute, self.line);
         let heading = match shown.attribute {
             Attribute::Elevation => {
@@ -316,16 +342,13 @@ impl Sheet<'_> {
             Attribute::Scalar(scalar) => scalar.title(),
             other => other.name(),
         };
-        let step = round_above((hi - lo) / 6.0);
+        let height = (14.0 * line).min(room.height());
+        let step = round_above((hi - lo) / f64::from(6.0 * height / (14.0 * line)));
         let ticks: Vec<f64> = multiples(step, [lo, hi]);
         let labels: Vec<String> = ticks.iter().map(|&tick| number(tick, step)).collect();
         let widest = labels.iter().map(|label| self.width_of(label)).fold(0.0, f32::max);
         let width = (2.4 * line + widest).max(self.width_of(&heading));
-        let height = 14.0 * line;
-        let place = Rect::from_min_size(
-            pos2(inner.right() - width, inner.center().y - height / 2.0),
-            vec2(width, height),
-        );
+        let place = beside(inner, room, vec2(width, height));
         self.field(place);
         self.text(place.left_top(), Align2::LEFT_TOP, &heading, line, false);
         let bar = Rect::from_min_max(
@@ -350,7 +373,7 @@ impl Sheet<'_> {
         place
     }
 
-    fn labels(&self, inner: Rect) -> Rect {
+    fn labels(&self, inner: Rect, room: Rect) -> Rect {
         let (attribute, line) = (self.shown.attribute.attribute, self.line);
         let mut rows: Vec<([u8; 3], String, u64)> = match attribute {
             Attribute::Class => self
@@ -385,20 +408,18 @@ impl Sheet<'_> {
         // The most frequent, in their own order.
         let mut counts: Vec<u64> = rows.iter().map(|row| row.2).collect();
         counts.sort_unstable_by(|a, b| b.cmp(a));
-        let fewest = counts.get(ROWS - 1).copied().unwrap_or(0);
+        let most = ROWS.min((room.height() / (1.3 * line)) as usize - 1);
+        let fewest = counts.get(most - 1).copied().unwrap_or(0);
         let all = rows.len();
         rows.retain(|row| row.2 >= fewest);
-        rows.truncate(ROWS);
+        rows.truncate(most);
         let mut texts: Vec<String> = rows.iter().map(|row| row.1.clone()).collect();
         if all > rows.len() {
             texts.push(format!("and {} more", all - rows.len()));
         }
         let widest = texts.iter().map(|text| self.width_of(text)).fold(0.0, f32::max);
         let size = vec2(1.5 * line + widest, 1.3 * line * texts.len() as f32);
-        let place = Rect::from_min_size(
-            pos2(inner.right() - size.x, inner.center().y - size.y / 2.0),
-            size,
-        );
+        let place = beside(inner, room, size);
         self.field(place);
         for (k, text) in texts.iter().enumerate() {
             let at = place.left_top() + vec2(0.0, 1.3 * line * (k as f32 + 0.5));
@@ -464,7 +485,7 @@ impl Sheet<'_> {
     fn triad(&self, inner: Rect) -> Rect {
         let (basis, line) = (&self.view.basis, self.line);
         let place = Rect::from_min_max(
-            inner.right_bottom() - vec2(5.0 * line, 5.0 * line),
+            inner.right_bottom() - Vec2::splat(TRIAD * line),
             inner.right_bottom(),
         );
         self.field(place);
