@@ -1,6 +1,7 @@
 //! Profiles and films, as a user types them.
 
 use crate::files::names;
+use crate::png_file::read_png;
 use crate::program::{pointillist, render, succeeded, text};
 use crate::skip::skip;
 use crate::witness::ffprobe;
@@ -78,6 +79,33 @@ fn a_profile_lists_the_points_of_its_slab() {
     }
     let picture = std::fs::read_to_string(svg).unwrap();
     assert!(picture.contains(&format!("{} points, 10.000 m long", expected.len())), "{picture}");
+}
+
+/// All of a cloud stays in view, whatever side it shows.
+#[test]
+fn no_frame_of_a_turntable_cuts_the_cloud() {
+    let folder = tempfile::tempdir().unwrap();
+    let scan = folder.path().join("terrain.las");
+    let line = "synth terrain --points 40000 -o";
+    succeeded(&pointillist().args(line.split(' ')).arg(&scan).output().unwrap());
+    for (size, options) in [([96, 64], ""), ([64, 96], "--view front"), ([96, 64], "--view top")] {
+        let frames = folder.path().join("turn.png");
+        let [width, height] = size;
+        let line = format!("--turntable 6 --size {width}x{height} {options}");
+        let mut command = pointillist();
+        command.arg("render").arg(&scan).arg("-o").arg(&frames).args(line.split_whitespace());
+        succeeded(&command.output().unwrap());
+        for number in 1..=6 {
+            let frame = read_png(&folder.path().join(format!("turn-000{number}.png")));
+            let background = frame.pixels[0];
+            let drawn = |x: u32, y: u32| frame.pixels[(y * width + x) as usize] != background;
+            let edge = (0..width)
+                .flat_map(|x| [(x, 0), (x, height - 1)])
+                .chain((0..height).flat_map(|y| [(0, y), (width - 1, y)]));
+            assert_eq!(edge.filter(|&(x, y)| drawn(x, y)).count(), 0, "{options} {number}");
+            assert!((0..width * height).any(|i| drawn(i % width, i / width)));
+        }
+    }
 }
 
 #[test]

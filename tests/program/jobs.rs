@@ -148,6 +148,12 @@ fn job_06_ground_becomes_a_raster() {
     desk.types(&format!(
         "raster SCAN -o @ground.tif --resolution 1 --only ground --pick mean {extent}"
     ));
+    // The same as a picture's option.
+    desk.types("raster SCAN -o @first.tif --resolution 1 --only return=last --no-data -1");
+    desk.types(
+        "render SCAN -o @second.tif --raster height --resolution 1 --only return=last --no-data -1",
+    );
+    assert!(fs::read(desk.at("first.tif")).unwrap() == fs::read(desk.at("second.tif")).unwrap());
     let (map, table) = (desk.at("ground.tif"), desk.at("ground.xyz"));
     check_map(&map, [770_500.0, 6_277_550.0], [50, 50], 1.0);
     if gdal("gdal_translate", "-q -of XYZ", &[&map, &table]).is_none() {
@@ -437,6 +443,15 @@ fn job_15_a_mistake_is_answered_by_what_to_do() {
     assert!(said.contains("there are rgb, intensity, elevation"), "{said}");
     let said = failed(&desk.run("export SCAN -o @no.laz --clip box:0,0,0,1,1,1"), 1);
     assert!(said.contains("lie in 770500 6277500 20.25 to 770550 6277550 43.49"), "{said}");
+    let said = desk.types("info SCAN --count --clip box:0,0,0,1,1,1");
+    assert!(said.contains("lie in 770500 6277500 20.25 to 770550 6277550 43.49"), "{said}");
+    let said = failed(&desk.run("render SCAN -o @no.png --point-size 0.05"), 2);
+    assert!(said.contains("0.05m is in metres"), "{said}");
+    if let Some(other) = shared("data/aerial/bcts_1.laz") {
+        let line = format!("render SCAN {} -o @far.png --size 32x32", other.display());
+        let said = desk.types(&line);
+        assert!(said.contains("EPSG:2154, EPSG:3005"), "{said}");
+    }
     let said = desk.run("render SCAN -o @no.png --size 32x32 --clip box:0,0,0,1,1,1");
     let said = failed(&said, 1);
     assert!(said.contains("lie in 770500 6277500 20.25 to 770550 6277550 43.49"), "{said}");
