@@ -5,6 +5,7 @@ use super::color_scale::{ColorScale, Ramp};
 use super::scalar::{Scalar, Scalars};
 use super::up::Up;
 use super::{Cloud, ColumnSet, Columns, Header, Lattice, Part, Station, octahedral};
+use std::ops::Range;
 use std::str::FromStr;
 
 /// An attribute to display, as in `--color`.
@@ -254,10 +255,6 @@ pub fn station_code(station: usize) -> u8 {
 /// Lowest bit of the station code in a colour word.
 pub const CODE_SHIFT: u32 = 24;
 
-/// Words of a file's point: the displayed one and all further ones except saved light, which only
-/// indexes have.
-pub type Words = [u32; 5];
-
 /// Returns the least and the greatest number of a column.
 fn extremes<'c>(columns: impl Iterator<Item = Option<&'c Vec<f64>>>) -> Option<[f64; 2]> {
     let numbers = columns.flatten().flatten().copied();
@@ -371,34 +368,70 @@ impl DisplayAttribute {
             .and(ColumnSet { source: self.coded, ..ColumnSet::default() })
     }
 
-    /// Computes all words of a point except stroke words. `stations` are those of its part, `first`
-    /// is the cloud's number of the first of them.
-    pub fn words_of(&self, part: &Part, stations: &[Station], first: usize, i: usize) -> Words {
-        let mut words = [self.word(part, i), 0, 0, 0, 0];
+    /// Writes all words of a range of points but those of strokes, from the word `at` of each row
+    /// on. `stations` are those of their part, `first` is the cloud's number of the first of them.
+    pub fn write_words<const N: usize>(
+        &self,
+        part: &Part,
+        (stations, first): (&[Station], usize),
+        points: Range<usize>,
+        rows: &mut [[u32; N]],
+        at: usize,
+    ) {
         let columns = &part.columns;
-        let station = || {
-            let source = columns.source.as_ref().map(|column| column[i]);
-            first + stations.binary_search_by_key(&source, |station| station.source).unwrap_or(0)
-        };
-        if self.coded {
-            words[0] |= (station_code(station()) as u32) << CODE_SHIFT;
+        match (self.attribute, &columns.rgb) {
+            // Colours in the cloud have been corrected in place.
+            (Attribute::Rgb | Attribute::Corrected, Some(rgb)) => {
+                put(rows, at, rgb[points.clone()].iter().map(|&color| bytes(color)));
+            }
+            _ => put(rows, at, points.clone().map(|i| self.word(part, i))),
         }
-        if let Some(place) = self.kind() {
-            let byte = |column: &Option<Vec<u8>>| column.as_ref().map_or(0, |column| column[i]);
-            let station = station();
-            words[place as usize] = kind(
-                byte(&columns.class),
-                byte(&columns.returns),
-                station.min(u16::MAX as usize) as u16,
-            );
+        if self.coded || self.further.kind {
+            let number = |source: Option<u16>| {
+                let found = stations.binary_search_by_key(&source, |station| station.source);
+                first + found.unwrap_or(0)
+            };
+            let numbers: Vec<usize> = match &columns.source {
+                Some(source) => source[points.clone()]
+                    .chunk_by(|a, b| a == b)
+                    .flat_map(|run| std::iter::repeat_n(number(Some(run[0])), run.len()))
+                    .collect(),
+                None => vec![number(None); points.len()],
+            };
+            if self.coded {
+                let codes =
+                    numbers.iter().map(|&number| (station_code(number) as u32) << CODE_SHIFT);
+                rows.iter_mut().zip(codes).for_each(|(row, code)| row[at] |= code);
+            }
+            if let Some(place) = self.kind() {
+                let byte = |column: &Option<Vec<u8>>, i: usize| {
+                    column.as_ref().map_or(0, |column| column[i])
+                };
+                let kinds = points.clone().zip(&numbers).map(|(i, &station)| {
+                    let station = station.min(u16::MAX as usize) as u16;
+                    kind(byte(&columns.class, i), byte(&columns.returns, i), station)
+                });
+                put(rows, at + place as usize, kinds);
+            }
         }
         if let Some(place) = self.normal() {
-            words[place as usize] = columns
-                .normal
-                .as_ref()
-                .map_or(octahedral::UNKNOWN, |normal| octahedral::of_bytes(normal[i]));
+            let normal = |i| {
+                let normal = columns.normal.as_ref();
+                normal.map_or(octahedral::UNKNOWN, |normal| octahedral::of_bytes(normal[i]))
+            };
+            put(rows, at + place as usize, points.map(normal));
         }
-        words
+    }
+
+    /// Returns the station of points, given their words, if it is one and the words tell.
+    pub fn common_station<'w>(&self, mut words: impl Iterator<Item = &'w [u32]>) -> Option<u32> {
+        let station = |words: &[u32]| match self.kind() {
+            Some(place) => Some(words[place as usize] >> STATION_SHIFT),
+            None if self.coded => (words[0] >> CODE_SHIFT).checked_sub(1),
+            None => None,
+        };
+        let first = station(words.next()?)?;
+        words.all(|words| station(words) == Some(first)).then_some(first)
     }
 
     /// Computes the displayed word of a point: `rgb` 8 bits a channel, red lowest; `normal` 8 bits
@@ -409,9 +442,7 @@ impl DisplayAttribute {
 
     /// Computes the same of points that are in no part.
     pub fn word_of(&self, columns: &Columns, lattice: &Lattice, i: usize) -> u32 {
-        let bytes = |[a, b, c]: [u8; 3]| a as u32 | (b as u32) << 8 | (c as u32) << 16;
         match self.attribute {
-            // Colours in the cloud have been corrected in place.
             Attribute::Rgb | Attribute::Corrected => {
                 columns.rgb.as_ref().map_or(0xFFFFFF, |rgb| bytes(rgb[i]))
             }
@@ -527,6 +558,15 @@ impl DisplayAttribute {
         }
         percentiles(&counts)
     }
+}
+
+fn bytes([a, b, c]: [u8; 3]) -> u32 {
+    a as u32 | (b as u32) << 8 | (c as u32) << 16
+}
+
+/// Writes one word of each row.
+fn put<const N: usize>(rows: &mut [[u32; N]], at: usize, words: impl Iterator<Item = u32>) {
+    rows.iter_mut().zip(words).for_each(|(row, word)| row[at] = word);
 }
 
 /// Tests whether most points have the same intensity, as files of meshes do whose intensity is a

@@ -22,7 +22,7 @@ use crate::index::attributes::strokes::StrokeCache;
 use crate::index::cache::{self, Cached};
 use crate::index::fault_injection::Fault;
 use crate::index::format::{Index, Plane};
-use crate::index::{self, build};
+use crate::index::{Arrangement, build};
 use crate::network::{Traffic, is_address, traffic};
 use crate::progress::Progress;
 use crate::resident::{CloudUpload, Residency, Resident, streaming::Update};
@@ -596,7 +596,7 @@ impl Source {
         Ok(match self {
             Source::Files(cloud) => {
                 let mut upload = CloudUpload::new(cloud, shown, Some(found.clone()));
-                while upload.build_nodes(index::partition, progress)? {}
+                while upload.build_nodes(Arrangement::Morton, progress)? {}
                 PreparedCloud::Files(Box::new(upload))
             }
             Source::Index(index) => PreparedCloud::Index(index, Box::new(shown)),
