@@ -4,7 +4,7 @@
 //! Splitter a cube at the midpoint of its longest axis, x after y after z, takes one more bit of
 //! the Morton code. So:
 //!
-//! - split(points, cube): count the points on a grid of 64 x 64 x 64 cells, cut the cells, in Morton
+//! - split(points, cube): count the points on a grid of 32 x 32 x 32 cells, cut the cells, in Morton
 //!   order, into the largest kd-cells with at most M points, and move each point to its kd-cell,
 //!   with all that it shows
 //! - a single grid cell with more than M is split again by itself
@@ -60,8 +60,10 @@ pub struct Partition<const N: usize> {
     pub arrangement: Arrangement,
 }
 
-/// A grid has 2^6 cells per axis: 262,144 counters, which fit the cache.
-const GRID_BITS: u32 = 6;
+/// A grid has at most 2^5 cells per axis: 32,768 counters, which fit the cache; fewer where cells
+/// would hold fewer points than this. Nodes do not depend on it.
+const GRID_BITS: u32 = 5;
+const CELL_POINTS: usize = 16;
 /// Nodes wider than 2^this lattice steps do not fit the position planes.
 const MAX_NODE_BITS: u32 = BITS_PER_PLANE * POSITION_PLANES;
 const NODE_POINTS: usize = POINTS_PER_PAGE as usize;
@@ -96,7 +98,7 @@ pub fn partition<const N: usize>(
         read(0..rows.len(), &mut rows);
         return Ok(Partition { nodes: full_nodes(0..rows.len()).collect(), rows, arrangement });
     }
-    let mut splitter = Splitter { nodes: Vec::new(), progress, total: columns.len() };
+    let splitter = Splitter { progress, total: columns.len() };
     let number = |points: Range<usize>, cells: &mut [u32]| {
         let [x, y, z] = [0, 1, 2].map(|axis| &columns.along(axis)[points.clone()]);
         let places = x.iter().zip(y).zip(z).map(|((&x, &y), &z)| [x, y, z]);
@@ -108,8 +110,8 @@ pub fn partition<const N: usize>(
         }
     };
     let pieces = splitter.distribute(columns.len(), &grid, &number, &read, &mut rows, 0)?;
-    splitter.settle(&mut rows, 0, &grid, pieces)?;
-    Ok(Partition { nodes: splitter.nodes, rows, arrangement })
+    let nodes = splitter.settle(&mut rows, 0, &grid, pieces)?;
+    Ok(Partition { nodes, rows, arrangement })
 }
 
 /// Returns random nodes.
@@ -148,36 +150,39 @@ fn grid_of(columns: &Columns, extent: &Extent) -> (Grid, u32) {
         let end = |i: usize| [[columns.x[i], columns.y[i], columns.z[i]]; 2];
         ends = inside.map(end).reduce(none, both);
     }
-    let grid = Grid::around(ends);
+    let grid = Grid::around(ends, columns.len());
     let cells = grid.cells() as u32;
     (grid, cells)
 }
 
-/// The grid over the cube of 2^`bits` steps at `min`, in Morton order.
+/// The grid of 2^`levels` cells per axis over the cube of 2^`bits` steps at `min`, in Morton order.
 struct Grid {
     min: [i64; 3],
     bits: u32,
+    levels: u32,
 }
 
 impl Grid {
-    /// Returns the grid over a box, given its ends.
-    fn around(ends: [[i32; 3]; 2]) -> Grid {
-        let [low, high] = ends.map(|end| end.map(i64::from));
-        let extent = (0..3).map(|axis| high[axis] - low[axis]).max().unwrap_or(0);
-        Grid { min: low, bits: 64 - (extent as u64).leading_zeros() }
+    /// Returns the grid of a number of points in a cube.
+    fn new(min: [i64; 3], bits: u32, points: usize) -> Grid {
+        let levels = (points / CELL_POINTS).max(1).ilog(8);
+        Grid { min, bits, levels: levels.clamp(1, GRID_BITS).min(bits) }
     }
 
-    fn levels(&self) -> u32 {
-        self.bits.min(GRID_BITS)
+    /// Returns the grid of points in a box, given its ends.
+    fn around(ends: [[i32; 3]; 2], points: usize) -> Grid {
+        let [low, high] = ends.map(|end| end.map(i64::from));
+        let extent = (0..3).map(|axis| high[axis] - low[axis]).max().unwrap_or(0);
+        Grid::new(low, 64 - (extent as u64).leading_zeros(), points)
     }
 
     /// Returns the bits of the side of a cell.
     fn shift(&self) -> u32 {
-        self.bits - self.levels()
+        self.bits - self.levels
     }
 
     fn cells(&self) -> usize {
-        1 << (3 * self.levels())
+        1 << (3 * self.levels)
     }
 
     /// Returns the cell of a place inside; of one outside any number.
@@ -189,12 +194,12 @@ impl Grid {
         morton::code([along(0), along(1), along(2)])
     }
 
-    /// Returns the grid over one cell.
-    fn finer(&self, cell: u32) -> Grid {
+    /// Returns the grid over one cell, for its points.
+    fn finer(&self, cell: u32, points: usize) -> Grid {
         let corner =
             [0, 1, 2].map(|axis| (morton::axis(cell, axis, GRID_BITS) as i64) << self.shift());
         let min = [0, 1, 2].map(|axis| self.min[axis] + corner[axis]);
-        Grid { min, bits: self.shift() }
+        Grid::new(min, self.shift(), points)
     }
 
     /// Finds the largest kd-cells with at most M points, or single grid cells, that cover the
@@ -230,8 +235,6 @@ struct Piece {
 }
 
 struct Splitter<'s> {
-    /// Made so far.
-    nodes: Vec<Node>,
     progress: &'s dyn Progress,
     total: usize,
 }
@@ -312,40 +315,46 @@ impl Splitter<'_> {
         Ok(pieces.into_iter().map(points).collect())
     }
 
-    /// Makes nodes of pieces, and splits those that are too large again.
+    /// Returns the nodes of pieces. Those that are too large are split again.
     fn settle<const N: usize>(
-        &mut self,
-        rows: &mut [Row<N>],
+        &self,
+        mut rows: &mut [Row<N>],
         first: usize,
         grid: &Grid,
         pieces: Vec<Piece>,
-    ) -> Result<()> {
-        for Piece { cells, points } in pieces {
-            let start = first + points.start;
-            let rows = &mut rows[points];
+    ) -> Result<Vec<Node>> {
+        let own = |Piece { cells, points }: Piece| {
+            let (own, rest) = std::mem::take(&mut rows).split_at_mut(points.len());
+            rows = rest;
+            (cells, first + points.start, own)
+        };
+        let pieces: Vec<_> = pieces.into_iter().map(own).collect();
+        let nodes = |(cells, start, rows): (Range<usize>, usize, &mut [Row<N>])| {
             let finer = match cells.start == grid.cells() {
-                true => Grid::around(ends(rows)),
-                false => grid.finer(cells.start as u32),
+                true => Grid::around(ends(rows), rows.len()),
+                false => grid.finer(cells.start as u32, rows.len()),
             };
+            let points = start..start + rows.len();
             let fits = rows.len() <= NODE_POINTS && finer.bits <= MAX_NODE_BITS;
             if cells.len() > 1 || fits {
-                self.nodes.push(Node { points: start..start + rows.len() });
+                Ok(vec![Node { points }])
             } else if finer.bits == 0 {
-                self.nodes.extend(full_nodes(start..start + rows.len()));
+                Ok(full_nodes(points).collect())
             } else {
-                self.split(rows, start, finer)?;
+                self.split(rows, start, finer)
             }
-        }
-        Ok(())
+        };
+        let nodes = pieces.into_par_iter().map(nodes).collect::<Result<Vec<_>>>()?;
+        Ok(nodes.concat())
     }
 
     /// Splits the points of a cube.
     fn split<const N: usize>(
-        &mut self,
+        &self,
         rows: &mut [Row<N>],
         first: usize,
         grid: Grid,
-    ) -> Result<()> {
+    ) -> Result<Vec<Node>> {
         let from = rows.to_vec();
         let number = |points: Range<usize>, cells: &mut [u32]| {
             let own = &from[points];
