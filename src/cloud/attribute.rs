@@ -5,6 +5,7 @@ use super::color_scale::{ColorScale, Ramp};
 use super::scalar::{Scalar, Scalars};
 use super::up::Up;
 use super::{Cloud, ColumnSet, Columns, Header, Lattice, Part, Station, octahedral};
+use rayon::prelude::*;
 use std::ops::Range;
 use std::str::FromStr;
 
@@ -512,10 +513,16 @@ impl DisplayAttribute {
 
     /// Stretches colours of which nearly all are in the lower half of the channels' range. Black
     /// stays black.
-    pub fn brighten(&mut self, colors: impl Iterator<Item = [u8; 3]>) {
-        let mut counts = vec![0u64; 256];
-        colors.for_each(|[r, g, b]| counts[r.max(g).max(b) as usize] += 1);
-        let [_, most] = percentiles(&counts);
+    pub fn brighten<'c>(&mut self, colors: impl Iterator<Item = &'c [[u8; 3]]>) {
+        let count = |colors: &[[u8; 3]]| {
+            let mut counts = [0u64; 256];
+            colors.iter().for_each(|[r, g, b]| counts[*r.max(g).max(b) as usize] += 1);
+            counts
+        };
+        let sum = |a: [u64; 256], b: [u64; 256]| std::array::from_fn(|value| a[value] + b[value]);
+        let none = || [0u64; 256];
+        let counts = colors.map(|colors| colors.par_chunks(1 << 16).map(count).reduce(none, sum));
+        let [_, most] = percentiles(&counts.fold([0; 256], sum));
         if self.attribute == Attribute::Rgb && (1..128).contains(&most) {
             self.stretch = [0, most];
         }
@@ -533,7 +540,6 @@ impl DisplayAttribute {
 
     /// Computes the words at the 2nd and 98th percentile by counting every point.
     fn stretched(&self, cloud: &Cloud) -> [u32; 2] {
-        use rayon::prelude::*;
         if !self.attribute.is_number() {
             return [0, 255];
         }

@@ -431,8 +431,8 @@ impl Source {
         match self {
             _ if shown.attribute != Attribute::Rgb => {}
             Source::Files(cloud) => {
-                let colors = cloud.parts.iter().filter_map(|part| part.columns.rgb.as_ref());
-                shown.brighten(colors.flatten().copied());
+                let colors = cloud.parts.iter().filter_map(|part| part.columns.rgb.as_deref());
+                shown.brighten(colors);
             }
             Source::Index(index) => {
                 let roots = &index.nodes()[..index.directory.roots as usize];
@@ -444,7 +444,7 @@ impl Source {
                         colors.extend_from_slice(bytes.as_chunks().0);
                     }
                 }
-                shown.brighten(colors.into_iter());
+                shown.brighten([&colors[..]].into_iter());
             }
         }
     }
