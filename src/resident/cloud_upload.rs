@@ -14,15 +14,16 @@ use crate::cloud::histograms::Histograms;
 use crate::cloud::{self, Cloud, Lattice, Part, Station};
 use crate::error::{Error, Result};
 use crate::graph::Gpu;
+use crate::index::attributes::axes;
 use crate::index::attributes::exposure::{self, Values};
 use crate::index::attributes::strokes::{self, StrokeCache};
 use crate::index::build::pack::{self, Frame};
-use crate::index::build::partition::PLACE_WORDS;
+use crate::index::build::partition::{self, PLACE_WORDS};
 use crate::index::format::Axes;
 use crate::index::format::Balance;
 use crate::index::format::scatter;
 use crate::index::format::spacing::spacing;
-use crate::index::{self, Arrangement, Node, Partition, Row};
+use crate::index::{Arrangement, Node, Partition, Row};
 use crate::progress::{self, Progress};
 use crate::select::clip::Clips;
 use crate::select::opacity::Opacities;
@@ -91,11 +92,7 @@ impl CloudUpload {
             .kind
             .then(|| Histograms::of(cloud.parts.iter().map(|part| &part.columns)));
         let spacing_m = cloud::spacing::spacing(&cloud).unwrap_or(0.0);
-        let axes = if shown.further.strokes {
-            index::attributes::axes::of(&cloud.parts)
-        } else {
-            Axes::default()
-        };
+        let axes = if shown.further.strokes { axes::of(&cloud.parts) } else { Axes::default() };
         let mut parts: VecDeque<(usize, Part)> = cloud.parts.into_iter().enumerate().collect();
         parts.iter_mut().for_each(|(_, part)| part.columns.keep(shown.wanted()));
         CloudUpload {
@@ -179,11 +176,12 @@ impl CloudUpload {
                 }
             }
         };
-        let mut partition =
-            index::partition(&part.columns, &words, arrangement, &self.half(progress))?;
+        let progress = self.half(progress);
+        let distributed = partition::distribute(&part.columns, &words, arrangement, &progress)?;
         let lattice = part.lattice;
         // What is shown has been copied.
         drop(part);
+        let mut partition = distributed.partition(&progress)?;
         let station = |rows: &[Row<N>]| match stations {
             ([_], first) => Some(first as u32),
             _ => shown.common_station(rows.iter().map(|row| &row[PLACE_WORDS..])),

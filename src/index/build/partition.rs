@@ -1,7 +1,7 @@
 //! Partitions one part into nodes in memory by a coarse kd-tree (Pintus, section 7; guide: papers:
 //! leaves below M samples, midpoint split of the longest axis).
 //!
-//! Splitter a cube at the midpoint of its longest axis, x after y after z, takes one more bit of
+//! Splitting a cube at the midpoint of its longest axis, x after y after z, takes one more bit of
 //! the Morton code. So:
 //!
 //! - split(points, cube): count the points on a grid of 32 x 32 x 32 cells, cut the cells, in Morton
@@ -73,6 +73,14 @@ const BLOCK: usize = 1 << 10;
 /// Points between checks for cancellation: a multiple of a block.
 const CHECK_INTERVAL: usize = 1 << 18;
 
+/// Points that were moved to the cells of a grid: the columns that they came from may go.
+pub struct Distributed<const N: usize> {
+    rows: Vec<Row<N>>,
+    grid: Grid,
+    pieces: Vec<Piece>,
+    arrangement: Arrangement,
+}
+
 /// Partitions a part into nodes. `words` writes what a range of points shows behind their places.
 pub fn partition<const N: usize>(
     columns: &Columns,
@@ -80,8 +88,21 @@ pub fn partition<const N: usize>(
     arrangement: Arrangement,
     progress: &dyn Progress,
 ) -> Result<Partition<N>> {
-    let Some(extent) = columns.extent() else { return Ok(Partition::default()) };
+    distribute(columns, words, arrangement, progress)?.partition(progress)
+}
+
+/// Moves the points of a part to the cells of a grid, as [`partition`].
+pub fn distribute<const N: usize>(
+    columns: &Columns,
+    words: &(impl Fn(Range<usize>, &mut [Row<N>]) + Sync),
+    arrangement: Arrangement,
+    progress: &dyn Progress,
+) -> Result<Distributed<N>> {
     let mut rows = vec![[0; N]; columns.len()];
+    let Some(extent) = columns.extent() else {
+        let grid = Grid::new([0; 3], 0, 0);
+        return Ok(Distributed { rows, grid, pieces: Vec::new(), arrangement });
+    };
     let read = |points: Range<usize>, rows: &mut [Row<N>]| {
         let [x, y, z] = [0, 1, 2].map(|axis| &columns.along(axis)[points.clone()]);
         for (((row, &x), &y), &z) in rows.iter_mut().zip(x).zip(y).zip(z) {
@@ -89,16 +110,13 @@ pub fn partition<const N: usize>(
         }
         words(points, rows);
     };
-    if arrangement == Arrangement::Shuffled {
-        read(0..rows.len(), &mut rows);
-        return Ok(shuffled(rows));
-    }
     let (grid, strays) = grid_of(columns, extent);
-    if extent.core.is_none() && rows.len() <= NODE_POINTS && grid.bits <= MAX_NODE_BITS {
+    let fits = rows.len() <= NODE_POINTS && grid.bits <= MAX_NODE_BITS && extent.core.is_none();
+    if arrangement == Arrangement::Shuffled || fits {
         read(0..rows.len(), &mut rows);
-        return Ok(Partition { nodes: full_nodes(0..rows.len()).collect(), rows, arrangement });
+        let pieces = vec![Piece { cells: 0..grid.cells(), points: 0..rows.len() }];
+        return Ok(Distributed { rows, grid, pieces, arrangement });
     }
-    let splitter = Splitter { progress, total: columns.len() };
     let number = |points: Range<usize>, cells: &mut [u32]| {
         let [x, y, z] = [0, 1, 2].map(|axis| &columns.along(axis)[points.clone()]);
         let places = x.iter().zip(y).zip(z).map(|((&x, &y), &z)| [x, y, z]);
@@ -109,9 +127,22 @@ pub fn partition<const N: usize>(
             points.clone().filter(is_stray).for_each(|i| cells[i - points.start] = strays);
         }
     };
+    let splitter = Splitter { progress, total: columns.len() };
     let pieces = splitter.distribute(columns.len(), &grid, &number, &read, &mut rows, 0)?;
-    let nodes = splitter.settle(&mut rows, 0, &grid, pieces)?;
-    Ok(Partition { nodes, rows, arrangement })
+    Ok(Distributed { rows, grid, pieces, arrangement })
+}
+
+impl<const N: usize> Distributed<N> {
+    /// Makes nodes of the cells.
+    pub fn partition(self, progress: &dyn Progress) -> Result<Partition<N>> {
+        let Distributed { mut rows, grid, pieces, arrangement } = self;
+        if arrangement == Arrangement::Shuffled {
+            return Ok(shuffled(rows));
+        }
+        let splitter = Splitter { progress, total: rows.len() };
+        let nodes = splitter.settle(&mut rows, 0, &grid, pieces)?;
+        Ok(Partition { nodes, rows, arrangement })
+    }
 }
 
 /// Returns random nodes.
