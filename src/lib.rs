@@ -31,7 +31,7 @@
 //!   program, one file a subcommand.
 //! - [`guide`]: the pages of the guide, from the window to the numerics.
 //! - For all: [`config`] (limits and defaults), [`error`], [`progress`], [`atomic_file`],
-//!   [`small_file`].
+//!   [`small_file`], [`thread_pool`].
 //!
 //! A picture of a file, without the program:
 //!
@@ -93,5 +93,6 @@ pub mod small_file;
 pub mod study;
 #[cfg(feature = "study")]
 pub mod synth;
+pub mod thread_pool;
 pub mod tune;
 pub mod view;

@@ -7,6 +7,7 @@ use pointillist::cli::{
     suggestions, synth, terminal::Terminal, tune, view,
 };
 use pointillist::error::Error;
+use pointillist::thread_pool;
 use std::io::Write;
 use std::process::ExitCode;
 
@@ -105,7 +106,7 @@ fn main() -> ExitCode {
     let program = parse(&arguments);
     renamed::notes(&arguments).iter().for_each(|note| say(&format!("note: {note}")));
     let progress = Terminal::new();
-    let done = match &program.command {
+    let done = thread_pool::start().and_then(|()| match &program.command {
         Command::View(arguments) => view::run(arguments, &progress),
         Command::Render(arguments) => render::run(arguments, &progress),
         Command::Index(arguments) => index::run(arguments, &progress),
@@ -119,7 +120,7 @@ fn main() -> ExitCode {
         Command::Study(arguments) => study::run(arguments, &progress),
         Command::Bench(arguments) => bench::run(arguments, &progress),
         Command::Guide(arguments) => guide::run(arguments),
-    };
+    });
     match done {
         Ok(()) => ExitCode::SUCCESS,
         Err(Error::Interrupted) => {

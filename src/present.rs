@@ -30,8 +30,9 @@ mod display;
 pub mod overlay;
 
 use crate::error::{Error, Result};
+use crate::gpu::logical_device::Fresh;
 use crate::gpu::memory::{Block, ImageDesc, RawBuffer, RawImage};
-use crate::gpu::{BufferDesc, Device, Place, failed};
+use crate::gpu::{BufferDesc, Device, LogicalDevice, Place, failed};
 use crate::graph::Gpu;
 use ash::{khr, vk};
 use display::Display;
@@ -79,7 +80,7 @@ struct Swapchain {
 
 /// A window's surface and swapchain.
 pub struct Present {
-    device: ash::Device,
+    device: LogicalDevice,
     surfaces: khr::surface::Instance,
     swapchains: khr::swapchain::Device,
     surface: vk::SurfaceKHR,
@@ -105,7 +106,7 @@ impl Present {
         let display = Display::connect(&window)?;
         let surface = display.surface(device, &window)?;
         let mut present = Present {
-            device: (*device.raw).clone(),
+            device: device.raw.clone(),
             swapchains: khr::swapchain::Device::new(&device.instance, &device.raw),
             format: vk::SurfaceFormatKHR::default(),
             surfaces,
@@ -438,13 +439,9 @@ impl Present {
                 .format(self.format.format)
                 .subresource_range(WHOLE);
             // SAFETY: an image of the swapchain, which outlives the view.
-            let view = unsafe { self.device.create_image_view(&view, None) }
-                .map_err(failed("vkCreateImageView"))?;
-            swapchain.targets.push(Target {
-                image,
-                view,
-                written: create_semaphore(&gpu.device, "written")?,
-            });
+            let view = unsafe { self.device.make(&view) }?;
+            let written = create_semaphore(&gpu.device, "written")?.keep();
+            swapchain.targets.push(Target { image, view: view.keep(), written });
         }
         Ok(())
     }
@@ -455,8 +452,8 @@ impl Present {
         // SAFETY: see above.
         unsafe {
             for target in &swapchain.targets {
-                self.device.destroy_image_view(target.view, None);
-                self.device.destroy_semaphore(target.written, None);
+                self.device.destroy(target.view);
+                self.device.destroy(target.written);
             }
             self.swapchains.destroy_swapchain(swapchain.raw, None);
         }
@@ -473,21 +470,19 @@ impl Drop for Present {
         // SAFETY: nothing is in flight.
         unsafe {
             for slot in &self.slots {
-                self.device.destroy_fence(slot.done, None);
-                self.device.destroy_semaphore(slot.acquired, None);
-                self.device.destroy_command_pool(slot.pool, None);
+                self.device.destroy(slot.done);
+                self.device.destroy(slot.acquired);
+                self.device.destroy(slot.pool);
             }
             self.surfaces.destroy_surface(self.surface, None);
         }
     }
 }
 
-fn create_semaphore(device: &Device, name: &str) -> Result<vk::Semaphore> {
+fn create_semaphore<'d>(device: &'d Device, name: &str) -> Result<Fresh<'d, vk::Semaphore>> {
     // SAFETY: a plain creation on a live device.
-    let semaphore =
-        unsafe { device.raw.create_semaphore(&vk::SemaphoreCreateInfo::default(), None) };
-    let semaphore = semaphore.map_err(failed("vkCreateSemaphore"))?;
-    device.name(semaphore, name);
+    let semaphore = unsafe { device.raw.make(&vk::SemaphoreCreateInfo::default()) }?;
+    device.name(*semaphore, name);
     Ok(semaphore)
 }
 
@@ -498,18 +493,16 @@ fn create_slot(device: &Device) -> Result<Slot> {
     let raised = vk::FenceCreateInfo::default().flags(vk::FenceCreateFlags::SIGNALED);
     // SAFETY: plain creations on a live device.
     unsafe {
-        let pool = device
-            .raw
-            .create_command_pool(&pool_info, None)
-            .map_err(failed("vkCreateCommandPool"))?;
+        let pool = device.raw.make(&pool_info)?;
         let commands =
-            vk::CommandBufferAllocateInfo::default().command_pool(pool).command_buffer_count(1);
+            vk::CommandBufferAllocateInfo::default().command_pool(*pool).command_buffer_count(1);
         let commands = device
             .raw
             .allocate_command_buffers(&commands)
             .map_err(failed("vkAllocateCommandBuffers"))?[0];
-        let done = device.raw.create_fence(&raised, None).map_err(failed("vkCreateFence"))?;
-        Ok(Slot { pool, commands, done, acquired: create_semaphore(device, "acquired")? })
+        let done = device.raw.make(&raised)?;
+        let acquired = create_semaphore(device, "acquired")?.keep();
+        Ok(Slot { pool: pool.keep(), commands, done: done.keep(), acquired })
     }
 }
 

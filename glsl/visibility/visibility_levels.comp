@@ -57,8 +57,8 @@ layout(r32ui) readonly uniform uimageBuffer from_words;
 layout(scalar) writeonly buffer To { uint pixel[]; } to;
 // Four words per level: indirect dispatch over the points left to it, and their number.
 layout(scalar) buffer Counts { uint word[]; } counts;
-// Pixels without a point that the level has decided, two words per tile and level. Each level reads
-// what those before it wrote.
+// Pixels without a point that the level has decided, two words per tile and level; those of level 0
+// are decided by any. Each level reads what those before it wrote.
 layout(scalar) buffer Decided { uint word[]; } decided;
 layout(r32ui) readonly uniform uimageBuffer decided_words;
 // Hidden pixels or holes, two words per tile.
@@ -324,8 +324,10 @@ void judge_tile(uint n, uint lane, uint lanes) {
     }
     keep(tile, closed, uvec2(0u));
     [[unroll]] for (int half_tile = 0; half_tile < 2; ++half_tile) {
-        uint word = uint(push.level) * push.stride + 2u * tile + uint(half_tile);
-        if (settled[half_tile] != 0u) atomicOr(decided.word[word], settled[half_tile]);
+        uint word = 2u * tile + uint(half_tile);
+        if (settled[half_tile] == 0u) continue;
+        atomicOr(decided.word[word], settled[half_tile]);
+        atomicOr(decided.word[uint(push.level) * push.stride + word], settled[half_tile]);
     }
 }
 

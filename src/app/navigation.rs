@@ -131,6 +131,8 @@ impl Input {
 pub struct Subject {
     /// Points that a camera should frame (world).
     pub core: Arc<Vec<DVec3>>,
+    /// Their corners (world).
+    pub bounds: (DVec3, DVec3),
     pub centre: DVec3,
     /// Half of the diagonal `[m]`.
     pub radius: f64,
@@ -140,7 +142,7 @@ pub struct Subject {
 
 impl Subject {
     pub fn of(core: Vec<DVec3>, up: DVec3) -> Subject {
-        let (min, max) =
+        let bounds @ (min, max) =
             core.iter().fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(min, max), &p| {
                 (min.min(p), max.max(p))
             });
@@ -150,7 +152,7 @@ impl Subject {
             ((min + max) / 2.0, ((max - min) / 2.0).length())
         };
         let radius = if radius > 0.0 { radius } else { 1.0 };
-        Subject { core: Arc::new(core), centre, radius, up }
+        Subject { core: Arc::new(core), bounds, centre, radius, up }
     }
 }
 
@@ -301,10 +303,14 @@ impl Navigation {
                 }
             }
             Input::Look { from } => {
-                let Subject { core, up, .. } = &self.subject;
-                // Points that clip boxes leave; all points, if they leave none.
-                let kept: Vec<DVec3> =
+                let Subject { core, bounds, up, .. } = &self.subject;
+                // Points that clip boxes leave. Small boxes have none of these samples and are
+                // framed themselves; all points are, if boxes lie beside them.
+                let mut kept: Vec<DVec3> =
                     core.iter().copied().filter(|&p| self.clips.keep(p)).collect();
+                if kept.is_empty() {
+                    kept = self.clips.corners(*bounds);
+                }
                 let framed = if kept.is_empty() { &**core } else { &kept };
                 self.camera = Camera::framing_beside(from, framed, self.size, self.covered, *up);
             }

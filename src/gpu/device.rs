@@ -116,27 +116,29 @@ impl Device {
         })?;
         let messages = Box::new(Mutex::new(Vec::new()));
         let (instance, debug) = open_instance(&entry, options)?;
-        let messenger = match &debug {
-            Some(debug) if options.validate => Some(create_debug_messenger(debug, &messages)?),
-            _ => None,
-        };
-        let (physical, missing_int64) = match choose(&instance, options) {
-            Ok(choice) => choice,
-            Err(error) => {
-                if let (Some(debug), Some(messenger)) = (&debug, messenger) {
-                    // SAFETY: created above from this instance and used nowhere else.
-                    unsafe { debug.destroy_debug_utils_messenger(messenger, None) };
-                }
-                // SAFETY: nothing made from the instance is left.
-                unsafe { instance.destroy_instance(None) };
-                return Err(error);
+        let mut messenger = None;
+        let opened = (|| {
+            if let Some(debug) = debug.as_ref().filter(|_| options.validate) {
+                messenger = Some(create_debug_messenger(debug, &messages)?);
             }
-        };
-        let int64_atomics = !missing_int64 && !options.overrides.no_int64_atomics;
-        let family = queue_family(&instance, physical).ok_or_else(|| {
-            Error::Device("the device has no queue for compute and graphics".to_string())
+            let (physical, missing_int64) = choose(&instance, options)?;
+            let int64_atomics = !missing_int64 && !options.overrides.no_int64_atomics;
+            let family = queue_family(&instance, physical).ok_or_else(|| {
+                Error::Device("the device has no queue for compute and graphics".to_string())
+            })?;
+            let raw = open_device(&instance, physical, family, int64_atomics, options.window)?;
+            Ok((physical, family, int64_atomics, raw))
+        })();
+        let (physical, family, int64_atomics, raw) = opened.inspect_err(|_| {
+            // SAFETY: both were made above and are used nowhere else; nothing else made from the
+            // instance is left.
+            unsafe {
+                if let (Some(debug), Some(messenger)) = (&debug, messenger) {
+                    debug.destroy_debug_utils_messenger(messenger, None);
+                }
+                instance.destroy_instance(None);
+            }
         })?;
-        let raw = open_device(&instance, physical, family, int64_atomics, options.window)?;
         let raw = LogicalDevice::new(raw, None);
         // SAFETY: `open_device` requested this family and its queue 0.
         let queue = unsafe { raw.get_device_queue(family, 0) };

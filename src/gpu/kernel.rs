@@ -1,7 +1,7 @@
 //! Compute pipelines from SPIR-V and its reflected bindings, one for each set of specialisation
 //! constants.
 
-use super::{Device, LogicalDevice, failed};
+use super::{Device, LogicalDevice};
 use crate::error::Result;
 use ash::vk;
 use rayon::prelude::*;
@@ -129,10 +129,9 @@ impl Drop for Kernels {
         for kernel in self.made.values() {
             // SAFETY: every submission has been waited for, so no kernel is in use.
             unsafe {
-                self.device.destroy_pipeline(kernel.pipeline, self.device.callbacks());
-                self.device.destroy_pipeline_layout(kernel.layout, self.device.callbacks());
-                self.device
-                    .destroy_descriptor_set_layout(kernel.set_layout, self.device.callbacks());
+                self.device.destroy(kernel.pipeline);
+                self.device.destroy(kernel.layout);
+                self.device.destroy(kernel.set_layout);
             }
         }
     }
@@ -169,29 +168,18 @@ fn make(device: &Device, code: &Code, constants: &[(u32, u32)]) -> Result<Kernel
     // SAFETY: all pointers outlive their calls; build.rs made the SPIR-V from this repository's
     // GLSL, and the layout from its reflection.
     unsafe {
-        let set_layout = raw
-            .create_descriptor_set_layout(
-                &vk::DescriptorSetLayoutCreateInfo::default().bindings(&bindings),
-                raw.callbacks(),
-            )
-            .map_err(failed("vkCreateDescriptorSetLayout"))?;
-        let set_layouts = [set_layout];
+        let set_layout =
+            raw.make(&vk::DescriptorSetLayoutCreateInfo::default().bindings(&bindings))?;
+        let set_layouts = [*set_layout];
         let mut layout_info = vk::PipelineLayoutCreateInfo::default().set_layouts(&set_layouts);
         if code.push_bytes > 0 {
             layout_info = layout_info.push_constant_ranges(&push);
         }
-        let layout = raw
-            .create_pipeline_layout(&layout_info, raw.callbacks())
-            .map_err(failed("vkCreatePipelineLayout"))?;
-        let module = raw
-            .create_shader_module(
-                &vk::ShaderModuleCreateInfo::default().code(&code.words()),
-                raw.callbacks(),
-            )
-            .map_err(failed("vkCreateShaderModule"))?;
+        let layout = raw.make(&layout_info)?;
+        let module = raw.make(&vk::ShaderModuleCreateInfo::default().code(&code.words()))?;
         let stage = vk::PipelineShaderStageCreateInfo::default()
             .stage(vk::ShaderStageFlags::COMPUTE)
-            .module(module)
+            .module(*module)
             .name(c"main")
             .specialization_info(&specialization);
         // A software device may run a pass in several dispatches.
@@ -200,14 +188,10 @@ fn make(device: &Device, code: &Code, constants: &[(u32, u32)]) -> Result<Kernel
             false => vk::PipelineCreateFlags::empty(),
         };
         let info =
-            vk::ComputePipelineCreateInfo::default().flags(flags).stage(stage).layout(layout);
-        let pipeline =
-            raw.create_compute_pipelines(vk::PipelineCache::null(), &[info], raw.callbacks());
-        raw.destroy_shader_module(module, raw.callbacks());
-        let pipeline =
-            pipeline.map_err(|(_, code)| code).map_err(failed("vkCreateComputePipelines"))?[0];
+            vk::ComputePipelineCreateInfo::default().flags(flags).stage(stage).layout(*layout);
+        let pipeline = raw.make(&info)?.keep();
         device.name(pipeline, code.name);
-        Ok(Kernel { pipeline, layout, set_layout })
+        Ok(Kernel { pipeline, layout: layout.keep(), set_layout: set_layout.keep() })
     }
 }
 

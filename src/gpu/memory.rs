@@ -6,6 +6,7 @@
 //! the same size. Touching fresh pages costs seconds per GiB on a software device, and allocations
 //! are slow on every other.
 
+use super::logical_device::Fresh;
 use super::{Device, LogicalDevice, failed};
 use crate::error::{Error, Result};
 use ash::vk;
@@ -364,34 +365,39 @@ impl Memory {
         }
         // SAFETY: a plain creation on a live device; memory is bound before the buffer is returned.
         let (raw, requirements) = unsafe {
-            let raw = self
-                .device
-                .create_buffer(&buffer_info(desc.bytes), device.raw.callbacks())
-                .map_err(failed("vkCreateBuffer"))?;
-            (raw, self.device.get_buffer_memory_requirements(raw))
+            let raw = device.raw.make(&buffer_info(desc.bytes))?;
+            let requirements = device.raw.get_buffer_memory_requirements(*raw);
+            (raw, requirements)
         };
         let location = match desc.place {
             Place::Device => MemoryLocation::GpuOnly,
             Place::Upload | Place::Imported => MemoryLocation::CpuToGpu,
             Place::Download => MemoryLocation::GpuToCpu,
         };
-        let allocation = self.allocate(name, requirements, location, true).inspect_err(|_| {
-            // SAFETY: the buffer has not been returned yet.
-            unsafe { self.device.destroy_buffer(raw, self.device.callbacks()) }
-        })?;
-        // SAFETY: see above; the address is queried after binding.
+        let allocation = self.allocate(name, requirements, location, true)?;
+        // SAFETY: see above.
+        let bound = unsafe {
+            device.raw.bind_buffer_memory(*raw, allocation.memory(), allocation.offset())
+        };
+        let texels = bound.map_err(failed("vkBindBufferMemory")).and_then(|()| match desc.place {
+            Place::Download => Ok(Texels::default()),
+            _ => texels(device, *raw, desc.bytes),
+        });
+        let texels = match texels {
+            Ok(texels) => texels,
+            Err(error) => {
+                // Memory is freed after what is bound to it.
+                drop(raw);
+                self.free(allocation);
+                return Err(error);
+            }
+        };
+        let raw = raw.keep();
+        device.name(raw, name);
+        // SAFETY: the buffer has memory.
         let address = unsafe {
             self.device
-                .bind_buffer_memory(raw, allocation.memory(), allocation.offset())
-                .map_err(failed("vkBindBufferMemory"))?;
-            self.device
                 .get_buffer_device_address(&vk::BufferDeviceAddressInfo::default().buffer(raw))
-        };
-        device.name(raw, name);
-        let texels = if desc.place == Place::Download {
-            Texels::default()
-        } else {
-            self.texels(device, raw, desc.bytes)?
         };
         Ok(self.owned_buffer(BufferParts { raw, desc, address, texels, allocation }))
     }
@@ -434,37 +440,6 @@ impl Memory {
         std::mem::take(&mut self.destroyed)
             .into_iter()
             .for_each(|parts| self.destroy_buffer(parts));
-    }
-
-    /// Creates the texel views. They end early on devices with small texel buffers, which read
-    /// large buffers otherwise ([`Device::has_large_texel_buffers`]).
-    fn texels(&self, device: &Device, buffer: vk::Buffer, bytes: u64) -> Result<Texels> {
-        Ok(Texels {
-            words: self.texels_of(device, buffer, bytes, vk::Format::R32_UINT)?,
-            fours: self.texels_of(device, buffer, bytes, vk::Format::R32G32B32A32_UINT)?,
-        })
-    }
-
-    /// Creates a view of as many whole texels as the buffer and the device allow; null if there are
-    /// none.
-    fn texels_of(
-        &self,
-        device: &Device,
-        buffer: vk::Buffer,
-        bytes: u64,
-        format: vk::Format,
-    ) -> Result<vk::BufferView> {
-        let texel = if format == vk::Format::R32_UINT { 4 } else { 16 };
-        let texels = (bytes / texel).min(device.limits.max_texel_buffer_elements as u64);
-        if texels == 0 {
-            return Ok(vk::BufferView::null());
-        }
-        let view =
-            vk::BufferViewCreateInfo::default().buffer(buffer).format(format).range(texels * texel);
-        // SAFETY: the buffer has memory and STORAGE_TEXEL_BUFFER usage; both formats are mandatory
-        // for it.
-        unsafe { self.device.create_buffer_view(&view, self.device.callbacks()) }
-            .map_err(failed("vkCreateBufferView"))
     }
 
     /// Returns the memory requirements of an image.
@@ -566,27 +541,21 @@ impl Memory {
             return Ok(*image);
         }
         // SAFETY: a plain creation on a live device; memory is bound before the image is returned.
-        let raw = unsafe { self.device.create_image(&image_info(desc), self.device.callbacks()) }
-            .map_err(failed("vkCreateImage"))?;
+        let raw = unsafe { device.raw.make(&image_info(desc)) }?;
         let view_info = vk::ImageViewCreateInfo::default()
-            .image(raw)
+            .image(*raw)
             .view_type(vk::ImageViewType::TYPE_2D)
             .format(desc.format)
             .subresource_range(desc.whole());
         // SAFETY: the block has room there, as its owner ensures; the view is of the image just
         // bound.
         let view = unsafe {
-            (self
-                .device
-                .bind_image_memory(raw, block.allocation.memory(), block.allocation.offset() + at)
-                .map_err(failed("vkBindImageMemory")))
-            .and_then(|()| {
-                self.device
-                    .create_image_view(&view_info, self.device.callbacks())
-                    .map_err(failed("vkCreateImageView"))
-            })
-            .inspect_err(|_| self.device.destroy_image(raw, self.device.callbacks()))?
+            self.device
+                .bind_image_memory(*raw, block.allocation.memory(), block.allocation.offset() + at)
+                .map_err(failed("vkBindImageMemory"))?;
+            device.raw.make(&view_info)?.keep()
         };
+        let raw = raw.keep();
         device.name(raw, name);
         device.name(view, name);
         let image = RawImage { raw, view, desc };
@@ -622,22 +591,16 @@ impl Memory {
             device.name(raw, name);
             return Ok((raw, texels));
         }
-        // SAFETY: as in `image`.
-        let raw =
-            unsafe { self.device.create_buffer(&buffer_info(desc.bytes), self.device.callbacks()) }
-                .map_err(failed("vkCreateBuffer"))?;
-        // SAFETY: the block has room there, as its owner ensures.
-        let texels = unsafe {
-            self.device.bind_buffer_memory(
-                raw,
-                block.allocation.memory(),
-                block.allocation.offset() + at,
-            )
-        }
-        .map_err(failed("vkBindBufferMemory"))
-        .and_then(|()| self.texels(device, raw, desc.bytes))
-        // SAFETY: the buffer has not been returned yet.
-        .inspect_err(|_| unsafe { self.device.destroy_buffer(raw, self.device.callbacks()) })?;
+        // SAFETY: as in `image`; the block has room there, as its owner ensures.
+        let raw = unsafe {
+            let raw = device.raw.make(&buffer_info(desc.bytes))?;
+            let at = block.allocation.offset() + at;
+            (self.device.bind_buffer_memory(*raw, block.allocation.memory(), at))
+                .map_err(failed("vkBindBufferMemory"))?;
+            raw
+        };
+        let texels = texels(device, *raw, desc.bytes)?;
+        let raw = raw.keep();
         device.name(raw, name);
         block.buffers.insert((desc, at), (raw, texels, self.blocks_asked));
         Ok((raw, texels))
@@ -661,8 +624,8 @@ impl Memory {
         // SAFETY: only the caller has the block, and it is done with it.
         unsafe {
             for (_, (image, _)) in images {
-                self.device.destroy_image_view(image.view, self.device.callbacks());
-                self.device.destroy_image(image.raw, self.device.callbacks());
+                self.device.destroy(image.view);
+                self.device.destroy(image.raw);
             }
             for (_, (buffer, texels, _)) in buffers {
                 self.destroy_with_views(buffer, texels);
@@ -739,9 +702,9 @@ impl Memory {
     unsafe fn destroy_with_views(&self, buffer: vk::Buffer, texels: Texels) {
         // SAFETY: as the caller ensures.
         unsafe {
-            self.device.destroy_buffer_view(texels.words, self.device.callbacks());
-            self.device.destroy_buffer_view(texels.fours, self.device.callbacks());
-            self.device.destroy_buffer(buffer, self.device.callbacks());
+            self.device.destroy(texels.words);
+            self.device.destroy(texels.fours);
+            self.device.destroy(buffer);
         }
     }
 
@@ -789,6 +752,31 @@ impl Drop for Memory {
         // SAFETY: dropped once, here, while the device is still alive.
         unsafe { ManuallyDrop::drop(&mut self.allocator) };
     }
+}
+
+/// Creates the texel views. They end early on devices with small texel buffers, which read large
+/// buffers otherwise ([`Device::has_large_texel_buffers`]).
+fn texels(device: &Device, buffer: vk::Buffer, bytes: u64) -> Result<Texels> {
+    let words = texels_of(device, buffer, bytes, vk::Format::R32_UINT)?;
+    let fours = texels_of(device, buffer, bytes, vk::Format::R32G32B32A32_UINT)?;
+    let [words, fours] = [words, fours].map(|view| view.map(Fresh::keep).unwrap_or_default());
+    Ok(Texels { words, fours })
+}
+
+/// Creates a view of as many whole texels as the buffer and the device allow, if there are any.
+fn texels_of(
+    device: &Device,
+    buffer: vk::Buffer,
+    bytes: u64,
+    format: vk::Format,
+) -> Result<Option<Fresh<'_, vk::BufferView>>> {
+    let texel = if format == vk::Format::R32_UINT { 4 } else { 16 };
+    let texels = (bytes / texel).min(device.limits.max_texel_buffer_elements as u64);
+    let view =
+        vk::BufferViewCreateInfo::default().buffer(buffer).format(format).range(texels * texel);
+    // SAFETY: the buffer has memory and STORAGE_TEXEL_BUFFER usage; both formats are mandatory for
+    // it.
+    (texels > 0).then(|| unsafe { device.raw.make(&view) }).transpose()
 }
 
 fn buffer_info(bytes: u64) -> vk::BufferCreateInfo<'static> {

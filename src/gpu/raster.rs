@@ -6,8 +6,9 @@
 //! equals; what depth means is up to the shaders. Whole pictures go to a host's images.
 
 use super::kernel::{Code, Constants, descriptor_type};
+use super::logical_device::Fresh;
 use super::memory::RawImage;
-use super::{Device, LogicalDevice, failed};
+use super::{Device, LogicalDevice};
 use crate::error::Result;
 use ash::vk;
 use std::collections::HashMap;
@@ -101,11 +102,9 @@ impl Drop for Rasters {
         for made in self.made.values() {
             // SAFETY: every submission has been waited for.
             unsafe {
-                self.device.destroy_pipeline(made.pipeline, self.device.callbacks());
-                self.device.destroy_pipeline_layout(made.layout, self.device.callbacks());
-                made.set_layouts.into_iter().for_each(|layout| {
-                    self.device.destroy_descriptor_set_layout(layout, self.device.callbacks())
-                });
+                self.device.destroy(made.pipeline);
+                self.device.destroy(made.layout);
+                made.set_layouts.into_iter().for_each(|layout| self.device.destroy(layout));
             }
         }
     }
@@ -166,11 +165,11 @@ pub fn record(
 }
 
 /// Makes the layout of a stage's descriptor set.
-pub fn set_layout(
-    device: &LogicalDevice,
+pub fn set_layout<'d>(
+    device: &'d LogicalDevice,
     code: &Code,
     stage_flags: vk::ShaderStageFlags,
-) -> Result<vk::DescriptorSetLayout> {
+) -> Result<Fresh<'d, vk::DescriptorSetLayout>> {
     let binding = |binding: &super::Binding| {
         vk::DescriptorSetLayoutBinding::default()
             .binding(binding.bind)
@@ -181,8 +180,7 @@ pub fn set_layout(
     let bindings: Vec<_> = code.bindings.iter().map(binding).collect();
     let info = vk::DescriptorSetLayoutCreateInfo::default().bindings(&bindings);
     // SAFETY: a plain creation on a live device.
-    unsafe { device.create_descriptor_set_layout(&info, device.callbacks()) }
-        .map_err(failed("vkCreateDescriptorSetLayout"))
+    unsafe { device.make(&info) }
 }
 
 fn make(device: &Device, draw: &Draw, target: Target) -> Result<Pipeline> {
@@ -261,27 +259,19 @@ fn make(device: &Device, draw: &Draw, target: Target) -> Result<Pipeline> {
             set_layout(raw, &draw.stages[0], stage_flags[0])?,
             set_layout(raw, &draw.stages[1], stage_flags[1])?,
         ];
-        let layout = raw
-            .create_pipeline_layout(
-                &vk::PipelineLayoutCreateInfo::default()
-                    .set_layouts(&set_layouts)
-                    .push_constant_ranges(&push),
-                raw.callbacks(),
-            )
-            .map_err(failed("vkCreatePipelineLayout"))?;
-        let module = |code: &Code| {
-            raw.create_shader_module(
-                &vk::ShaderModuleCreateInfo::default().code(&code.words()),
-                raw.callbacks(),
-            )
-            .map_err(failed("vkCreateShaderModule"))
-        };
+        let layout = raw.make(
+            &vk::PipelineLayoutCreateInfo::default()
+                .set_layouts(&set_layouts.each_ref().map(|layout| **layout))
+                .push_constant_ranges(&push),
+        )?;
+        let module =
+            |code: &Code| raw.make(&vk::ShaderModuleCreateInfo::default().code(&code.words()));
         let modules = [module(&draw.stages[0])?, module(&draw.stages[1])?];
         let stage = |k: usize| {
             let flags = [vk::ShaderStageFlags::VERTEX, vk::ShaderStageFlags::FRAGMENT][k];
             vk::PipelineShaderStageCreateInfo::default()
                 .stage(flags)
-                .module(modules[k])
+                .module(*modules[k])
                 .name(c"main")
                 .specialization_info(&specialization)
         };
@@ -296,14 +286,11 @@ fn make(device: &Device, draw: &Draw, target: Target) -> Result<Pipeline> {
             .depth_stencil_state(&depth_test)
             .color_blend_state(&blend)
             .dynamic_state(&dynamic)
-            .layout(layout)
+            .layout(*layout)
             .push_next(&mut rendering);
-        let pipeline =
-            raw.create_graphics_pipelines(vk::PipelineCache::null(), &[info], raw.callbacks());
-        modules.into_iter().for_each(|module| raw.destroy_shader_module(module, raw.callbacks()));
-        let pipeline =
-            pipeline.map_err(|(_, code)| code).map_err(failed("vkCreateGraphicsPipelines"))?[0];
+        let pipeline = raw.make(&info)?.keep();
         device.name(pipeline, draw.stages[0].name);
-        Ok(Pipeline { pipeline, layout, set_layouts })
+        let set_layouts = set_layouts.map(Fresh::keep);
+        Ok(Pipeline { pipeline, layout: layout.keep(), set_layouts })
     }
 }

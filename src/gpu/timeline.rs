@@ -23,8 +23,7 @@ impl Timeline {
         let info = vk::SemaphoreCreateInfo::default().push_next(&mut kind);
         // SAFETY: a plain creation on a live device, which has timeline semaphores (`device`
         // requires them).
-        let raw = unsafe { device.raw.create_semaphore(&info, device.raw.callbacks()) }
-            .map_err(failed("vkCreateSemaphore"))?;
+        let raw = unsafe { device.raw.make(&info) }?.keep();
         device.name(raw, name);
         Ok(Timeline { raw, device: device.raw.clone(), alive: alive.child(), call: Mutex::new(()) })
     }
@@ -33,8 +32,7 @@ impl Timeline {
     /// it must have been waited for.
     pub fn end(&self) {
         // SAFETY: the device is alive, no thread uses the semaphore, and it is destroyed once.
-        self.alive
-            .close(|| unsafe { self.device.destroy_semaphore(self.raw, self.device.callbacks()) });
+        self.alive.close(|| unsafe { self.device.destroy(self.raw) });
     }
 
     /// Raises the counter; values must grow.

@@ -18,8 +18,7 @@ impl Timing {
             .query_type(vk::QueryType::TIMESTAMP)
             .query_count(2 * passes.max(1));
         // SAFETY: a plain creation on a live device.
-        let pool = unsafe { device.raw.create_query_pool(&info, device.raw.callbacks()) }
-            .map_err(failed("vkCreateQueryPool"))?;
+        let pool = unsafe { device.raw.make(&info) }?.keep();
         device.name(pool, "timing");
         Ok(Timing {
             device: device.raw.clone(),
@@ -68,6 +67,6 @@ impl Timing {
 impl Drop for Timing {
     fn drop(&mut self) {
         // SAFETY: the submission that used the pool has been waited for.
-        unsafe { self.device.destroy_query_pool(self.pool, self.device.callbacks()) };
+        unsafe { self.device.destroy(self.pool) };
     }
 }

@@ -532,7 +532,7 @@ struct Recorder {
 impl Drop for Recorder {
     fn drop(&mut self) {
         // SAFETY: the commands have been completed, or were never submitted.
-        unsafe { self.device.destroy_descriptor_pool(self.descriptors, self.device.callbacks()) };
+        unsafe { self.device.destroy(self.descriptors) };
     }
 }
 
@@ -565,8 +565,7 @@ impl Recorder {
         ];
         let info = vk::DescriptorPoolCreateInfo::default().max_sets(sets.max(1)).pool_sizes(&sizes);
         // SAFETY: a plain creation on a live device, destroyed in `drop`.
-        let descriptors = unsafe { device.create_descriptor_pool(&info, device.callbacks()) }
-            .map_err(failed("vkCreateDescriptorPool"))?;
+        let descriptors = unsafe { device.make(&info) }?.keep();
         Ok(Recorder { device, commands, descriptors })
     }
 

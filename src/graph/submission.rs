@@ -18,26 +18,28 @@ pub(super) struct Submission {
 
 impl Submission {
     pub fn new(gpu: &Gpu) -> Result<Submission> {
-        let device = gpu.device.raw.clone();
+        let device = &gpu.device.raw;
         let pool_info = vk::CommandPoolCreateInfo::default()
             .queue_family_index(gpu.device.family)
             .flags(vk::CommandPoolCreateFlags::TRANSIENT);
         // SAFETY: plain creations on a live device, destroyed in `drop`.
         unsafe {
-            let command_pool = device
-                .create_command_pool(&pool_info, device.callbacks())
-                .map_err(failed("vkCreateCommandPool"))?;
+            let command_pool = device.make(&pool_info)?;
             let commands = device
                 .allocate_command_buffers(
                     &vk::CommandBufferAllocateInfo::default()
-                        .command_pool(command_pool)
+                        .command_pool(*command_pool)
                         .command_buffer_count(1),
                 )
                 .map_err(failed("vkAllocateCommandBuffers"))?[0];
-            let fence = device
-                .create_fence(&vk::FenceCreateInfo::default(), device.callbacks())
-                .map_err(failed("vkCreateFence"))?;
-            Ok(Submission { device, command_pool, commands, fence, in_flight: Cell::new(false) })
+            let fence = device.make(&vk::FenceCreateInfo::default())?.keep();
+            Ok(Submission {
+                command_pool: command_pool.keep(),
+                commands,
+                fence,
+                in_flight: Cell::new(false),
+                device: device.clone(),
+            })
         }
     }
 
@@ -85,6 +87,12 @@ impl Submission {
         // SAFETY: the fence is alive and was submitted.
         let waited = unsafe { self.device.wait_for_fences(&[self.fence], true, u64::MAX) };
         self.in_flight.set(false);
+        if waited.is_err() {
+            // A wait may fail for lack of memory, too, and what the device uses is freed next. A
+            // lost device is idle.
+            // SAFETY: no other thread uses the device's queue.
+            let _ = unsafe { self.device.device_wait_idle() };
+        }
         waited.map_err(|code| breadcrumbs.blame(code))
     }
 
@@ -118,8 +126,8 @@ impl Drop for Submission {
             if self.in_flight.get() {
                 let _ = self.device.wait_for_fences(&[self.fence], true, u64::MAX);
             }
-            self.device.destroy_fence(self.fence, self.device.callbacks());
-            self.device.destroy_command_pool(self.command_pool, self.device.callbacks());
+            self.device.destroy(self.fence);
+            self.device.destroy(self.command_pool);
         }
     }
 }

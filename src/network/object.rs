@@ -1,7 +1,7 @@
 //! An object on a server, read as a file is.
 
 use super::blocks::{BLOCK, Blocks};
-use super::store::{Answer, Failure, Place, RUNTIME};
+use super::store::{Answer, Failure, Place, runtime};
 use super::{STOPPED, cache};
 use crate::error::{Error, Result};
 use crate::progress::{Progress, Silent};
@@ -84,7 +84,7 @@ fn wait<T: Send + 'static>(
     look: &mut dyn FnMut() -> Result<()>,
 ) -> Result<T> {
     let (send, receive) = channel();
-    RUNTIME.spawn(async move { drop(send.send(future.await)) });
+    runtime()?.spawn(async move { drop(send.send(future.await)) });
     loop {
         match receive.recv_timeout(LOOK) {
             Ok(value) => return Ok(value),
@@ -306,7 +306,7 @@ impl Object {
         let request = Arc::new(Request { blocks: blocks.clone(), outcome: OnceLock::new() });
         blocks.clone().for_each(|block| drop(state.coming.insert(block, request.clone())));
         let (object, own) = (self.clone(), request.clone());
-        RUNTIME.spawn(async move {
+        runtime().expect("it opened the object").spawn(async move {
             let range = blocks.start * BLOCK..(blocks.end * BLOCK).min(object.length);
             let answer = object.place.get(range).await;
             object.take(&own, answer);
@@ -404,7 +404,7 @@ impl Object {
             let coming = Arc::<Coming>::default();
             members.insert(path.clone(), coming.clone());
             let (path, key) = (path.clone(), format!("{} {}", key_of(path), self.tag));
-            RUNTIME.spawn(async move {
+            runtime().expect("it opened the object").spawn(async move {
                 let opened = async {
                     let place = Place::of(path.to_str().unwrap_or_default()).await?;
                     if let Some((disk, length, tag)) = Blocks::find(&key) {

@@ -4,6 +4,7 @@
 //! any, requests are not signed, as public buckets want them.
 
 use super::{BYTES, REQUESTS};
+use crate::error::Error;
 use object_store::aws::{AmazonS3Builder, resolve_bucket_region};
 use object_store::azure::MicrosoftAzureBuilder;
 use object_store::gcp::GoogleCloudStorageBuilder;
@@ -15,7 +16,7 @@ use object_store::{
 use std::collections::HashMap;
 use std::ops::Range;
 use std::sync::atomic::Ordering::Relaxed;
-use std::sync::{Arc, LazyLock, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 use std::time::Duration;
 use tokio::runtime::Runtime;
 use tokio::sync::Semaphore;
@@ -35,17 +36,22 @@ const RETRYING: Duration = Duration::from_secs(15);
 
 static AT_A_TIME: Semaphore = Semaphore::const_new(AT_ONCE);
 
-/// Threads that wait for servers. They end with the process.
-pub static RUNTIME: LazyLock<Runtime> = LazyLock::new(|| {
-    // An error means that there is one already.
-    let _ = rustls::crypto::ring::default_provider().install_default();
-    tokio::runtime::Builder::new_multi_thread()
-        .worker_threads(2)
-        .thread_name("network")
-        .enable_all()
-        .build()
-        .expect("start threads for the network")
-});
+/// Returns the threads that wait for servers. They end with the process.
+pub fn runtime() -> Result<&'static Runtime, Error> {
+    static RUNTIME: OnceLock<std::io::Result<Runtime>> = OnceLock::new();
+    let started = RUNTIME.get_or_init(|| {
+        // An error means that there is one already.
+        let _ = rustls::crypto::ring::default_provider().install_default();
+        tokio::runtime::Builder::new_multi_thread()
+            .worker_threads(2)
+            .thread_name("network")
+            .enable_all()
+            .build()
+    });
+    started.as_ref().map_err(|error| {
+        Error::Request(format!("cannot start threads that wait for servers: {error}"))
+    })
+}
 
 /// Servers by the beginnings of addresses, so that connections to each are used again.
 static SERVERS: Mutex<Option<HashMap<String, Arc<dyn ObjectStore>>>> = Mutex::new(None);

@@ -143,10 +143,17 @@ impl Encoder {
             )),
             _ => Error::io("start ffmpeg for", path, error),
         })?;
-        let said = child.stderr.take().map(|stderr| {
-            std::thread::spawn(move || std::io::read_to_string(stderr).unwrap_or_default())
-        });
-        Ok(Encoder { child, said })
+        let stderr = child.stderr.take();
+        let mut encoder = Encoder { child, said: None };
+        let listen = move || {
+            stderr.map_or_else(String::new, |stderr| {
+                std::io::read_to_string(stderr).unwrap_or_default()
+            })
+        };
+        let listening = std::thread::Builder::new().name("ffmpeg".into()).spawn(listen);
+        encoder.said =
+            Some(listening.map_err(|error| Error::io("start a thread for", path, error))?);
+        Ok(encoder)
     }
 
     fn write(&mut self, path: &Path, pixels: &[u8]) -> Result<()> {

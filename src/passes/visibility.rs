@@ -15,7 +15,7 @@
 //!     visibility           finest level: points and empty pixels; the only one with levels=1
 //!     visibility_levels    pyramid, lists -> hidden points       once per coarser level
 //!     visibility_assign, visibility_levels             empty pixels: enclosed ones are holes
-//!     visibility_vote      verdicts on empty pixels    majorities of neighbours
+//!     visibility_vote      verdicts on empty pixels    majorities around them
 //!     visibility_apply     removes both from the depths
 //!     all but the holes again, if something was hidden: removed points hide and open nothing
 //!     visibility_apply     removes all invisible pixels from the G-buffer
@@ -546,7 +546,7 @@ impl<'s> Judged<'s> {
         let Some(pyramid) = self.projected.take() else { return };
         let lists = self.assign(g, &pyramid, Subject::Empty, 0);
         let mut left = Left::none(g);
-        self.decided = zeros(g, "decided", self.settings.levels as u32 * 2 * self.count());
+        self.decided = zeros(g, "decided", (self.settings.levels as u32 + 1) * 2 * self.count());
         for level in 1..self.settings.levels as u32 {
             self.level(
                 g,
@@ -558,11 +558,11 @@ impl<'s> Judged<'s> {
                 level,
             );
         }
-        self.vote(g, &lists[1]);
+        self.vote(g, &lists);
     }
 
-    /// Settles which pixels without a point are holes, by majorities of neighbours.
-    fn vote(&mut self, g: &mut Graph, lists: &Buffer) {
+    /// Settles which pixels without a point are holes, by majorities around them.
+    fn vote(&mut self, g: &mut Graph, [asked, lists]: &[Buffer; 2]) {
         let levels = self.settings.levels as u32;
         let push = visibility_vote::Push {
             tiles: self.across,
@@ -571,11 +571,21 @@ impl<'s> Judged<'s> {
             kernel: self.settings.kernel as u32,
             at: levels * stride(self.across),
         };
-        let Judged { invisible, decided, holes, kernels, .. } = self;
+        let Judged { tiles, invisible, decided, holes, kernels, .. } = self;
         for turn in [false, true] {
             let spec = visibility_vote::Spec { turn };
             g.run(
-                shader::VisibilityVote { invisible, decided, lists, holes, kernels, push, spec },
+                shader::VisibilityVote {
+                    tiles,
+                    asked,
+                    invisible,
+                    decided,
+                    lists,
+                    holes,
+                    kernels,
+                    push,
+                    spec,
+                },
                 Dispatch::Indirect(lists, push.at),
             );
         }

@@ -176,8 +176,8 @@ impl Drop for Descriptors {
     fn drop(&mut self) {
         // SAFETY: the device has completed the frames that show the picture.
         unsafe {
-            self.device.destroy_descriptor_pool(self.pool, self.device.callbacks());
-            self.device.destroy_descriptor_set_layout(self.layout, self.device.callbacks());
+            self.device.destroy(self.pool);
+            self.device.destroy(self.layout);
         }
     }
 }
@@ -480,9 +480,8 @@ fn descriptors<'b>(
     ];
     let info = vk::DescriptorPoolCreateInfo::default().max_sets(1).pool_sizes(&sizes);
     // SAFETY: a plain creation on a live device.
-    let pool = unsafe { device.create_descriptor_pool(&info, device.callbacks()) }
-        .map_err(failed("vkCreateDescriptorPool"))?;
-    let set = vk::DescriptorSet::null();
+    let pool = unsafe { device.make(&info) }?.keep();
+    let (layout, set) = (layout.keep(), vk::DescriptorSet::null());
     let mut made = Descriptors { device: device.clone(), pool, layout, set };
     let layouts = [layout];
     let info = vk::DescriptorSetAllocateInfo::default().descriptor_pool(pool).set_layouts(&layouts);

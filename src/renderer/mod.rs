@@ -52,6 +52,7 @@ use crate::gpu::memory::{Block, RawBuffer, RawImage};
 use crate::gpu::{ImageDesc, TestOverrides};
 use crate::graph::Gpu;
 use crate::passes::Switch;
+use crate::thread_pool;
 use crate::tune::Governor;
 use crate::view::View;
 use ash::vk::{self, Handle as _};
@@ -224,6 +225,7 @@ impl Renderer {
     }
 
     fn on(mut gpu: Gpu, options: RendererOptions) -> Result<Renderer> {
+        thread_pool::start()?;
         let buckets = compose::buckets(&mut gpu)?;
         Ok(Renderer {
             settings: RenderSettings::default(),

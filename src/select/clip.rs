@@ -167,6 +167,19 @@ impl Clips {
             && !self.of(Keeps::Outside).any(|clip| clip.has(p))
     }
 
+    /// Returns the corners of the keeping boxes, as far as these lie between two corners.
+    pub fn corners(&self, (min, max): (DVec3, DVec3)) -> Vec<DVec3> {
+        let clips = self.of(Keeps::Box).filter(|clip| clip.meets((min, max)));
+        clips
+            .flat_map(|clip| {
+                let ends = [clip.min.max(min), clip.max.min(max)];
+                (0..8).map(move |corner: usize| {
+                    DVec3::from([0, 1, 2].map(|axis| ends[corner >> axis & 1][axis]))
+                })
+            })
+            .collect()
+    }
+
     /// Returns what the boxes leave of the points between two corners.
     pub fn left(&self, bounds: (DVec3, DVec3)) -> Left {
         let mut kept = self.of(Keeps::Box).peekable();

@@ -83,7 +83,8 @@ const CIRCLES: &[&str] = &[
     "synth: material props shapes terrain world",
 ];
 
-const FOR_ALL: &[&str] = &["error", "config", "progress", "atomic_file", "small_file"];
+const FOR_ALL: &[&str] =
+    &["error", "config", "progress", "atomic_file", "small_file", "thread_pool"];
 
 fn root() -> &'static Path {
     Path::new(env!("CARGO_MANIFEST_DIR"))

@@ -4,6 +4,7 @@ use glam::{DVec2, DVec3};
 use pointillist::app::navigation::{
     Button, Direction, Input, Mode, Modifiers, Navigation, NavigationStyle, Subject,
 };
+use pointillist::select::clip::Clips;
 use pointillist::view::{Camera, Preset, Projection, View};
 use proptest::prelude::*;
 
@@ -26,6 +27,31 @@ fn navigation(style: NavigationStyle, from: Preset) -> Navigation {
     navigation.set_subject(Subject::of(corners, DVec3::Z));
     navigation.handle(Input::Look { from });
     navigation
+}
+
+#[test]
+fn a_box_between_samples_is_framed_itself_and_one_beside_them_is_not() {
+    let mut navigation = navigation(NavigationStyle::default(), Preset::Top);
+    let whole = navigation.camera;
+    let look = Input::Look { from: Preset::Top };
+    for (clip, is_framed) in [
+        ("box:500010,5000010,102,500012,5000012,104", true),
+        ("box:500050,5000050,102,500052,5000052,104", false),
+        ("outside:499999,4999999,99,500052,5000052,114", false),
+    ] {
+        navigation.clips = Clips(vec![clip.parse().unwrap()]);
+        navigation.handle(look);
+        assert_eq!(navigation.camera != whole, is_framed, "{clip}");
+    }
+    navigation.clips = Clips(vec!["box:500010,5000010,102,500012,5000012,104".parse().unwrap()]);
+    navigation.handle(look);
+    // All corners are in the picture, and reach over half of it.
+    let corners = navigation.clips.corners((ORIGIN, ORIGIN + DVec3::splat(50.0)));
+    assert_eq!(corners.len(), 8);
+    let places = corners.iter().map(|&p| seen(&navigation.camera, p).0);
+    let [x, y] = [0, 1].map(|axis| places.clone().map(move |at| at[axis]));
+    assert!(y.clone().all(|y| (0.0..=600.0).contains(&y)) && x.clone().all(|x| x > 0.0));
+    assert!(y.clone().fold(0.0, f64::max) - y.fold(600.0, f64::min) > 300.0);
 }
 
 /// Returns where a point is on the screen [px], and its depth.

@@ -306,6 +306,67 @@ fn any_call_that_fails_leaves_the_old_index_or_the_new_one() {
     assert!(faults > 60);
 }
 
+#[test]
+fn any_call_of_a_picture_that_fails_leaves_the_old_one_or_the_new_one() {
+    if !can_trace() {
+        return;
+    }
+    let [folder, aside] = [(); 2].map(|()| tempfile::tempdir().unwrap());
+    scan(&folder.path().join("a.las"), SceneKind::Street, 20_000);
+    let (picture, log) = (folder.path().join("a.png"), aside.path().join("strace"));
+    let render = |call: &str, inject: Option<&str>| {
+        let mut strace = Command::new("timeout");
+        strace.args(["60", "strace", "-f", "-qq", "-o"]).arg(&log);
+        strace.args(["-e", &format!("trace={call}")]);
+        strace.args(inject.iter().flat_map(|inject| ["-e", inject]));
+        strace.arg(PROGRAM).args(["render", "a.las", "-o", "a.png", "--style", "points"]);
+        strace.args(["--size", "64x48"]).current_dir(folder.path()).stdin(Stdio::null());
+        strace.env("RUST_BACKTRACE", "0").env("RAYON_NUM_THREADS", "2").output().unwrap()
+    };
+    let read = || fs::read(&picture).unwrap();
+    succeeded(&render("rename", None));
+    let (old, new) = (b"old".to_vec(), read());
+    let mut faults = 0;
+    for (call, fault, most) in [
+        ("pread64", "error=EIO", u32::MAX),
+        ("write", "error=ENOSPC", u32::MAX),
+        ("write", "retval=0", u32::MAX),
+        ("fsync", "error=EIO", u32::MAX),
+        ("rename", "error=EIO", u32::MAX),
+        // The handler of signals, and two that work is divided among. The next are the driver's,
+        // and lavapipe waits for ever for one of its own that did not start.
+        ("clone3", "error=EAGAIN", 3),
+    ] {
+        for k in 1..=most {
+            fs::write(&picture, &old).unwrap();
+            let inject = format!("inject={call}:{fault}:when={k}");
+            let output = render(call, Some(&inject));
+            if !fs::read_to_string(&log).unwrap_or_default().contains("INJECTED") {
+                succeeded(&output);
+                assert!(k > 1, "no {call} was made");
+                break;
+            }
+            faults += 1;
+            let (what, found) = (format!("{call} {k}: {fault}"), read());
+            let said = orderly(&output, &what);
+            assert_eq!(names(folder.path()), ["a.las", "a.png"], "{what}");
+            if output.status.success() {
+                assert!(found == new, "{what}: {} bytes", found.len());
+                continue;
+            }
+            // The last of these sync the folder.
+            assert!(found == old || call == "fsync" && found == new, "{what}: {said}");
+            assert_eq!(said.lines().count(), 1, "{what}: {said}");
+            assert!(
+                said.contains("shared libraries") || output.status.code() == Some(1),
+                "{what}: {said}"
+            );
+        }
+    }
+    println!("{faults} faults");
+    assert!(faults > 20);
+}
+
 /// Tests whether everything in an index can be read.
 fn is_readable(path: &Path) -> bool {
     let Ok(index) = Index::open(path) else { return false };

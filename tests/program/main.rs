@@ -48,3 +48,4 @@ mod strays;
 mod text_tables;
 mod tiled;
 mod tuned;
+mod vulkan_faults;

@@ -129,10 +129,10 @@ pub fn verdicts(
     }
     // A hidden point still covers its pixel.
     let empty = (0..depth.len()).map(|i| match depth[i].is_finite() {
-        true => (Said::TooFew, 0),
-        false => projected.judge_empty(view, settings, i),
+        true => None,
+        false => Some(projected.judge_empty(view, settings, i)),
     });
-    let empty: Vec<(Said, usize)> = empty.collect();
+    let empty: Vec<_> = empty.collect();
     for i in (0..depth.len()).filter(|&i| !depth[i].is_finite()) {
         verdicts[i] = match vote(&empty, size, i) {
             Said::Closed => Verdict::Invisible,
@@ -148,33 +148,33 @@ fn across(level: usize) -> i64 {
     if level > 0 { ((1i64 << level) / 2).clamp(2, 8) } else { 1 }
 }
 
-/// Returns the verdict of the majority of an empty pixel and of those beside it, as far away as its
-/// square is wide. `said` has the verdicts of the levels that decided.
-fn vote(said: &[(Said, usize)], size: [i64; 2], i: usize) -> Said {
-    let (own, level) = said[i];
-    if level == 0 || !matches!(own, Said::Open | Said::Closed) {
+/// Returns the verdict of the majority around an empty pixel, within three quarters of the side of
+/// its square. `said` has verdicts and the levels that decided; None for pixels with a point.
+fn vote(said: &[Option<(Said, usize)>], size: [i64; 2], i: usize) -> Said {
+    let Some((own, level)) = said[i] else { return Said::TooFew };
+    if level == 0 || own == Said::Either {
         return own;
     }
     let (x, y) = (i as i64 % size[0], i as i64 / size[0]);
-    let beside = [(0, -1), (0, 1), (-1, 0), (1, 0)]
-        .map(|(dx, dy)| (x + across(level) * dx, y + across(level) * dy))
-        .into_iter()
-        .filter(|&(x, y)| (0..size[0]).contains(&x) && (0..size[1]).contains(&y))
-        .map(|(x, y)| said[(y * size[0] + x) as usize]);
+    let reach = 3 * across(level) / 4;
+    let range = |at: i64, end: i64| (at - reach).max(0)..=(at + reach).min(end - 1);
     // How many more vote against it than for it, at least and at most.
     let (mut least, mut most) = (0, 0);
-    for (verdict, level) in beside {
-        match verdict {
-            Said::Either => (least, most) = (least - 1, most + 1),
-            Said::Open | Said::Closed if level > 0 => {
-                let against = if verdict == own { -1 } else { 1 };
-                (least, most) = (least + against, most + against);
+    for y in range(y, size[1]) {
+        for x in range(x, size[0]) {
+            match said[(y * size[0] + x) as usize] {
+                None | Some((Said::Closed, 0)) => {}
+                Some((Said::Either, _)) => (least, most) = (least - 1, most + 1),
+                Some((verdict, _)) => {
+                    let agrees = (verdict == Said::Closed) == (own == Said::Closed);
+                    let against = if agrees { -1 } else { 1 };
+                    (least, most) = (least + against, most + against);
+                }
             }
-            _ => {}
         }
     }
-    let other = if own == Said::Open { Said::Closed } else { Said::Open };
-    match (least >= 2, most >= 2) {
+    let other = if own == Said::Closed { Said::Open } else { Said::Closed };
+    match (least > 0, most > 0) {
         (true, _) => other,
         (false, true) => Said::Either,
         (false, false) => own,
@@ -285,7 +285,7 @@ impl Pyramid {
         (0..self.levels.len() - 1)
             .map(|level| (self.at_level(view, settings, pixel, level, Subject::Empty), level))
             .find(|(said, _)| !matches!(said, Said::TooFew | Said::Undecided))
-            .unwrap_or((Said::Undecided, 0))
+            .unwrap_or((Said::Undecided, self.levels.len() - 2))
     }
 
     fn at_level(
