@@ -388,17 +388,7 @@ impl DisplayAttribute {
             _ => put(rows, at, points.clone().map(|i| self.word(part, i))),
         }
         if self.coded || self.further.kind {
-            let number = |source: Option<u16>| {
-                let found = stations.binary_search_by_key(&source, |station| station.source);
-                first + found.unwrap_or(0)
-            };
-            let numbers: Vec<usize> = match &columns.source {
-                Some(source) => source[points.clone()]
-                    .chunk_by(|a, b| a == b)
-                    .flat_map(|run| std::iter::repeat_n(number(Some(run[0])), run.len()))
-                    .collect(),
-                None => vec![number(None); points.len()],
-            };
+            let numbers = station_numbers(columns, (stations, first), points.clone());
             if self.coded {
                 let codes =
                     numbers.iter().map(|&number| (station_code(number) as u32) << CODE_SHIFT);
@@ -424,15 +414,24 @@ impl DisplayAttribute {
         }
     }
 
-    /// Returns the station of points, given their words, if it is one and the words tell.
-    pub fn common_station<'w>(&self, mut words: impl Iterator<Item = &'w [u32]>) -> Option<u32> {
-        let station = |words: &[u32]| match self.kind() {
+    /// Tests whether the words of points have a place for stations, but not for all of a part's,
+    /// given their numbers.
+    pub fn omits_stations(&self, stations: &Range<usize>) -> bool {
+        let room = match self.kind() {
+            Some(_) => 1 << u16::BITS,
+            None if self.coded => u8::MAX as usize,
+            None => return false,
+        };
+        stations.len() > 1 && stations.end > room
+    }
+
+    /// Returns the station of a point, given its words, if they tell.
+    pub fn station(&self, words: &[u32]) -> Option<u32> {
+        match self.kind() {
             Some(place) => Some(words[place as usize] >> STATION_SHIFT),
             None if self.coded => (words[0] >> CODE_SHIFT).checked_sub(1),
             None => None,
-        };
-        let first = station(words.next()?)?;
-        words.all(|words| station(words) == Some(first)).then_some(first)
+        }
     }
 
     /// Computes the displayed word of a point: `rgb` 8 bits a channel, red lowest; `normal` 8 bits
@@ -570,8 +569,28 @@ fn bytes([a, b, c]: [u8; 3]) -> u32 {
     a as u32 | (b as u32) << 8 | (c as u32) << 16
 }
 
+/// Returns the cloud's numbers of the stations of a range of points. `stations` are those of their
+/// part, `first` is the cloud's number of the first of them.
+pub fn station_numbers(
+    columns: &Columns,
+    (stations, first): (&[Station], usize),
+    points: Range<usize>,
+) -> Vec<usize> {
+    let number = |source: Option<u16>| {
+        let found = stations.binary_search_by_key(&source, |station| station.source);
+        first + found.unwrap_or(0)
+    };
+    match &columns.source {
+        Some(source) => source[points]
+            .chunk_by(|a, b| a == b)
+            .flat_map(|run| std::iter::repeat_n(number(Some(run[0])), run.len()))
+            .collect(),
+        None => vec![number(None); points.len()],
+    }
+}
+
 /// Writes one word of each row.
-fn put<const N: usize>(rows: &mut [[u32; N]], at: usize, words: impl Iterator<Item = u32>) {
+pub fn put<const N: usize>(rows: &mut [[u32; N]], at: usize, words: impl Iterator<Item = u32>) {
     rows.iter_mut().zip(words).for_each(|(row, word)| row[at] = word);
 }
 

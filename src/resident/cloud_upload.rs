@@ -9,7 +9,7 @@
 
 use super::pool::Pool;
 use super::{MOST_NODES, Resident, ResidentNode, in_metres};
-use crate::cloud::attribute::{Attribute, DisplayAttribute};
+use crate::cloud::attribute::{Attribute, DisplayAttribute, put, station_numbers};
 use crate::cloud::histograms::Histograms;
 use crate::cloud::{self, Cloud, Lattice, Part, Station};
 use crate::error::{Error, Result};
@@ -128,13 +128,19 @@ impl CloudUpload {
             }
             return Ok(false);
         };
-        let ready = match self.shown.words() {
-            1 => self.organise::<4>(number, part, arrangement, progress)?,
-            2 => self.organise::<5>(number, part, arrangement, progress)?,
-            3 => self.organise::<6>(number, part, arrangement, progress)?,
-            4 => self.organise::<7>(number, part, arrangement, progress)?,
-            // Saved light, the sixth word, is that of indexes only.
-            _ => self.organise::<8>(number, part, arrangement, progress)?,
+        // Stations are listed part by part.
+        let first = self.stations.partition_point(|station| station.part < number);
+        let end = self.stations.partition_point(|station| station.part <= number);
+        let stations = first..end;
+        // Nodes need the stations that have no place in the words.
+        let ready = match self.shown.words() + self.shown.omits_stations(&stations) as u32 {
+            1 => self.organise::<4>(part, stations, arrangement, progress)?,
+            2 => self.organise::<5>(part, stations, arrangement, progress)?,
+            3 => self.organise::<6>(part, stations, arrangement, progress)?,
+            4 => self.organise::<7>(part, stations, arrangement, progress)?,
+            5 => self.organise::<8>(part, stations, arrangement, progress)?,
+            // Saved light is that of indexes only.
+            _ => self.organise::<9>(part, stations, arrangement, progress)?,
         };
         self.built_nodes += ready.nodes.len() as u64;
         self.built_points += ready.nodes.last().map_or(0, |node| node.points.end as u64);
@@ -151,8 +157,8 @@ impl CloudUpload {
     /// Organises a part in rows of `N` words.
     fn organise<const N: usize>(
         &self,
-        number: usize,
         part: Part,
+        stations: Range<usize>,
         arrangement: Arrangement,
         progress: &dyn Progress,
     ) -> Result<Ready> {
@@ -163,17 +169,19 @@ impl CloudUpload {
             Some(found) => found.of(&part.columns, &part.lattice, &painting)?,
             None => Arc::new(strokes::words(&part.columns, &part.lattice, &painting)?),
         };
-        // Stations are listed part by part.
-        let first = self.stations.partition_point(|station| station.part < number);
-        let end = self.stations.partition_point(|station| station.part <= number);
-        let stations = (&self.stations[first..end], first);
+        let omitted = shown.omits_stations(&stations);
+        let stations = (&self.stations[stations.clone()], stations.start);
         let words = |points: Range<usize>, rows: &mut [Row<N>]| {
             shown.write_words(&part, stations, points.clone(), rows, PLACE_WORDS);
             if let Some(place) = shown.strokes() {
                 let at = PLACE_WORDS + place as usize;
-                for (row, words) in rows.iter_mut().zip(&strokes[points]) {
+                for (row, words) in rows.iter_mut().zip(&strokes[points.clone()]) {
                     row[at..at + 2].copy_from_slice(words);
                 }
+            }
+            if omitted {
+                let numbers = station_numbers(&part.columns, stations, points);
+                put(rows, N - 1, numbers.into_iter().map(|number| number as u32));
             }
         };
         let progress = self.half(progress);
@@ -182,13 +190,19 @@ impl CloudUpload {
         // What is shown has been copied.
         drop(part);
         let mut partition = distributed.partition(&progress)?;
-        let station = |rows: &[Row<N>]| match stations {
+        let station = |row: &Row<N>| match omitted {
+            true => Some(row[N - 1]),
+            false => shown.station(&row[PLACE_WORDS..]),
+        };
+        let common_station = |rows: &[Row<N>]| match stations {
+            ([], _) => None,
             ([_], first) => Some(first as u32),
-            _ => shown.common_station(rows.iter().map(|row| &row[PLACE_WORDS..])),
+            _ => station(&rows[0])
+                .filter(|&first| rows.iter().all(|row| station(row) == Some(first))),
         };
         let of_node = |node: &Node| {
             let rows = &partition.rows[node.points.clone()];
-            (pack::frame(rows), station(rows))
+            (pack::frame(rows), common_station(rows))
         };
         let framed = partition.nodes.par_iter().map(of_node).collect();
         let nodes = std::mem::take(&mut partition.nodes);
