@@ -373,19 +373,18 @@ impl DisplayAttribute {
     /// on. `stations` are those of their part, `first` is the cloud's number of the first of them.
     pub fn write_words<const N: usize>(
         &self,
-        part: &Part,
+        (columns, lattice): (&Columns, &Lattice),
         (stations, first): (&[Station], usize),
         points: Range<usize>,
         rows: &mut [[u32; N]],
         at: usize,
     ) {
-        let columns = &part.columns;
         match (self.attribute, &columns.rgb) {
             // Colours in the cloud have been corrected in place.
             (Attribute::Rgb | Attribute::Corrected, Some(rgb)) => {
                 put(rows, at, rgb[points.clone()].iter().map(|&color| bytes(color)));
             }
-            _ => put(rows, at, points.clone().map(|i| self.word(part, i))),
+            _ => put(rows, at, points.clone().map(|i| self.word_of(columns, lattice, i))),
         }
         if self.coded || self.further.kind {
             let numbers = station_numbers(columns, (stations, first), points.clone());

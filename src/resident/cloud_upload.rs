@@ -11,19 +11,19 @@ use super::pool::Pool;
 use super::{MOST_NODES, Resident, ResidentNode, in_metres};
 use crate::cloud::attribute::{Attribute, DisplayAttribute, put, station_numbers};
 use crate::cloud::histograms::Histograms;
-use crate::cloud::{self, Cloud, Lattice, Part, Station};
+use crate::cloud::{self, Cloud, Columns, Lattice, Part, Station};
 use crate::error::{Error, Result};
 use crate::graph::Gpu;
 use crate::index::attributes::axes;
 use crate::index::attributes::exposure::{self, Values};
 use crate::index::attributes::strokes::{self, StrokeCache};
 use crate::index::build::pack::{self, Frame};
-use crate::index::build::partition::{self, PLACE_WORDS};
+use crate::index::build::partition::PLACE_WORDS;
 use crate::index::format::Axes;
 use crate::index::format::Balance;
 use crate::index::format::scatter;
 use crate::index::format::spacing::spacing;
-use crate::index::{Arrangement, Node, Partition, Row};
+use crate::index::{self, Arrangement, Node, Partition, Row};
 use crate::progress::{self, Progress};
 use crate::select::clip::Clips;
 use crate::select::opacity::Opacities;
@@ -171,8 +171,10 @@ impl CloudUpload {
         };
         let omitted = shown.omits_stations(&stations);
         let stations = (&self.stations[stations.clone()], stations.start);
-        let words = |points: Range<usize>, rows: &mut [Row<N>]| {
-            shown.write_words(&part, stations, points.clone(), rows, PLACE_WORDS);
+        let Part { columns, lattice, .. } = part;
+        let words = |columns: &Columns, points: Range<usize>, rows: &mut [Row<N>]| {
+            let from = (columns, &lattice);
+            shown.write_words(from, stations, points.clone(), rows, PLACE_WORDS);
             if let Some(place) = shown.strokes() {
                 let at = PLACE_WORDS + place as usize;
                 for (row, words) in rows.iter_mut().zip(&strokes[points.clone()]) {
@@ -180,16 +182,11 @@ impl CloudUpload {
                 }
             }
             if omitted {
-                let numbers = station_numbers(&part.columns, stations, points);
+                let numbers = station_numbers(columns, stations, points);
                 put(rows, N - 1, numbers.into_iter().map(|number| number as u32));
             }
         };
-        let progress = self.half(progress);
-        let distributed = partition::distribute(&part.columns, &words, arrangement, &progress)?;
-        let lattice = part.lattice;
-        // What is shown has been copied.
-        drop(part);
-        let mut partition = distributed.partition(&progress)?;
+        let mut partition = index::partition(columns, &words, arrangement, &self.half(progress))?;
         let station = |row: &Row<N>| match omitted {
             true => Some(row[N - 1]),
             false => shown.station(&row[PLACE_WORDS..]),

@@ -21,7 +21,7 @@ use crate::points::{Random, bumpy};
 use glam::DVec3;
 use pointillist::cloud::attribute::{Attribute, DisplayAttribute};
 use pointillist::cloud::colormap::srgb_to_linear;
-use pointillist::cloud::{Cloud, Lattice};
+use pointillist::cloud::{Cloud, Columns, Lattice};
 use pointillist::config::{NO_POINT, POINTS_PER_PAGE};
 use pointillist::error::Error;
 use pointillist::graph::Graph;
@@ -151,10 +151,11 @@ fn resolved(
 /// Returns the words that the points of a one-node cloud show, by id.
 fn words(cloud: &Cloud, shown: &DisplayAttribute) -> Vec<u32> {
     let part = &cloud.parts[0];
-    let words = |points: Range<usize>, rows: &mut [Row<4>]| {
-        shown.write_words(part, (&[], 0), points, rows, PLACE_WORDS);
+    let words = |columns: &Columns, points: Range<usize>, rows: &mut [Row<4>]| {
+        shown.write_words((columns, &part.lattice), (&[], 0), points, rows, PLACE_WORDS);
     };
-    let organised = index::partition(&part.columns, &words, Arrangement::Morton, &Silent).unwrap();
+    let organised =
+        index::partition(part.columns.clone(), &words, Arrangement::Morton, &Silent).unwrap();
     assert_eq!(organised.nodes.len(), 1);
     let frame = pack::frame(&organised.rows);
     let mut pages = vec![vec![0; part.columns.len()]; frame.planes as usize + 1];

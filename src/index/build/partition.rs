@@ -15,7 +15,7 @@
 //! a node.
 
 use crate::cloud::Columns;
-use crate::cloud::strays::Extent;
+use crate::cloud::strays::{Extent, RobustBounds};
 use crate::config::{BITS_PER_PLANE, POINTS_PER_PAGE, POSITION_PLANES};
 use crate::error::Result;
 use crate::index::format::morton;
@@ -73,76 +73,35 @@ const BLOCK: usize = 1 << 10;
 /// Points between checks for cancellation: a multiple of a block.
 const CHECK_INTERVAL: usize = 1 << 18;
 
-/// Points that were moved to the cells of a grid: the columns that they came from may go.
-pub struct Distributed<const N: usize> {
-    rows: Vec<Row<N>>,
-    grid: Grid,
-    pieces: Vec<Piece>,
-    arrangement: Arrangement,
-}
-
-/// Partitions a part into nodes. `words` writes what a range of points shows behind their places.
+/// Partitions a part into nodes. `words` writes what a range of points shows behind their places;
+/// it may be asked for the last points first, since columns are freed as points are moved.
 pub fn partition<const N: usize>(
-    columns: &Columns,
-    words: &(impl Fn(Range<usize>, &mut [Row<N>]) + Sync),
+    columns: Columns,
+    words: &(impl Fn(&Columns, Range<usize>, &mut [Row<N>]) + Sync),
     arrangement: Arrangement,
     progress: &dyn Progress,
 ) -> Result<Partition<N>> {
-    distribute(columns, words, arrangement, progress)?.partition(progress)
-}
-
-/// Moves the points of a part to the cells of a grid, as [`partition`].
-pub fn distribute<const N: usize>(
-    columns: &Columns,
-    words: &(impl Fn(Range<usize>, &mut [Row<N>]) + Sync),
-    arrangement: Arrangement,
-    progress: &dyn Progress,
-) -> Result<Distributed<N>> {
     let mut rows = vec![[0; N]; columns.len()];
     let Some(extent) = columns.extent() else {
-        let grid = Grid::new([0; 3], 0, 0);
-        return Ok(Distributed { rows, grid, pieces: Vec::new(), arrangement });
+        return Ok(Partition { rows, arrangement, ..Partition::default() });
     };
-    let read = |points: Range<usize>, rows: &mut [Row<N>]| {
-        let [x, y, z] = [0, 1, 2].map(|axis| &columns.along(axis)[points.clone()]);
-        for (((row, &x), &y), &z) in rows.iter_mut().zip(x).zip(y).zip(z) {
-            [row[0], row[1], row[2]] = [x as u32, y as u32, z as u32];
-        }
-        words(points, rows);
-    };
-    let (grid, strays) = grid_of(columns, extent);
-    let fits = rows.len() <= NODE_POINTS && grid.bits <= MAX_NODE_BITS && extent.core.is_none();
-    if arrangement == Arrangement::Shuffled || fits {
-        read(0..rows.len(), &mut rows);
-        let pieces = vec![Piece { cells: 0..grid.cells(), points: 0..rows.len() }];
-        return Ok(Distributed { rows, grid, pieces, arrangement });
+    let ((grid, strays), core) = (grid_of(&columns, extent), extent.core);
+    let fits = rows.len() <= NODE_POINTS && grid.bits <= MAX_NODE_BITS && core.is_none();
+    let mut source = FromColumns { columns, words, grid: &grid, core, strays };
+    if arrangement == Arrangement::Shuffled {
+        source.read(0..rows.len(), &mut rows);
+        return Ok(shuffled(rows));
     }
-    let number = |points: Range<usize>, cells: &mut [u32]| {
-        let [x, y, z] = [0, 1, 2].map(|axis| &columns.along(axis)[points.clone()]);
-        let places = x.iter().zip(y).zip(z).map(|((&x, &y), &z)| [x, y, z]);
-        cells.iter_mut().zip(places).for_each(|(cell, place)| *cell = grid.cell(place));
-        // Strays have nodes of their own: the nodes of all other points do not depend on them.
-        if let Some(core) = extent.core {
-            let is_stray = |i: &usize| !core.has(columns.place(*i));
-            points.clone().filter(is_stray).for_each(|i| cells[i - points.start] = strays);
-        }
-    };
-    let splitter = Splitter { progress, total: columns.len() };
-    let pieces = splitter.distribute(columns.len(), &grid, &number, &read, &mut rows, 0)?;
-    Ok(Distributed { rows, grid, pieces, arrangement })
-}
-
-impl<const N: usize> Distributed<N> {
-    /// Makes nodes of the cells.
-    pub fn partition(self, progress: &dyn Progress) -> Result<Partition<N>> {
-        let Distributed { mut rows, grid, pieces, arrangement } = self;
-        if arrangement == Arrangement::Shuffled {
-            return Ok(shuffled(rows));
-        }
-        let splitter = Splitter { progress, total: rows.len() };
-        let nodes = splitter.settle(&mut rows, 0, &grid, pieces)?;
-        Ok(Partition { nodes, rows, arrangement })
+    if fits {
+        source.read(0..rows.len(), &mut rows);
+        let nodes = full_nodes(0..rows.len()).collect();
+        return Ok(Partition { nodes, rows, arrangement });
     }
+    let splitter = Splitter { progress, total: rows.len() };
+    let pieces = splitter.distribute(&mut source, &grid, &mut rows, 0)?;
+    drop(source);
+    let nodes = splitter.settle(&mut rows, 0, &grid, pieces)?;
+    Ok(Partition { nodes, rows, arrangement })
 }
 
 /// Returns random nodes.
@@ -265,24 +224,102 @@ struct Piece {
     points: Range<usize>,
 }
 
+/// Points that are to be moved.
+trait Source<const N: usize>: Sync {
+    /// Number of times that points are moved and freed.
+    const TURNS: usize;
+
+    /// Writes the cells of a range of points.
+    fn number(&self, points: Range<usize>, cells: &mut [u32]);
+
+    /// Writes the rows of a range of points.
+    fn read(&self, points: Range<usize>, rows: &mut [Row<N>]);
+
+    /// Frees the points from a number on.
+    fn truncate(&mut self, left: usize);
+}
+
+struct FromColumns<'s, W> {
+    columns: Columns,
+    words: &'s W,
+    grid: &'s Grid,
+    /// Box around all points but strays, and the cell that those get.
+    core: Option<RobustBounds>,
+    strays: u32,
+}
+
+impl<const N: usize, W> Source<N> for FromColumns<'_, W>
+where
+    W: Fn(&Columns, Range<usize>, &mut [Row<N>]) + Sync,
+{
+    /// Columns and rows are hardly ever there together.
+    const TURNS: usize = 8;
+
+    fn number(&self, points: Range<usize>, cells: &mut [u32]) {
+        let [x, y, z] = [0, 1, 2].map(|axis| &self.columns.along(axis)[points.clone()]);
+        let places = x.iter().zip(y).zip(z).map(|((&x, &y), &z)| [x, y, z]);
+        cells.iter_mut().zip(places).for_each(|(cell, place)| *cell = self.grid.cell(place));
+        // Strays have nodes of their own: the nodes of all other points do not depend on them.
+        if let Some(core) = self.core {
+            for (cell, i) in cells.iter_mut().zip(points) {
+                if !core.has(self.columns.place(i)) {
+                    *cell = self.strays;
+                }
+            }
+        }
+    }
+
+    fn read(&self, points: Range<usize>, rows: &mut [Row<N>]) {
+        let [x, y, z] = [0, 1, 2].map(|axis| &self.columns.along(axis)[points.clone()]);
+        for (((row, &x), &y), &z) in rows.iter_mut().zip(x).zip(y).zip(z) {
+            [row[0], row[1], row[2]] = [x as u32, y as u32, z as u32];
+        }
+        (self.words)(&self.columns, points, rows);
+    }
+
+    fn truncate(&mut self, left: usize) {
+        self.columns.truncate(left);
+    }
+}
+
+struct FromRows<'s, const N: usize> {
+    rows: Vec<Row<N>>,
+    grid: &'s Grid,
+}
+
+impl<const N: usize> Source<N> for FromRows<'_, N> {
+    const TURNS: usize = 1;
+
+    fn number(&self, points: Range<usize>, cells: &mut [u32]) {
+        let rows = &self.rows[points];
+        cells.iter_mut().zip(rows).for_each(|(cell, row)| *cell = self.grid.cell(place(row)));
+    }
+
+    fn read(&self, points: Range<usize>, rows: &mut [Row<N>]) {
+        rows.copy_from_slice(&self.rows[points]);
+    }
+
+    fn truncate(&mut self, left: usize) {
+        self.rows.truncate(left);
+    }
+}
+
 struct Splitter<'s> {
     progress: &'s dyn Progress,
     total: usize,
 }
 
 impl Splitter<'_> {
-    /// Writes `count` points to `rows`, piece by piece of a grid; they start at `first` of the
-    /// whole order. `number` writes the cells of a range of points, and `read` their rows.
-    fn distribute<const N: usize>(
+    /// Moves points to `rows`, piece by piece of a grid; they start at `first` of the whole order.
+    fn distribute<const N: usize, S: Source<N>>(
         &self,
-        count: usize,
+        source: &mut S,
         grid: &Grid,
-        number: &(impl Fn(Range<usize>, &mut [u32]) + Sync),
-        read: &(impl Fn(Range<usize>, &mut [Row<N>]) + Sync),
         rows: &mut [Row<N>],
         first: usize,
     ) -> Result<Vec<Piece>> {
-        let share = count.div_ceil(rayon::current_num_threads()).max(1);
+        let (count, threads) = (rows.len(), rayon::current_num_threads());
+        let share = count.div_ceil(S::TURNS * threads).max(1);
         let shares: Vec<Range<usize>> =
             (0..count).step_by(share).map(|at| at..count.min(at + share)).collect();
         let blocks = |share: Range<usize>| {
@@ -300,7 +337,7 @@ impl Splitter<'_> {
             for block in blocks(share.clone()) {
                 look(&block)?;
                 let numbers = &mut numbers[..block.len()];
-                number(block, numbers);
+                source.number(block, numbers);
                 numbers.iter().for_each(|&cell| counts[cell as usize] += 1);
             }
             Ok(counts)
@@ -326,21 +363,26 @@ impl Splitter<'_> {
             }
         }
         drop(counts);
-        let move_points = |(share, sections): (&Range<usize>, &mut Vec<IterMut<Row<N>>>)| {
-            let (mut numbers, mut rows) = ([0; BLOCK], [[0; N]; BLOCK]);
-            for block in blocks(share.clone()) {
-                look(&block)?;
-                let (numbers, rows) = (&mut numbers[..block.len()], &mut rows[..block.len()]);
-                number(block.clone(), numbers);
-                read(block, rows);
-                for (&cell, row) in numbers.iter().zip(&*rows) {
-                    let section = &mut sections[piece_of[cell as usize] as usize];
-                    *section.next().expect("a section has room for all points of its cells") = *row;
+        // The last points are moved first, since columns are freed from their ends.
+        for (shares, sections) in shares.chunks(threads).zip(sections.chunks_mut(threads)).rev() {
+            let move_points = |(share, sections): (&Range<usize>, &mut Vec<IterMut<Row<N>>>)| {
+                let (mut numbers, mut rows) = ([0; BLOCK], [[0; N]; BLOCK]);
+                for block in blocks(share.clone()) {
+                    look(&block)?;
+                    let (numbers, rows) = (&mut numbers[..block.len()], &mut rows[..block.len()]);
+                    source.number(block.clone(), numbers);
+                    source.read(block, rows);
+                    for (&cell, row) in numbers.iter().zip(&*rows) {
+                        let section = &mut sections[piece_of[cell as usize] as usize];
+                        let place = section.next();
+                        *place.expect("a section has room for all points of its cells") = *row;
+                    }
                 }
-            }
-            Ok(())
-        };
-        shares.par_iter().zip(&mut sections).try_for_each(move_points)?;
+                Ok(())
+            };
+            shares.par_iter().zip(sections).try_for_each(move_points)?;
+            source.truncate(shares[0].start);
+        }
         let points =
             |cells: Range<usize>| Piece { points: starts[cells.start]..starts[cells.end], cells };
         Ok(pieces.into_iter().map(points).collect())
@@ -386,14 +428,9 @@ impl Splitter<'_> {
         first: usize,
         grid: Grid,
     ) -> Result<Vec<Node>> {
-        let from = rows.to_vec();
-        let number = |points: Range<usize>, cells: &mut [u32]| {
-            let own = &from[points];
-            cells.iter_mut().zip(own).for_each(|(cell, row)| *cell = grid.cell(place(row)));
-        };
-        let read = |points: Range<usize>, rows: &mut [Row<N>]| rows.copy_from_slice(&from[points]);
-        let pieces = self.distribute(from.len(), &grid, &number, &read, rows, first)?;
-        drop(from);
+        let mut source = FromRows { rows: rows.to_vec(), grid: &grid };
+        let pieces = self.distribute(&mut source, &grid, rows, first)?;
+        drop(source);
         self.settle(rows, first, &grid, pieces)
     }
 }
@@ -420,10 +457,10 @@ mod tests {
 
     /// Partitions points that show their numbers.
     fn numbered(columns: &Columns, progress: &dyn Progress) -> Result<Partition<4>> {
-        let words = |points: Range<usize>, rows: &mut [Row<4>]| {
+        let words = |_: &Columns, points: Range<usize>, rows: &mut [Row<4>]| {
             rows.iter_mut().zip(points).for_each(|(row, i)| row[PLACE_WORDS] = i as u32);
         };
-        partition(columns, &words, Arrangement::Morton, progress)
+        partition(columns.clone(), &words, Arrangement::Morton, progress)
     }
 
     fn check(columns: &Columns) -> Partition<4> {

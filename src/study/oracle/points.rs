@@ -1,7 +1,7 @@
 //! Positions of point ids: the cloud is packed again on the CPU, and all planes are read back.
 //! Lattice coordinates are exactly those of the file.
 
-use crate::cloud::{Lattice, Part};
+use crate::cloud::{Columns, Lattice, Part};
 use crate::index::build::pack;
 use crate::index::build::partition::PLACE_WORDS;
 use crate::index::{self, Arrangement, Row};
@@ -27,9 +27,10 @@ impl Points {
         let mut points = Vec::new();
         for part in parts {
             // Displayed words only break ties between coincident points.
-            let nothing = |_, _: &mut [Row<PLACE_WORDS>]| ();
-            let organised = index::partition(&part.columns, &nothing, Arrangement::Morton, &Silent)
-                .expect("Silent never cancels");
+            let nothing = |_: &Columns, _, _: &mut [Row<PLACE_WORDS>]| ();
+            let organised =
+                index::partition(part.columns.clone(), &nothing, Arrangement::Morton, &Silent)
+                    .expect("Silent never cancels");
             let own: Vec<_> = organised.nodes.iter().zip(nodes.by_ref()).collect();
             points.par_extend(own.into_par_iter().map(|(range, node)| NodePoints {
                 first_point: node.first_point(),

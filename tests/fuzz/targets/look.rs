@@ -104,11 +104,11 @@ fn at_part(part: &Part) {
     if let Some((low, high)) = part.bounds() {
         assert!((high - low).is_finite(), "box {low} to {high}");
     }
-    let words = |points: Range<usize>, rows: &mut [Row<4>]| {
+    let words = |_: &Columns, points: Range<usize>, rows: &mut [Row<4>]| {
         rows.iter_mut().zip(points).for_each(|(row, i)| row[3] = i as u32);
     };
-    let partition =
-        partition(columns, &words, Arrangement::Morton, &Silent).expect("nothing interrupts");
+    let partition = partition(columns.clone(), &words, Arrangement::Morton, &Silent)
+        .expect("nothing interrupts");
     let mut seen = vec![false; columns.len()];
     partition.rows.iter().for_each(|row| seen[row[3] as usize] = true);
     assert!(seen.iter().all(|seen| *seen), "a point is in no node");
