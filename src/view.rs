@@ -10,6 +10,7 @@ pub mod map;
 use crate::error::{Error, Result};
 use crate::small_file::read_text;
 use glam::{DMat3, DVec3};
+use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use std::f64::consts::TAU;
 use std::path::Path;
@@ -182,19 +183,26 @@ impl View {
 
     /// Projects a point to pixels; `None` if it is behind the camera.
     pub fn pixel(&self, point: DVec3) -> Option<[f64; 2]> {
-        let from_eye = point - self.camera.eye;
-        let depth = from_eye.dot(self.basis.forward);
-        let scale = match self.camera.projection {
-            Projection::Perspective => self.focal_px() / depth,
-            Projection::Orthographic => self.focal_px(),
-        };
-        let middle = self.centre();
-        (depth > 0.0).then(|| {
-            [
-                middle[0] + from_eye.dot(self.basis.right) * scale,
-                middle[1] - from_eye.dot(self.basis.up) * scale,
-            ]
-        })
+        self.pixels()(point)
+    }
+
+    /// Returns [`View::pixel`] for many points.
+    pub fn pixels(&self) -> impl Fn(DVec3) -> Option<[f64; 2]> {
+        let (focal, middle) = (self.focal_px(), self.centre());
+        move |point| {
+            let from_eye = point - self.camera.eye;
+            let depth = from_eye.dot(self.basis.forward);
+            let scale = match self.camera.projection {
+                Projection::Perspective => focal / depth,
+                Projection::Orthographic => focal,
+            };
+            (depth > 0.0).then(|| {
+                [
+                    middle[0] + from_eye.dot(self.basis.right) * scale,
+                    middle[1] - from_eye.dot(self.basis.up) * scale,
+                ]
+            })
+        }
     }
 
     /// Returns the planes through the left, right, upper and lower edge of the window: an outward
@@ -307,7 +315,8 @@ fn seen_share(camera: &Camera, points: &[DVec3], size: [u32; 2]) -> f64 {
     let cells = size.map(|side| (side as f64 * CELLS / long).ceil() as usize);
     let Ok(view) = View::new(*camera, size) else { return 0.0 };
     let mut seen = vec![false; cells[0] * cells[1]];
-    for [x, y] in points.iter().filter_map(|&p| view.pixel(p)) {
+    let pixel = view.pixels();
+    for [x, y] in points.iter().filter_map(|&p| pixel(p)) {
         let [x, y] = [x, y].map(|at| (at * CELLS / long) as usize);
         if x < cells[0] && y < cells[1] {
             seen[y * cells[0] + x] = true;
@@ -366,20 +375,22 @@ impl Camera {
             _ => DMat3::IDENTITY,
         };
         let points: Vec<DVec3> = points.iter().map(|&p| turn.transpose() * p).collect();
-        let camera = Camera::framing_side(preset, &points, size, covered, SIDES[0]);
+        let of_side = |side: [f64; 2]| Camera::framing_side(preset, &points, size, covered, side);
         let chosen = match preset {
             Preset::Fit if !points.is_empty() => {
-                let shown = |camera: &Camera| seen_share(camera, &points, size);
-                let customary = shown(&camera);
-                SIDES[1..]
+                let shown = |&side: &[f64; 2]| {
+                    let camera = of_side(side);
+                    (seen_share(&camera, &points, size), camera)
+                };
+                let shown: Vec<(f64, Camera)> = SIDES.par_iter().map(shown).collect();
+                let (customary, camera) = shown[0];
+                shown[1..]
                     .iter()
-                    .map(|&side| Camera::framing_side(preset, &points, size, covered, side))
-                    .map(|camera| (shown(&camera), camera))
                     .filter(|(share, _)| *share > WORTH * customary)
                     .max_by(|(a, _), (b, _)| a.total_cmp(b))
-                    .map_or(camera, |(_, camera)| camera)
+                    .map_or(camera, |(_, camera)| *camera)
             }
-            _ => camera,
+            _ => of_side(SIDES[0]),
         };
         Camera {
             eye: turn * chosen.eye,

@@ -16,7 +16,7 @@ use crate::config::NO_POINT;
 use crate::error::{Error, Result};
 use crate::gpu::DeviceOptions;
 use crate::graph::{Buffer, Gpu, Graph, Handle, ImageDesc, Kind, Vertices};
-use crate::index;
+use crate::index::Arrangement;
 use crate::passes::project::{self, Precision};
 use crate::progress::Progress;
 use crate::resident::Resident;
@@ -51,11 +51,11 @@ pub fn run(options: &DeviceOptions, plan: &Plan, progress: &dyn Progress) -> Res
         let cloud = synth::collect("sphere", &world, points, plan.seed, 0.0, progress)?;
         let sample = cloud.core_points();
         for order in ["morton", "shuffled"] {
-            let arrange =
-                if order == "morton" { index::partition } else { index::shuffled_partition };
+            let arrangement =
+                if order == "morton" { Arrangement::Morton } else { Arrangement::Shuffled };
             let shown = DisplayAttribute::new(Attribute::White, &cloud);
             let resident =
-                Resident::arrange(&mut gpus.compute, cloud.clone(), shown, arrange, progress)?;
+                Resident::arrange(&mut gpus.compute, cloud.clone(), shown, arrangement, progress)?;
             let scene = Points::new(&mut gpus.compute, &resident)?;
             for &size in &plan.sizes {
                 let view = View::new(Camera::framing(Preset::Fit, &sample, size), size)?;

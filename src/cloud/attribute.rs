@@ -5,6 +5,8 @@ use super::color_scale::{ColorScale, Ramp};
 use super::scalar::{Scalar, Scalars};
 use super::up::Up;
 use super::{Cloud, ColumnSet, Columns, Header, Lattice, Part, Station, octahedral};
+use rayon::prelude::*;
+use std::ops::Range;
 use std::str::FromStr;
 
 /// An attribute to display, as in `--color`.
@@ -254,10 +256,6 @@ pub fn station_code(station: usize) -> u8 {
 /// Lowest bit of the station code in a colour word.
 pub const CODE_SHIFT: u32 = 24;
 
-/// Words of a file's point: the displayed one and all further ones except saved light, which only
-/// indexes have.
-pub type Words = [u32; 5];
-
 /// Returns the least and the greatest number of a column.
 fn extremes<'c>(columns: impl Iterator<Item = Option<&'c Vec<f64>>>) -> Option<[f64; 2]> {
     let numbers = columns.flatten().flatten().copied();
@@ -371,34 +369,68 @@ impl DisplayAttribute {
             .and(ColumnSet { source: self.coded, ..ColumnSet::default() })
     }
 
-    /// Computes all words of a point except stroke words. `stations` are those of its part, `first`
-    /// is the cloud's number of the first of them.
-    pub fn words_of(&self, part: &Part, stations: &[Station], first: usize, i: usize) -> Words {
-        let mut words = [self.word(part, i), 0, 0, 0, 0];
-        let columns = &part.columns;
-        let station = || {
-            let source = columns.source.as_ref().map(|column| column[i]);
-            first + stations.binary_search_by_key(&source, |station| station.source).unwrap_or(0)
-        };
-        if self.coded {
-            words[0] |= (station_code(station()) as u32) << CODE_SHIFT;
+    /// Writes all words of a range of points but those of strokes, from the word `at` of each row
+    /// on. `stations` are those of their part, `first` is the cloud's number of the first of them.
+    pub fn write_words<const N: usize>(
+        &self,
+        (columns, lattice): (&Columns, &Lattice),
+        (stations, first): (&[Station], usize),
+        points: Range<usize>,
+        rows: &mut [[u32; N]],
+        at: usize,
+    ) {
+        match (self.attribute, &columns.rgb) {
+            // Colours in the cloud have been corrected in place.
+            (Attribute::Rgb | Attribute::Corrected, Some(rgb)) => {
+                put(rows, at, rgb[points.clone()].iter().map(|&color| bytes(color)));
+            }
+            _ => put(rows, at, points.clone().map(|i| self.word_of(columns, lattice, i))),
         }
-        if let Some(place) = self.kind() {
-            let byte = |column: &Option<Vec<u8>>| column.as_ref().map_or(0, |column| column[i]);
-            let station = station();
-            words[place as usize] = kind(
-                byte(&columns.class),
-                byte(&columns.returns),
-                station.min(u16::MAX as usize) as u16,
-            );
+        if self.coded || self.further.kind {
+            let numbers = station_numbers(columns, (stations, first), points.clone());
+            if self.coded {
+                let codes =
+                    numbers.iter().map(|&number| (station_code(number) as u32) << CODE_SHIFT);
+                rows.iter_mut().zip(codes).for_each(|(row, code)| row[at] |= code);
+            }
+            if let Some(place) = self.kind() {
+                let byte = |column: &Option<Vec<u8>>, i: usize| {
+                    column.as_ref().map_or(0, |column| column[i])
+                };
+                let kinds = points.clone().zip(&numbers).map(|(i, &station)| {
+                    let station = station.min(u16::MAX as usize) as u16;
+                    kind(byte(&columns.class, i), byte(&columns.returns, i), station)
+                });
+                put(rows, at + place as usize, kinds);
+            }
         }
         if let Some(place) = self.normal() {
-            words[place as usize] = columns
-                .normal
-                .as_ref()
-                .map_or(octahedral::UNKNOWN, |normal| octahedral::of_bytes(normal[i]));
+            let normal = |i| {
+                let normal = columns.normal.as_ref();
+                normal.map_or(octahedral::UNKNOWN, |normal| octahedral::of_bytes(normal[i]))
+            };
+            put(rows, at + place as usize, points.map(normal));
         }
-        words
+    }
+
+    /// Tests whether the words of points have a place for stations, but not for all of a part's,
+    /// given their numbers.
+    pub fn omits_stations(&self, stations: &Range<usize>) -> bool {
+        let room = match self.kind() {
+            Some(_) => 1 << u16::BITS,
+            None if self.coded => u8::MAX as usize,
+            None => return false,
+        };
+        stations.len() > 1 && stations.end > room
+    }
+
+    /// Returns the station of a point, given its words, if they tell.
+    pub fn station(&self, words: &[u32]) -> Option<u32> {
+        match self.kind() {
+            Some(place) => Some(words[place as usize] >> STATION_SHIFT),
+            None if self.coded => (words[0] >> CODE_SHIFT).checked_sub(1),
+            None => None,
+        }
     }
 
     /// Computes the displayed word of a point: `rgb` 8 bits a channel, red lowest; `normal` 8 bits
@@ -409,9 +441,7 @@ impl DisplayAttribute {
 
     /// Computes the same of points that are in no part.
     pub fn word_of(&self, columns: &Columns, lattice: &Lattice, i: usize) -> u32 {
-        let bytes = |[a, b, c]: [u8; 3]| a as u32 | (b as u32) << 8 | (c as u32) << 16;
         match self.attribute {
-            // Colours in the cloud have been corrected in place.
             Attribute::Rgb | Attribute::Corrected => {
                 columns.rgb.as_ref().map_or(0xFFFFFF, |rgb| bytes(rgb[i]))
             }
@@ -481,10 +511,16 @@ impl DisplayAttribute {
 
     /// Stretches colours of which nearly all are in the lower half of the channels' range. Black
     /// stays black.
-    pub fn brighten(&mut self, colors: impl Iterator<Item = [u8; 3]>) {
-        let mut counts = vec![0u64; 256];
-        colors.for_each(|[r, g, b]| counts[r.max(g).max(b) as usize] += 1);
-        let [_, most] = percentiles(&counts);
+    pub fn brighten<'c>(&mut self, colors: impl Iterator<Item = &'c [[u8; 3]]>) {
+        let count = |colors: &[[u8; 3]]| {
+            let mut counts = [0u64; 256];
+            colors.iter().for_each(|[r, g, b]| counts[*r.max(g).max(b) as usize] += 1);
+            counts
+        };
+        let sum = |a: [u64; 256], b: [u64; 256]| std::array::from_fn(|value| a[value] + b[value]);
+        let none = || [0u64; 256];
+        let counts = colors.map(|colors| colors.par_chunks(1 << 16).map(count).reduce(none, sum));
+        let [_, most] = percentiles(&counts.fold([0; 256], sum));
         if self.attribute == Attribute::Rgb && (1..128).contains(&most) {
             self.stretch = [0, most];
         }
@@ -502,7 +538,6 @@ impl DisplayAttribute {
 
     /// Computes the words at the 2nd and 98th percentile by counting every point.
     fn stretched(&self, cloud: &Cloud) -> [u32; 2] {
-        use rayon::prelude::*;
         if !self.attribute.is_number() {
             return [0, 255];
         }
@@ -527,6 +562,35 @@ impl DisplayAttribute {
         }
         percentiles(&counts)
     }
+}
+
+fn bytes([a, b, c]: [u8; 3]) -> u32 {
+    a as u32 | (b as u32) << 8 | (c as u32) << 16
+}
+
+/// Returns the cloud's numbers of the stations of a range of points. `stations` are those of their
+/// part, `first` is the cloud's number of the first of them.
+pub fn station_numbers(
+    columns: &Columns,
+    (stations, first): (&[Station], usize),
+    points: Range<usize>,
+) -> Vec<usize> {
+    let number = |source: Option<u16>| {
+        let found = stations.binary_search_by_key(&source, |station| station.source);
+        first + found.unwrap_or(0)
+    };
+    match &columns.source {
+        Some(source) => source[points]
+            .chunk_by(|a, b| a == b)
+            .flat_map(|run| std::iter::repeat_n(number(Some(run[0])), run.len()))
+            .collect(),
+        None => vec![number(None); points.len()],
+    }
+}
+
+/// Writes one word of each row.
+pub fn put<const N: usize>(rows: &mut [[u32; N]], at: usize, words: impl Iterator<Item = u32>) {
+    rows.iter_mut().zip(words).for_each(|(row, word)| row[at] = word);
 }
 
 /// Tests whether most points have the same intensity, as files of meshes do whose intensity is a

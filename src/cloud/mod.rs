@@ -236,6 +236,29 @@ impl Columns {
         self.scalars.iter().map(each).collect()
     }
 
+    /// Drops the points from a number on, and frees their memory.
+    pub fn truncate(&mut self, left: usize) {
+        fn cut<T>(column: &mut Vec<T>, left: usize) {
+            column.truncate(left);
+            column.shrink_to_fit();
+        }
+        fn cut_some<T>(column: &mut Option<Vec<T>>, left: usize) {
+            column.iter_mut().for_each(|column| cut(column, left));
+        }
+        cut(&mut self.x, left);
+        cut(&mut self.y, left);
+        cut(&mut self.z, left);
+        cut_some(&mut self.rgb, left);
+        cut_some(&mut self.intensity, left);
+        cut_some(&mut self.class, left);
+        cut_some(&mut self.returns, left);
+        cut_some(&mut self.source, left);
+        cut_some(&mut self.normal, left);
+        cut_some(&mut self.gps_time, left);
+        self.scalars.iter_mut().for_each(|own| cut(&mut own.numbers, left));
+        self.extent = strays::Kept::default();
+    }
+
     /// Drops the columns that are not in `wanted`.
     pub fn keep(&mut self, wanted: ColumnSet) {
         self.rgb.take_if(|_| !wanted.rgb);

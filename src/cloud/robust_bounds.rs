@@ -7,7 +7,6 @@ use super::{Cloud, Lattice, Part};
 use glam::DVec3;
 use rayon::prelude::*;
 use std::collections::HashMap;
-use std::ops::RangeInclusive;
 
 /// A point and the number of points for which it stands.
 type Weighted = (DVec3, u32);
@@ -17,6 +16,8 @@ type Weighted = (DVec3, u32);
 const SAMPLES: u64 = 100_000;
 /// Share of points beyond each side of a box that no stray determines.
 const BEYOND: f64 = 0.002;
+/// Points per task.
+const TASK: usize = 1 << 15;
 /// Connectivity of points beyond the box, relative to its longest side: the size of adjacent
 /// occupied cells, and the distance they may lead. Tree tops are this sparse.
 const STEP: f64 = 1.0 / 25.0;
@@ -45,8 +46,8 @@ impl Cloud {
             let (inside, core) = (certain.steps(&part.lattice), part.columns.core());
             let is_stray = part.header.strays;
             move |q| {
-                let is_core = core.is_none_or(|core| core.has(DVec3::from(q.map(f64::from))));
-                !is_stray && is_core && (0..3).any(|axis| !inside[axis].contains(&q[axis]))
+                let is_core = || core.is_none_or(|core| core.has(DVec3::from(q.map(f64::from))));
+                !is_stray && is_beyond(inside, q) && is_core()
             }
         });
         inside.append(&mut outside);
@@ -60,10 +61,10 @@ impl Cloud {
             |_| true,
             |part| {
                 let inside = certain.steps(&part.lattice);
-                move |q| (0..3).any(|axis| !inside[axis].contains(&q[axis]))
+                move |q| is_beyond(inside, q)
             },
         );
-        core.extend(certain.tied(outside));
+        core.extend(certain.tied(&outside));
         core
     }
 
@@ -75,14 +76,14 @@ impl Cloud {
         keeps: &(impl Fn(DVec3) -> bool + Sync),
         near: &dyn Fn(Vec<Weighted>) -> Vec<Weighted>,
     ) -> (Vec<DVec3>, Certain) {
-        let every = count / SAMPLES + 1;
+        let every = Divisor::new(count / SAMPLES + 1);
         let samples: Vec<_> = self
-            .places(keeps, |_| |q| scatter(q).is_multiple_of(every))
+            .places(keeps, |_| move |q| every.divides(scatter(q)))
             .into_iter()
             .map(|p| (p, 1))
             .collect();
         let samples = near(samples);
-        let certain = Certain::of(samples.clone());
+        let certain = Certain::of(&samples);
         let places = samples.into_iter().map(|(p, _)| p);
         (places.filter(|&p| certain.beyond(p) == 0.0).collect(), certain)
     }
@@ -95,12 +96,14 @@ impl Cloud {
     ) -> Vec<DVec3> {
         let mut places = Vec::new();
         for part in &self.parts {
-            let columns = &part.columns;
-            let steps = |i: usize| [columns.x[i], columns.y[i], columns.z[i]];
-            let wants = wants(part);
-            let wanted = (0..columns.len()).into_par_iter().map(steps).filter(|&q| wants(q));
-            let world = |q: [i32; 3]| part.lattice.world(q.map(i64::from));
-            places.par_extend(wanted.map(world).filter(|&p| keeps(p)));
+            let (wants, keeps) = (&wants(part), &keeps);
+            let [x, y, z] = [0, 1, 2].map(|axis| part.columns.along(axis).par_chunks(TASK));
+            let wanted = x.zip(y).zip(z).flat_map_iter(move |((x, y), z)| {
+                let steps = x.iter().zip(y).zip(z).map(|((&x, &y), &z)| [x, y, z]);
+                let world = move |q: [i32; 3]| part.lattice.world(q.map(i64::from));
+                steps.filter(move |&q| wants(q)).map(world).filter(move |&p| keeps(p))
+            });
+            places.par_extend(wanted);
         }
         places
     }
@@ -109,10 +112,10 @@ impl Cloud {
 /// Returns samples without strays, each repeated by its weight.
 pub fn without_strays(samples: Vec<(DVec3, u32)>) -> Vec<DVec3> {
     let samples = near(samples);
-    let certain = Certain::of(samples.clone());
+    let certain = Certain::of(&samples);
     let (mut core, outside): (Vec<DVec3>, Vec<DVec3>) =
         samples.into_iter().map(|(p, _)| p).partition(|&p| certain.beyond(p) == 0.0);
-    core.extend(certain.tied(outside));
+    core.extend(certain.tied(&outside));
     core
 }
 
@@ -142,14 +145,16 @@ struct Certain {
 }
 
 impl Certain {
-    fn of(mut samples: Vec<(DVec3, u32)>) -> Certain {
+    fn of(samples: &[Weighted]) -> Certain {
         let few = BEYOND * samples.iter().map(|&(_, weight)| weight as f64).sum::<f64>();
-        let [mut low, mut high] = [DVec3::NEG_INFINITY, DVec3::INFINITY];
-        for axis in 0..3 {
-            samples.par_sort_unstable_by(|(a, _), (b, _)| a[axis].total_cmp(&b[axis]));
-            low[axis] = within(samples.iter(), axis, few).unwrap_or(low[axis]);
-            high[axis] = within(samples.iter().rev(), axis, few).unwrap_or(high[axis]);
-        }
+        let ends = |axis: usize| {
+            let mut along: Vec<_> = samples.iter().map(|(p, weight)| (p[axis], *weight)).collect();
+            along.par_sort_unstable_by(|(a, _), (b, _)| a.total_cmp(b));
+            let low = within(along.iter(), few).unwrap_or(f64::NEG_INFINITY);
+            [low, within(along.iter().rev(), few).unwrap_or(f64::INFINITY)]
+        };
+        let ends = [0, 1, 2].map(ends);
+        let [low, high] = [0, 1].map(|end| DVec3::from_array(ends.map(|ends| ends[end])));
         Certain { low, high, size: (high - low).max_element() }
     }
 
@@ -158,33 +163,35 @@ impl Certain {
         (p - p.clamp(self.low, self.high)).abs().max_element()
     }
 
-    /// Returns the steps of a lattice that are inside, whatever the rounding.
-    fn steps(&self, lattice: &Lattice) -> [RangeInclusive<i32>; 3] {
+    /// Returns the first and the last steps of a lattice that are inside, whatever the rounding.
+    fn steps(&self, lattice: &Lattice) -> [[i32; 3]; 2] {
         let [a, b] = [self.low, self.high].map(|corner| (corner - lattice.offset) / lattice.step);
         let (least, most) = (a.min(b).ceil() + 1.0, a.max(b).floor() - 1.0);
-        [0, 1, 2].map(|axis| least[axis] as i32..=most[axis] as i32)
+        [least, most].map(|end| end.to_array().map(|step| step as i32))
     }
 
     /// Returns outside points that are connected with the inside: a spire or an outstretched arm
     /// may hold fewer points than strays do, but no gap separates it.
-    fn tied(&self, outside: Vec<DVec3>) -> Vec<DVec3> {
+    fn tied(&self, outside: &[DVec3]) -> Vec<DVec3> {
         let step = STEP * self.size;
-        let mut cells: HashMap<[i64; 3], Vec<DVec3>> = HashMap::new();
+        // Numbers of the points of each cell.
+        let mut cells: HashMap<[i64; 3], Vec<u32>> = HashMap::new();
         let mut reached = Vec::new();
-        for p in outside
-            .into_iter()
-            .filter(|&p| self.beyond(p) > 0.0 && self.beyond(p) <= WAY * self.size)
-        {
+        for (number, &p) in (0..).zip(outside) {
+            let beyond = self.beyond(p);
+            if !(beyond > 0.0 && beyond <= WAY * self.size) {
+                continue;
+            }
             let cell = ((p - self.low) / step).floor().to_array().map(|c| c as i64);
-            cells.entry(cell).or_default().push(p);
-            if self.beyond(p) <= step {
+            cells.entry(cell).or_default().push(number);
+            if beyond <= step {
                 reached.push(cell);
             }
         }
         let mut tied = Vec::new();
         while let Some([x, y, z]) = reached.pop() {
             if let Some(points) = cells.remove(&[x, y, z]) {
-                tied.extend(points);
+                tied.extend(points.into_iter().map(|number| outside[number as usize]));
                 reached.extend((0..27).map(|k| [x + k % 3 - 1, y + k / 3 % 3 - 1, z + k / 9 - 1]));
             }
         }
@@ -192,15 +199,45 @@ impl Certain {
     }
 }
 
+/// Tests whether steps are outside a box, given its first and its last ones.
+#[inline]
+fn is_beyond([low, high]: [[i32; 3]; 2], q: [i32; 3]) -> bool {
+    // Without branches.
+    (0..3).fold(false, |beyond, axis| beyond | (q[axis] < low[axis]) | (q[axis] > high[axis]))
+}
+
+/// A divisor for tests that cost a multiplication.
+#[derive(Clone, Copy)]
+struct Divisor {
+    /// Inverse of its odd part, modulo 2^64.
+    inverse: u64,
+    twos: u32,
+    /// Largest quotient of 64 bits.
+    largest: u64,
+}
+
+impl Divisor {
+    fn new(divisor: u64) -> Divisor {
+        let twos = divisor.trailing_zeros();
+        let odd = divisor >> twos;
+        // Newton's iteration doubles the right bits, of which there are 3 at first.
+        let newton =
+            |inverse: u64, _| inverse.wrapping_mul(2u64.wrapping_sub(odd.wrapping_mul(inverse)));
+        Divisor { inverse: (0..5).fold(odd, newton), twos, largest: u64::MAX / divisor }
+    }
+
+    /// Tests whether a number is a multiple (Granlund and Montgomery 1994, section 9).
+    #[inline]
+    fn divides(self, number: u64) -> bool {
+        number.wrapping_mul(self.inverse).rotate_right(self.twos) <= self.largest
+    }
+}
+
 /// Returns the first coordinate with more than `beyond` points up to it.
-fn within<'s>(
-    samples: impl Iterator<Item = &'s (DVec3, u32)>,
-    axis: usize,
-    beyond: f64,
-) -> Option<f64> {
-    let mut sums = samples.scan(0.0, |sum, (p, weight)| {
+fn within<'s>(samples: impl Iterator<Item = &'s (f64, u32)>, beyond: f64) -> Option<f64> {
+    let mut sums = samples.scan(0.0, |sum, (at, weight)| {
         *sum += *weight as f64;
-        Some((*sum, p[axis]))
+        Some((*sum, *at))
     });
     sums.find(|(sum, _)| *sum > beyond).map(|(_, at)| at)
 }
@@ -249,6 +286,18 @@ mod tests {
         let with = |weight| without_strays(wall().into_iter().chain([(far, weight)]).collect());
         assert!(top(&with(1)) < 10.0);
         assert_eq!(top(&with(1000)), 100.0);
+    }
+
+    #[test]
+    fn divisors_divide_their_multiples_and_no_other_number() {
+        for divisor in [1, 2, 3, 8, 101, 1000, 12_345_678_912, u64::MAX] {
+            let own = Divisor::new(divisor);
+            for k in 0..2000u64 {
+                for number in [k, u64::MAX - k, divisor.wrapping_mul(k), mix(k)] {
+                    assert_eq!(own.divides(number), number.is_multiple_of(divisor));
+                }
+            }
+        }
     }
 
     #[test]

@@ -17,6 +17,7 @@ use glam::DVec3;
 use rayon::prelude::*;
 use std::collections::HashMap;
 use std::f64::consts::PI;
+use std::hash::{BuildHasherDefault, Hasher};
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicU64, Ordering};
 
@@ -153,18 +154,12 @@ fn around(cloud: &Cloud, seeds: &[DVec3], cell: f64) -> Vec<Around> {
         let watching = grid.watching(part, seeds);
         // Few points are near a seed: one bit per hash of the cell rejects the others before the
         // map is queried.
-        let mut near = vec![0u64; FILTER_BITS / 64];
+        let mut near = Box::new([0u64; FILTER_BITS / 64]);
         for cell in watching.keys() {
             let bit = filter_bit(*cell);
             near[bit / 64] |= 1 << (bit % 64);
         }
-        (0..x.len()).into_par_iter().with_min_len(1 << 15).for_each(|i| {
-            let q = [x[i], y[i], z[i]].map(i64::from);
-            let cell = grid.cell(q);
-            let bit = filter_bit(cell);
-            if near[bit / 64] >> (bit % 64) & 1 == 0 {
-                return;
-            }
+        let visit = |q: [i64; 3], cell: [i64; 3]| {
             let p = part.lattice.world(q);
             for &seed in watching.get(&cell).into_iter().flatten() {
                 let square = (p - seeds[seed]).length_squared();
@@ -173,6 +168,17 @@ fn around(cloud: &Cloud, seeds: &[DVec3], cell: f64) -> Vec<Around> {
                         found[seed].lock().unwrap_or_else(|poisoned| poisoned.into_inner());
                     around.add(square, p);
                     bounds[seed].store(around.squares[NEIGHBOURS - 1].to_bits(), Ordering::Relaxed);
+                }
+            }
+        };
+        let [x, y, z] = [x, y, z].map(|column| column.par_chunks(TASK));
+        x.zip(y).zip(z).for_each(|((x, y), z)| {
+            for ((&x, &y), &z) in x.iter().zip(y).zip(z) {
+                let q = [x, y, z].map(i64::from);
+                let cell = grid.cell(q);
+                let bit = filter_bit(cell);
+                if near[bit / 64] >> (bit % 64) & 1 != 0 {
+                    visit(q, cell);
                 }
             }
         });
@@ -202,8 +208,8 @@ impl Grid {
 
     /// Returns the seeds near each cell: each seed is listed in all cells that see it, so that a
     /// point visits one cell only. Seeds far from the part are left out.
-    fn watching(&self, part: &Part, seeds: &[DVec3]) -> HashMap<[i64; 3], Vec<usize>> {
-        let mut watching: HashMap<[i64; 3], Vec<usize>> = HashMap::new();
+    fn watching(&self, part: &Part, seeds: &[DVec3]) -> Watching {
+        let mut watching = Watching::default();
         let Some(extent) = part.columns.extent() else { return watching };
         let [low, high] = [extent.low, extent.high].map(|end| self.cell(end.map(i64::from)));
         for (index, &seed) in seeds.iter().enumerate() {
@@ -224,6 +230,32 @@ impl Grid {
         watching
     }
 }
+
+/// Seeds near each cell.
+type Watching = HashMap<[i64; 3], Vec<usize>, BuildHasherDefault<CellHasher>>;
+
+/// Hashes cells by a multiplication a number: most points near seeds look one up.
+#[derive(Default)]
+struct CellHasher(u64);
+
+impl Hasher for CellHasher {
+    fn write(&mut self, bytes: &[u8]) {
+        for number in bytes.chunks(8) {
+            let mut word = [0; 8];
+            word[..number.len()].copy_from_slice(number);
+            self.0 = (self.0.rotate_left(23) ^ u64::from_le_bytes(word))
+                .wrapping_mul(0x9E37_79B9_7F4A_7C15);
+        }
+    }
+
+    fn finish(&self) -> u64 {
+        // The map takes its places from the low bits.
+        self.0 ^ self.0 >> 32
+    }
+}
+
+/// Points per task.
+const TASK: usize = 1 << 15;
 
 const FILTER_BITS: usize = 1 << 20;
 

@@ -4,7 +4,8 @@
 use super::{Device, LogicalDevice};
 use crate::error::Result;
 use ash::vk;
-use std::collections::HashMap;
+use rayon::prelude::*;
+use std::collections::{BTreeMap, HashMap};
 
 /// How a shader accesses a binding.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -88,6 +89,24 @@ pub type Constants = Vec<(u32, u32)>;
 impl Kernels {
     pub fn new(device: &Device) -> Kernels {
         Kernels { device: device.raw.clone(), made: HashMap::new() }
+    }
+
+    /// Makes the kernels that are missing on all cores: compiling one takes some milliseconds.
+    pub fn prepare<'c>(
+        &mut self,
+        device: &Device,
+        wanted: impl Iterator<Item = (&'c Code, &'c Constants)>,
+    ) -> Result<()> {
+        let missing = wanted.map(|(code, constants)| ((code.name, constants.clone()), code));
+        let missing: BTreeMap<_, _> =
+            missing.filter(|(key, _)| !self.made.contains_key(key)).collect();
+        let made: Vec<_> = missing
+            .into_par_iter()
+            .map(|(key, code)| make(device, code, &key.1).map(|kernel| (key, kernel)))
+            .collect();
+        // Those made before or after one that failed are kept, too.
+        let keep = |kernel: Result<_>| kernel.map(|kernel| self.made.extend([kernel]));
+        made.into_iter().map(keep).fold(Ok(()), Result::and)
     }
 
     pub fn get(

@@ -323,6 +323,11 @@ impl Recording<'_> {
     ) -> Result<Steps> {
         let Recording { plan, names, work, physical, barriers } = self;
         let timing = Timing::new(&gpu.device, names.len() as u32)?;
+        let kernel = |step: &Step| match &work[step.pass] {
+            Work::Run { code, constants, .. } => Some((code, constants)),
+            _ => None,
+        };
+        gpu.kernels.prepare(&gpu.device, plan.steps.iter().filter_map(kernel))?;
         let recorder = Recorder::new(gpu, plan, work, commands)?;
         let breadcrumbs = Breadcrumbs::new(&gpu.device, &mut gpu.memory, names.to_vec())?;
         let recorded = (|| {

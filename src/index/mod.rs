@@ -20,4 +20,4 @@ mod ground;
 pub mod merge;
 pub mod octree;
 
-pub use build::partition::{Arrangement, Node, Partition, partition, shuffled_partition};
+pub use build::partition::{Arrangement, Node, Partition, Row, partition};

@@ -22,7 +22,7 @@ use crate::index::attributes::strokes::StrokeCache;
 use crate::index::cache::{self, Cached};
 use crate::index::fault_injection::Fault;
 use crate::index::format::{Index, Plane};
-use crate::index::{self, build};
+use crate::index::{Arrangement, build};
 use crate::network::{Traffic, is_address, traffic};
 use crate::progress::Progress;
 use crate::resident::{CloudUpload, Residency, Resident, streaming::Update};
@@ -431,8 +431,8 @@ impl Source {
         match self {
             _ if shown.attribute != Attribute::Rgb => {}
             Source::Files(cloud) => {
-                let colors = cloud.parts.iter().filter_map(|part| part.columns.rgb.as_ref());
-                shown.brighten(colors.flatten().copied());
+                let colors = cloud.parts.iter().filter_map(|part| part.columns.rgb.as_deref());
+                shown.brighten(colors);
             }
             Source::Index(index) => {
                 let roots = &index.nodes()[..index.directory.roots as usize];
@@ -444,7 +444,7 @@ impl Source {
                         colors.extend_from_slice(bytes.as_chunks().0);
                     }
                 }
-                shown.brighten(colors.into_iter());
+                shown.brighten([&colors[..]].into_iter());
             }
         }
     }
@@ -596,7 +596,7 @@ impl Source {
         Ok(match self {
             Source::Files(cloud) => {
                 let mut upload = CloudUpload::new(cloud, shown, Some(found.clone()));
-                while upload.build_nodes(index::partition, progress)? {}
+                while upload.build_nodes(Arrangement::Morton, progress)? {}
                 PreparedCloud::Files(Box::new(upload))
             }
             Source::Index(index) => PreparedCloud::Index(index, Box::new(shown)),

@@ -9,29 +9,29 @@
 
 use super::pool::Pool;
 use super::{MOST_NODES, Resident, ResidentNode, in_metres};
-use crate::cloud::attribute::{Attribute, DisplayAttribute};
+use crate::cloud::attribute::{Attribute, DisplayAttribute, put, station_numbers};
 use crate::cloud::histograms::Histograms;
-use crate::cloud::{self, Cloud, Columns, Part, Station};
+use crate::cloud::{self, Cloud, Columns, Lattice, Part, Station};
 use crate::error::{Error, Result};
 use crate::graph::Gpu;
+use crate::index::attributes::axes;
 use crate::index::attributes::exposure::{self, Values};
 use crate::index::attributes::strokes::{self, StrokeCache};
 use crate::index::build::pack::{self, Frame};
+use crate::index::build::partition::PLACE_WORDS;
 use crate::index::format::Axes;
 use crate::index::format::Balance;
 use crate::index::format::scatter;
 use crate::index::format::spacing::spacing;
-use crate::index::{self, Partition};
+use crate::index::{self, Arrangement, Node, Partition, Row};
 use crate::progress::{self, Progress};
 use crate::select::clip::Clips;
 use crate::select::opacity::Opacities;
 use rayon::prelude::*;
 use std::collections::VecDeque;
+use std::ops::Range;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
-
-/// A function that partitions the points of a part into nodes.
-pub type Partitioner = fn(&Columns, &dyn Progress) -> Result<Partition>;
 
 /// A cloud being uploaded.
 pub struct CloudUpload {
@@ -55,15 +55,24 @@ pub struct CloudUpload {
 
 /// A partitioned part that needs only pages.
 struct Ready {
-    part: Part,
-    first_station: usize,
-    stations: Vec<Station>,
-    partition: Partition,
+    lattice: Lattice,
+    nodes: Vec<Node>,
     /// Frame of each node, and the station of its points if it is one.
     framed: Vec<(Frame, Option<u32>)>,
-    strokes: Arc<Vec<[u32; 2]>>,
+    rows: Box<dyn Rows>,
     /// Number of uploaded nodes.
     written: usize,
+}
+
+/// Points of nodes, with any number of words each.
+trait Rows: Send + Sync {
+    fn pack(&self, points: Range<usize>, frame: &Frame, pages: &mut [&mut [u32]]) -> Vec<u32>;
+}
+
+impl<const N: usize> Rows for Partition<N> {
+    fn pack(&self, points: Range<usize>, frame: &Frame, pages: &mut [&mut [u32]]) -> Vec<u32> {
+        pack::pack(&self.rows[points], frame, self.arrangement, pages)
+    }
 }
 
 impl CloudUpload {
@@ -83,11 +92,7 @@ impl CloudUpload {
             .kind
             .then(|| Histograms::of(cloud.parts.iter().map(|part| &part.columns)));
         let spacing_m = cloud::spacing::spacing(&cloud).unwrap_or(0.0);
-        let axes = if shown.further.strokes {
-            index::attributes::axes::of(&cloud.parts)
-        } else {
-            Axes::default()
-        };
+        let axes = if shown.further.strokes { axes::of(&cloud.parts) } else { Axes::default() };
         let mut parts: VecDeque<(usize, Part)> = cloud.parts.into_iter().enumerate().collect();
         parts.iter_mut().for_each(|(_, part)| part.columns.keep(shown.wanted()));
         CloudUpload {
@@ -114,7 +119,7 @@ impl CloudUpload {
     /// Builds the nodes of one more part; returns false if there is none.
     pub fn build_nodes(
         &mut self,
-        partitioner: Partitioner,
+        arrangement: Arrangement,
         progress: &dyn Progress,
     ) -> Result<bool> {
         let Some((number, part)) = self.parts.pop_front() else {
@@ -123,55 +128,82 @@ impl CloudUpload {
             }
             return Ok(false);
         };
-        let before = self.built_points;
-        let partition = partitioner(&part.columns, &self.half(progress))?;
-        self.built_nodes += partition.nodes.len() as u64;
-        self.built_points += partition.order.len() as u64;
+        // Stations are listed part by part.
+        let first = self.stations.partition_point(|station| station.part < number);
+        let end = self.stations.partition_point(|station| station.part <= number);
+        let stations = first..end;
+        // Nodes need the stations that have no place in the words.
+        let ready = match self.shown.words() + self.shown.omits_stations(&stations) as u32 {
+            1 => self.organise::<4>(part, stations, arrangement, progress)?,
+            2 => self.organise::<5>(part, stations, arrangement, progress)?,
+            3 => self.organise::<6>(part, stations, arrangement, progress)?,
+            4 => self.organise::<7>(part, stations, arrangement, progress)?,
+            5 => self.organise::<8>(part, stations, arrangement, progress)?,
+            // Saved light is that of indexes only.
+            _ => self.organise::<9>(part, stations, arrangement, progress)?,
+        };
+        self.built_nodes += ready.nodes.len() as u64;
+        self.built_points += ready.nodes.last().map_or(0, |node| node.points.end as u64);
         if self.built_nodes > MOST_NODES {
             return Err(Error::Request(format!(
                 "{} points are more than the 4,294,901,760 that fit at once; index the files first",
                 self.points
             )));
         }
-        // Stations are listed part by part.
-        let first_station = self.stations.partition_point(|station| station.part < number);
-        let stations = self.stations
-            [first_station..self.stations.partition_point(|station| station.part <= number)]
-            .to_vec();
-        let painting = progress::Part { progress, done: before, total: self.points };
+        self.ready.push_back(ready);
+        Ok(true)
+    }
+
+    /// Organises a part in rows of `N` words.
+    fn organise<const N: usize>(
+        &self,
+        part: Part,
+        stations: Range<usize>,
+        arrangement: Arrangement,
+        progress: &dyn Progress,
+    ) -> Result<Ready> {
+        let shown = self.shown;
+        let painting = progress::Part { progress, done: self.built_points, total: self.points };
         let strokes = match &self.found {
-            _ if !self.shown.further.strokes => Arc::default(),
+            _ if !shown.further.strokes => Arc::default(),
             Some(found) => found.of(&part.columns, &part.lattice, &painting)?,
             None => Arc::new(strokes::words(&part.columns, &part.lattice, &painting)?),
         };
-        let single_station = |order: &[u32]| match (&stations[..], &part.columns.source) {
-            ([_], _) => Some(first_station as u32),
-            (_, Some(column)) => {
-                let source = column[order[0] as usize];
-                let number = stations.partition_point(|station| station.source < Some(source));
-                order
-                    .iter()
-                    .all(|&i| column[i as usize] == source)
-                    .then_some((first_station + number) as u32)
+        let omitted = shown.omits_stations(&stations);
+        let stations = (&self.stations[stations.clone()], stations.start);
+        let Part { columns, lattice, .. } = part;
+        let words = |columns: &Columns, points: Range<usize>, rows: &mut [Row<N>]| {
+            let from = (columns, &lattice);
+            shown.write_words(from, stations, points.clone(), rows, PLACE_WORDS);
+            if let Some(place) = shown.strokes() {
+                let at = PLACE_WORDS + place as usize;
+                for (row, words) in rows.iter_mut().zip(&strokes[points.clone()]) {
+                    row[at..at + 2].copy_from_slice(words);
+                }
             }
-            (_, None) => None,
+            if omitted {
+                let numbers = station_numbers(columns, stations, points);
+                put(rows, N - 1, numbers.into_iter().map(|number| number as u32));
+            }
         };
-        let of_node = |order: &[u32]| (pack::frame(&part.columns, order), single_station(order));
-        let framed = partition
-            .nodes
-            .par_iter()
-            .map(|node| of_node(&partition.order[node.points.clone()]))
-            .collect();
-        self.ready.push_back(Ready {
-            part,
-            first_station,
-            stations,
-            partition,
-            framed,
-            strokes,
-            written: 0,
-        });
-        Ok(true)
+        let mut partition = index::partition(columns, &words, arrangement, &self.half(progress))?;
+        let station = |row: &Row<N>| match omitted {
+            true => Some(row[N - 1]),
+            false => shown.station(&row[PLACE_WORDS..]),
+        };
+        let common_station = |rows: &[Row<N>]| match stations {
+            ([], _) => None,
+            ([_], first) => Some(first as u32),
+            _ => station(&rows[0])
+                .filter(|&first| rows.iter().all(|row| station(row) == Some(first))),
+        };
+        let of_node = |node: &Node| {
+            let rows = &partition.rows[node.points.clone()];
+            (pack::frame(rows), common_station(rows))
+        };
+        let framed = partition.nodes.par_iter().map(of_node).collect();
+        let nodes = std::mem::take(&mut partition.nodes);
+        Ok(Ready { lattice, nodes, framed, rows: Box::new(partition), written: 0 })
     }
 
     /// Uploads at most `most` nodes of the partitioned parts; returns whether some are left.
@@ -184,7 +216,7 @@ impl CloudUpload {
         let Some(mut ready) = self.ready.pop_front() else { return Ok(false) };
         let half = progress::Part { progress, done: self.built_points, total: 2 * self.points };
         let written = ready.write(self.resident(gpu), gpu, most, &half);
-        if ready.written < ready.partition.nodes.len() {
+        if ready.written < ready.nodes.len() {
             self.ready.push_front(ready);
         }
         written.map(|()| !self.ready.is_empty())
@@ -244,18 +276,16 @@ impl Ready {
         most: usize,
         progress: &dyn Progress,
     ) -> Result<()> {
-        let Ready { part, first_station, stations, partition, framed, strokes, written } = self;
+        let Ready { lattice, nodes: all, framed, rows, written } = self;
         let (shown, first) = (resident.shown, resident.nodes.len());
-        let nodes = *written..written.saturating_add(most).min(partition.nodes.len());
-        for (node, &(frame, station)) in
-            partition.nodes[nodes.clone()].iter().zip(&framed[nodes.clone()])
-        {
+        let nodes = *written..written.saturating_add(most).min(all.len());
+        for (node, &(frame, station)) in all[nodes.clone()].iter().zip(&framed[nodes.clone()]) {
             let first_page = resident
                 .pool
                 .take(gpu, frame.planes + shown.words())?
                 .expect("a pool without a budget is never full");
             let (count, number) = (node.points.len() as u32, resident.nodes.len() as u32);
-            let (lattice, planes) = (part.lattice, frame.planes);
+            let (lattice, planes) = (*lattice, frame.planes);
             resident.nodes.push(ResidentNode {
                 lattice,
                 frame,
@@ -273,32 +303,17 @@ impl Ready {
 
         let runs = resident.nodes[first..]
             .iter_mut()
-            .zip(&partition.nodes[nodes])
+            .zip(&all[nodes])
             .map(|(node, range)| {
                 (node.first_page, node.frame.planes + shown.words(), (node, range))
             })
             .collect();
         let done = AtomicU64::new(resident.points);
         let count = resident.pool.write(gpu, runs, |(node, range), mut pages| {
-            let order = &partition.order[range.points.clone()];
-            let words = |i| {
-                let mut words = shown.words_of(part, stations, *first_station, i);
-                if let Some(place) = shown.strokes() {
-                    words[place as usize..][..2].copy_from_slice(&strokes[i]);
-                }
-                words
-            };
-            let coarse = pack::pack(
-                &part.columns,
-                &node.frame,
-                order,
-                partition.arrangement,
-                words,
-                &mut pages,
-            );
+            let coarse = rows.pack(range.points.clone(), &node.frame, &mut pages);
             node.spacing = in_metres(spacing(&coarse), &node.lattice, &node.frame);
             node.clumps = scatter::clumps(&coarse, node.frame.bits, node.lattice.step).into();
-            let done = done.fetch_add(order.len() as u64, Relaxed);
+            let done = done.fetch_add(range.points.len() as u64, Relaxed);
             progress.tick("organising", done, 0)
         })?;
         resident.points = done.into_inner();

@@ -19,7 +19,7 @@ mod staging_ring;
 pub mod station_overlap;
 pub mod streaming;
 
-pub use cloud_upload::{CloudUpload, Partitioner};
+pub use cloud_upload::CloudUpload;
 pub use point_density::PointDensity;
 pub use station_overlap::StationOverlap;
 pub use streaming::Residency;
@@ -30,7 +30,7 @@ use crate::cloud::{Cloud, Lattice, Station};
 use crate::config::{BITS_PER_PLANE, NO_POINT, POINTS_PER_PAGE};
 use crate::error::Result;
 use crate::graph::{Buffer, Gpu, Graph};
-use crate::index;
+use crate::index::Arrangement;
 use crate::index::build::pack::Frame;
 use crate::index::format::Axes;
 use crate::index::format::Balance;
@@ -200,19 +200,19 @@ impl Resident {
         shown: DisplayAttribute,
         progress: &dyn Progress,
     ) -> Result<Resident> {
-        Resident::arrange(gpu, cloud, shown, index::partition, progress)
+        Resident::arrange(gpu, cloud, shown, Arrangement::Morton, progress)
     }
 
-    /// Fills with another partition than Morton order; for benchmarks.
+    /// Fills with another arrangement than Morton order; for benchmarks.
     pub fn arrange(
         gpu: &mut Gpu,
         cloud: Cloud,
         shown: DisplayAttribute,
-        partitioner: Partitioner,
+        arrangement: Arrangement,
         progress: &dyn Progress,
     ) -> Result<Resident> {
         let mut upload = CloudUpload::new(cloud, shown, None);
-        while upload.build_nodes(partitioner, progress)? {
+        while upload.build_nodes(arrangement, progress)? {
             upload.upload_nodes(gpu, usize::MAX, progress)?;
         }
         Ok(upload.finish(gpu))

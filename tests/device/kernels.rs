@@ -21,11 +21,13 @@ use crate::points::{Random, bumpy};
 use glam::DVec3;
 use pointillist::cloud::attribute::{Attribute, DisplayAttribute};
 use pointillist::cloud::colormap::srgb_to_linear;
-use pointillist::cloud::{Cloud, Lattice};
+use pointillist::cloud::{Cloud, Columns, Lattice};
 use pointillist::config::{NO_POINT, POINTS_PER_PAGE};
 use pointillist::error::Error;
 use pointillist::graph::Graph;
-use pointillist::index::{self, build::pack};
+use pointillist::index::build::pack;
+use pointillist::index::build::partition::PLACE_WORDS;
+use pointillist::index::{self, Arrangement, Row};
 use pointillist::passes::project::{Keys, Precision, Strip};
 use pointillist::passes::{FrameContext, Switch, composite, edl, resolve};
 use pointillist::progress::Silent;
@@ -34,6 +36,7 @@ use pointillist::resident::Resident;
 use pointillist::study::oracle::{Bounded, edl as edl_oracle, project};
 use pointillist::view::light::Light;
 use pointillist::view::{Camera, View};
+use std::ops::Range;
 
 const SIZES: [[u32; 2]; 5] = [[1, 1], [1, 127], [127, 1], [63, 65], [331, 257]];
 
@@ -148,19 +151,16 @@ fn resolved(
 /// Returns the words that the points of a one-node cloud show, by id.
 fn words(cloud: &Cloud, shown: &DisplayAttribute) -> Vec<u32> {
     let part = &cloud.parts[0];
-    let organised = index::partition(&part.columns, &Silent).unwrap();
+    let words = |columns: &Columns, points: Range<usize>, rows: &mut [Row<4>]| {
+        shown.write_words((columns, &part.lattice), (&[], 0), points, rows, PLACE_WORDS);
+    };
+    let organised =
+        index::partition(part.columns.clone(), &words, Arrangement::Morton, &Silent).unwrap();
     assert_eq!(organised.nodes.len(), 1);
-    let frame = pack::frame(&part.columns, &organised.order);
+    let frame = pack::frame(&organised.rows);
     let mut pages = vec![vec![0; part.columns.len()]; frame.planes as usize + 1];
     let mut to: Vec<&mut [u32]> = pages.iter_mut().map(Vec::as_mut_slice).collect();
-    pack::pack(
-        &part.columns,
-        &frame,
-        &organised.order,
-        organised.arrangement,
-        |i| shown.words_of(part, &[], 0, i),
-        &mut to,
-    );
+    pack::pack(&organised.rows, &frame, organised.arrangement, &mut to);
     pages.pop().unwrap()
 }
 

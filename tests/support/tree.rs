@@ -95,17 +95,15 @@ pub fn plant(path: &Path, at: &[[i32; 3]], rgb: &[[u8; 3]], shape: &Shape) -> Ar
         for (grown, parent) in level {
             let number = nodes.len() as u32;
             let order: Vec<u32> = grown.points.iter().map(|&i| i as u32).collect();
-            let frame = pack::frame(&columns, &order);
+            let row = |&i: &u32| {
+                let at = i as usize;
+                [columns.x[at] as u32, columns.y[at] as u32, columns.z[at] as u32, i]
+            };
+            let rows: Vec<[u32; 4]> = order.iter().map(row).collect();
+            let frame = pack::frame(&rows);
             let mut pages = vec![vec![0u32; order.len()]; frame.planes as usize + 1];
             let mut planes: Vec<&mut [u32]> = pages.iter_mut().map(Vec::as_mut_slice).collect();
-            pack::pack(
-                &columns,
-                &frame,
-                &order,
-                Arrangement::Morton,
-                |i| [i as u32, 0, 0, 0, 0],
-                &mut planes,
-            );
+            pack::pack(&rows, &frame, Arrangement::Morton, &mut planes);
             let sorted = pages.pop().unwrap();
             let spacing = frame.extent.iter().max().map_or(0.0, |&side| {
                 side.max(1) as f64 * STEP / (order.len() as f64).sqrt().max(1.0)

@@ -408,15 +408,15 @@ impl Survey<'_> {
                     let (q, part) = (layout.cell(record), layout.part(record));
                     let (lattice, from) = &own[part as usize];
                     let place = lattice.world([0, 1, 2].map(|axis| q[axis] as i64 + from[axis]));
-                    let station = || number(part, layout.source(record));
+                    let Some(cell) = colors.cell(place) else { continue };
+                    let station = number(part, layout.source(record));
                     if kind.has.rgb {
-                        let color = || (station(), layout.color(record, &self.colors));
-                        found[0].extend(colors.point(place, color));
+                        let color = layout.color(record, &self.colors);
+                        found[0].extend(exposure::point(cell, station, color));
                     }
                     if kind.has.intensity && has_intensity[part as usize] {
                         let grey = greys[layout.intensity(record) as usize];
-                        let grey = || (station(), [grey; 3]);
-                        found[1].extend(intensities.point(place, grey));
+                        found[1].extend(exposure::point(cell, station, [grey; 3]));
                     }
                 }
                 let [of_colors, of_intensities] = found;

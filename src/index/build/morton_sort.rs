@@ -82,7 +82,7 @@ fn compare(layout: &Layout, a: &[u8], b: &[u8]) -> Ordering {
 }
 
 /// Sorts by the bits from `from` on, least significant digit first.
-fn radix_sort(items: &mut Vec<u64>, other: &mut Vec<u64>, from: u32) {
+pub fn radix_sort(items: &mut Vec<u64>, other: &mut Vec<u64>, from: u32) {
     if items.len() < MIN_RADIX {
         return items.sort_unstable();
     }

@@ -6,9 +6,8 @@
 //! what they show, so that the same points give the same picture in any file order (guide:
 //! numerics).
 
-use super::partition::Arrangement;
-use crate::cloud::Columns;
-use crate::cloud::attribute::Words;
+use super::morton_sort::radix_sort;
+use super::partition::{Arrangement, PLACE_WORDS, Row, ends, place};
 use crate::config::{BITS_PER_PLANE, POSITION_PLANES};
 use crate::index::format::morton;
 
@@ -28,62 +27,66 @@ pub struct Frame {
     pub planes: u32,
 }
 
-/// Returns the tight frame of the points `order` of `columns`; at least one point.
-pub fn frame(columns: &Columns, order: &[u32]) -> Frame {
-    let side = |column: &[i32]| {
-        let mut values = order.iter().map(|&i| column[i as usize] as i64);
-        let first = values.next().expect("a node has points");
-        let (lo, hi) = values.fold((first, first), |(lo, hi), v| (lo.min(v), hi.max(v)));
-        (lo, (hi - lo) as u32)
-    };
-    let sides = [side(&columns.x), side(&columns.y), side(&columns.z)];
-    let extent = sides.map(|(_, extent)| extent);
+/// Returns the tight frame of points; at least one.
+pub fn frame<const N: usize>(rows: &[Row<N>]) -> Frame {
+    let [low, high] = ends(rows).map(|end| end.map(i64::from));
+    let extent = [0, 1, 2].map(|axis| (high[axis] - low[axis]) as u32);
     let bits = (32 - extent.iter().max().expect("three axes").leading_zeros()).max(1);
     assert!(bits <= BITS_PER_PLANE * POSITION_PLANES, "organise splits wider nodes");
-    Frame { origin: sides.map(|(lo, _)| lo), bits, extent, planes: bits.div_ceil(BITS_PER_PLANE) }
+    Frame { origin: low, bits, extent, planes: bits.div_ceil(BITS_PER_PLANE) }
 }
 
+/// Points whose words are written together, in the cache.
+const BLOCK: usize = 1 << 10;
+
 /// Sorts the points, unless shuffled, and writes `frame.planes` pages of positions, then the pages
-/// of their attribute words. Returns the words of the coarsest plane.
-pub fn pack(
-    columns: &Columns,
+/// of what they show. Returns the words of the coarsest plane.
+pub fn pack<const N: usize>(
+    rows: &[Row<N>],
     frame: &Frame,
-    order: &[u32],
     arrangement: Arrangement,
-    words: impl Fn(usize) -> Words,
     pages: &mut [&mut [u32]],
 ) -> Vec<u32> {
     let pad = BITS_PER_PLANE * frame.planes - frame.bits;
-    let cells = |i: u32| {
-        let i = i as usize;
-        let q = [columns.x[i], columns.y[i], columns.z[i]];
-        [0, 1, 2].map(|axis| ((q[axis] as i64 - frame.origin[axis]) as u32) << pad)
+    let cells = |row: &Row<N>| {
+        let q = place(row);
+        [0, 1, 2].map(|axis| (q[axis] as u32).wrapping_sub(frame.origin[axis] as u32) << pad)
     };
     let coarse = BITS_PER_PLANE * (frame.planes - 1);
-    let mut keys: Vec<u64> = order
-        .iter()
-        .map(|&i| (morton::code(cells(i).map(|c| c >> coarse)) as u64) << 32 | i as u64)
-        .collect();
+    let code = |row: &Row<N>| morton::code(cells(row).map(|c| c >> coarse)) as u64;
+    let mut keys: Vec<u64> =
+        rows.iter().zip(0u64..).map(|(row, number)| code(row) << 32 | number).collect();
+    let row = |key: u64| &rows[key as u32 as usize];
     if arrangement == Arrangement::Morton {
-        keys.sort_unstable();
+        radix_sort(&mut keys, &mut Vec::new(), 32);
         for run in keys.chunk_by_mut(|a, b| a >> 32 == b >> 32).filter(|run| run.len() > 1) {
-            run.sort_by_cached_key(|&key| (cells(key as u32), words(key as u32 as usize)));
+            run.sort_unstable_by(|&a, &b| {
+                let shown = |key: u64| &row(key)[PLACE_WORDS..];
+                place(row(a)).cmp(&place(row(b))).then_with(|| shown(a).cmp(shown(b)))
+            });
         }
     }
-    let word = |key: u64, shift: u32| {
-        let [x, y, z] = cells(key as u32).map(|c| c >> shift & MASK);
+    let word = |row: &Row<N>, shift: u32| {
+        let [x, y, z] = cells(row).map(|c| c >> shift & MASK);
         x | y << BITS_PER_PLANE | z << (2 * BITS_PER_PLANE)
     };
-    let (planes, others) = pages.split_at_mut(frame.planes as usize);
-    for (k, plane) in planes.iter_mut().enumerate() {
-        let shift = coarse - BITS_PER_PLANE * k as u32;
-        plane.iter_mut().zip(&keys).for_each(|(place, &key)| *place = word(key, shift));
+    let mut words = Vec::with_capacity(rows.len());
+    let (planes, shown) = pages.split_at_mut(frame.planes as usize);
+    let mut block = [[0; N]; BLOCK];
+    for (start, keys) in (0..).step_by(BLOCK).zip(keys.chunks(BLOCK)) {
+        let block = &mut block[..keys.len()];
+        block.iter_mut().zip(keys).for_each(|(place, &key)| *place = *row(key));
+        for (k, plane) in (0..).zip(&mut *planes) {
+            let shift = coarse - BITS_PER_PLANE * k;
+            plane[start..].iter_mut().zip(&*block).for_each(|(to, row)| *to = word(row, shift));
+        }
+        for (k, page) in (PLACE_WORDS..).zip(&mut *shown) {
+            page[start..].iter_mut().zip(&*block).for_each(|(to, row)| *to = row[k]);
+        }
+        // Not read back from the pages, since mapped device memory may be slow to read.
+        words.extend(block.iter().map(|row| word(row, coarse)));
     }
-    for (k, page) in others.iter_mut().enumerate() {
-        page.iter_mut().zip(&keys).for_each(|(place, &key)| *place = words(key as u32 as usize)[k]);
-    }
-    // Not read back from the pages, since mapped device memory may be slow to read.
-    keys.iter().map(|&key| word(key, coarse)).collect()
+    words
 }
 
 #[cfg(test)]
@@ -102,13 +105,11 @@ mod tests {
             let mut shuffled = points.clone();
             shuffled.sort_by_key(|(p, shown)| (p[0] as u64 ^ seed.rotate_left(*shown)).wrapping_mul(0x9E37_79B9_7F4A_7C15));
             let unpacked: Vec<_> = [points, shuffled].iter().map(|points| {
-                let column = |axis: usize| points.iter().map(|(p, _)| p[axis]).collect();
-                let columns = Columns { x: column(0), y: column(1), z: column(2), ..Columns::default() };
-                let order: Vec<u32> = (0..points.len() as u32).collect();
-                let frame = frame(&columns, &order);
+                let rows: Vec<Row<4>> = points.iter().map(|&([x, y, z], shown)| [x as u32, y as u32, z as u32, shown]).collect();
+                let frame = frame(&rows);
                 let mut pages = vec![vec![0u32; points.len()]; frame.planes as usize + 1];
                 let mut to: Vec<&mut [u32]> = pages.iter_mut().map(Vec::as_mut_slice).collect();
-                pack(&columns, &frame, &order, Arrangement::Morton, |i| [points[i].1, 0, 0, 0, 0], &mut to);
+                pack(&rows, &frame, Arrangement::Morton, &mut to);
                 let shown = pages.pop().expect("the page of what points show");
                 (0..points.len()).map(|i| {
                     let cells = pages.iter().fold([0u64; 3], |cells, page| {

@@ -13,6 +13,7 @@
 use crate::cloud::spacing::{NEIGHBOURS, apart};
 use crate::config::BITS_PER_PLANE;
 use glam::DVec3;
+use std::ops::Range;
 
 /// Points of a clump.
 pub const POINTS_PER_CLUMP: usize = 1024;
@@ -85,14 +86,18 @@ pub fn clumps(words: &[u32], bits: u32, step: DVec3) -> Vec<Clump> {
         DVec3::new(axis(0), axis(1), axis(2)) * cell
     };
     let is_new = |i: &usize| *i == 0 || words[*i] != words[*i - 1];
-    let firsts: Vec<usize> = (0..words.len()).filter(is_new).collect();
-    let places: Vec<DVec3> = firsts.iter().map(|&i| place(words[i])).collect();
+    let firsts: Vec<u32> = (0..words.len()).filter(is_new).map(|i| i as u32).collect();
+    let places = |range: Range<usize>| firsts[range].iter().map(|&i| place(words[i as usize]));
     let seeds = |start: usize| -> Vec<Clump> {
-        let [first, end] =
-            [start, start + POINTS_PER_CLUMP].map(|point| firsts.partition_point(|&i| i < point));
+        let [first, end] = [start, start + POINTS_PER_CLUMP]
+            .map(|point| firsts.partition_point(|&i| (i as usize) < point));
         let seeds = SEEDS.min(end - first);
         (0..seeds)
-            .map(|k| around(&places, first + (2 * k + 1) * (end - first) / (2 * seeds)))
+            .map(|k| first + (2 * k + 1) * (end - first) / (2 * seeds))
+            .map(|own| {
+                let window = own.saturating_sub(WINDOW)..(own + WINDOW + 1).min(firsts.len());
+                around(place(words[firsts[own] as usize]), places(window))
+            })
             .collect()
     };
     let seeds: Vec<Vec<Clump>> = (0..words.len()).step_by(POINTS_PER_CLUMP).map(seeds).collect();
@@ -113,13 +118,28 @@ pub fn clumps(words: &[u32], bits: u32, step: DVec3) -> Vec<Clump> {
 
 /// Returns how far points reach, as [`Clump::reach`].
 fn reach(words: &[u32]) -> [i16; SIGNS] {
-    let mut reach = [i16::MIN; SIGNS];
-    for (number, reach) in reach.iter_mut().enumerate() {
-        let [x, y, z] = signs(number);
+    // Opposite directions have opposite numbers: the least and the most along half of them tell.
+    let mut ends = [[i16::MAX, i16::MIN]; SIGNS / 2 + 1];
+    let mut cells = [[0; POINTS_PER_CLUMP]; 3];
+    for words in words.chunks(POINTS_PER_CLUMP) {
+        for (axis, cells) in (0..).zip(&mut cells) {
+            cells.iter_mut().zip(words).for_each(|(to, &word)| *to = cell(word, axis));
+        }
+        let [xs, ys, zs] = cells.each_ref().map(|cells| &cells[..words.len()]);
+        for (number, [least, most]) in ends.iter_mut().enumerate() {
+            let [x, y, z] = signs(number);
+            for ((&a, &b), &c) in xs.iter().zip(ys).zip(zs) {
+                let along = x * a + y * b + z * c;
+                (*least, *most) = ((*least).min(along), (*most).max(along));
+            }
+        }
+    }
+    let mut reach = [0; SIGNS];
+    for (number, [least, most]) in ends.into_iter().enumerate().filter(|_| !words.is_empty()) {
         // A cell ends one cell after it begins.
-        let ends = [x, y, z].into_iter().filter(|&sign| sign > 0).count() as i16;
-        let along = |&word: &u32| x * cell(word, 0) + y * cell(word, 1) + z * cell(word, 2);
-        *reach = words.iter().map(along).max().map_or(0, |along| along + ends);
+        let cell =
+            |sign: i16| signs(number).into_iter().filter(|own| own * sign > 0).count() as i16;
+        (reach[SIGNS - 1 - number], reach[number]) = (cell(-1) - least, most + cell(1));
     }
     reach
 }
@@ -143,12 +163,10 @@ fn quantile(values: impl Iterator<Item = f64>, share: f64) -> f64 {
     values.get((share * values.len() as f64) as usize).copied().unwrap_or(0.0)
 }
 
-/// Measures the places around one, in their unit.
-fn around(places: &[DVec3], own: usize) -> Clump {
-    let at = places[own];
-    let window = &places[own.saturating_sub(WINDOW)..(own + WINDOW + 1).min(places.len())];
+/// Measures the places around one, which is among them, in their unit.
+fn around(at: DVec3, window: impl Iterator<Item = DVec3>) -> Clump {
     let mut near: Vec<(f64, DVec3)> =
-        window.iter().map(|&place| (place.distance_squared(at), place - at)).collect();
+        window.map(|place| (place.distance_squared(at), place - at)).collect();
     // The place itself is the nearest.
     let by_distance = |a: &(f64, DVec3), b: &(f64, DVec3)| a.0.total_cmp(&b.0);
     if near.len() > AROUND {

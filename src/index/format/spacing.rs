@@ -15,14 +15,11 @@ const WINDOW: usize = 64;
 /// Returns the spacing [cells of the coarsest plane], given that plane's words; 0 for a single
 /// place. Of places that most points share, one point each is sampled.
 pub fn spacing(places: &[u32]) -> f64 {
-    let mut runs: Vec<usize> = places.chunk_by(|a, b| a == b).map(<[u32]>::len).collect();
-    let middle = runs.len() / 2;
-    let often = if runs.is_empty() { 1 } else { *runs.select_nth_unstable(middle).1 };
-    let places: Vec<u32> = places.iter().copied().step_by(often).collect();
-    let count = places.len();
+    let often = usual_run(places);
+    let count = places.len().div_ceil(often);
     let place = |i: usize| {
-        let axis =
-            |k: u32| (places[i] >> (BITS_PER_PLANE * k) & ((1 << BITS_PER_PLANE) - 1)) as f64;
+        let word = places[i * often];
+        let axis = |k: u32| (word >> (BITS_PER_PLANE * k) & ((1 << BITS_PER_PLANE) - 1)) as f64;
         DVec3::new(axis(0), axis(1), axis(2))
     };
     let mut spacings = Vec::with_capacity(ASKED);
@@ -43,6 +40,26 @@ pub fn spacing(places: &[u32]) -> f64 {
     }
     spacings.sort_by(f64::total_cmp);
     spacings.get(spacings.len() * 3 / 4).copied().unwrap_or(0.0)
+}
+
+/// Returns the median length of runs of equal places; 1 if there is none.
+fn usual_run(places: &[u32]) -> usize {
+    // How often each length occurs; most runs are short.
+    let mut lengths: Vec<usize> = Vec::new();
+    let mut runs = 0;
+    for run in places.chunk_by(|a, b| a == b) {
+        if run.len() >= lengths.len() {
+            lengths.resize(run.len() + 1, 0);
+        }
+        lengths[run.len()] += 1;
+        runs += 1;
+    }
+    let mut shorter = 0;
+    let reaches_middle = |count: &usize| {
+        shorter += count;
+        shorter > runs / 2
+    };
+    lengths.iter().position(reaches_middle).unwrap_or(1)
 }
 
 #[cfg(test)]

@@ -1,8 +1,10 @@
 //! Positions of point ids: the cloud is packed again on the CPU, and all planes are read back.
 //! Lattice coordinates are exactly those of the file.
 
-use crate::cloud::{Lattice, Part};
-use crate::index::{self, build::pack};
+use crate::cloud::{Columns, Lattice, Part};
+use crate::index::build::pack;
+use crate::index::build::partition::PLACE_WORDS;
+use crate::index::{self, Arrangement, Row};
 use crate::progress::Silent;
 use crate::resident::ResidentNode;
 use glam::DVec3;
@@ -24,12 +26,16 @@ impl Points {
         let mut nodes = nodes.iter();
         let mut points = Vec::new();
         for part in parts {
-            let organised = index::partition(&part.columns, &Silent).expect("Silent never cancels");
+            // Displayed words only break ties between coincident points.
+            let nothing = |_: &Columns, _, _: &mut [Row<PLACE_WORDS>]| ();
+            let organised =
+                index::partition(part.columns.clone(), &nothing, Arrangement::Morton, &Silent)
+                    .expect("Silent never cancels");
             let own: Vec<_> = organised.nodes.iter().zip(nodes.by_ref()).collect();
             points.par_extend(own.into_par_iter().map(|(range, node)| NodePoints {
                 first_point: node.first_point(),
                 lattice: node.lattice,
-                steps: unpacked(part, &organised.order[range.points.clone()]),
+                steps: unpacked(&organised.rows[range.points.clone()]),
             }));
         }
         Points(points)
@@ -43,17 +49,16 @@ impl Points {
     }
 }
 
-fn unpacked(part: &Part, order: &[u32]) -> Vec<[i64; 3]> {
-    let frame = pack::frame(&part.columns, order);
-    let mut pages = vec![vec![0u32; order.len()]; frame.planes as usize];
+fn unpacked(rows: &[Row<PLACE_WORDS>]) -> Vec<[i64; 3]> {
+    let frame = pack::frame(rows);
+    let mut pages = vec![vec![0u32; rows.len()]; frame.planes as usize];
     let mut planes: Vec<&mut [u32]> = pages.iter_mut().map(Vec::as_mut_slice).collect();
-    // Displayed words only break ties between coincident points.
-    pack::pack(&part.columns, &frame, order, index::Arrangement::Morton, |_| [0; 5], &mut planes);
+    pack::pack(rows, &frame, Arrangement::Morton, &mut planes);
     let pad = 10 * frame.planes - frame.bits;
     let axis = |word: u32, axis: usize| (word >> (10 * axis) & 1023) as u64;
     let cells = |i: usize| {
         [0, 1, 2]
             .map(|k| pages.iter().fold(0u64, |cells, page| cells << 10 | axis(page[i], k)) >> pad)
     };
-    (0..order.len()).map(|i| [0, 1, 2].map(|k| frame.origin[k] + cells(i)[k] as i64)).collect()
+    (0..rows.len()).map(|i| [0, 1, 2].map(|k| frame.origin[k] + cells(i)[k] as i64)).collect()
 }

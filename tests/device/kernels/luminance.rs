@@ -7,6 +7,7 @@ use crate::points::{Random, bumpy};
 use glam::DVec3;
 use pointillist::cloud::attribute::DisplayAttribute;
 use pointillist::cloud::{self, Cloud, Lattice};
+use pointillist::config::POINTS_PER_PAGE;
 use pointillist::graph::{Gpu, Graph};
 use pointillist::passes::project::Precision;
 use pointillist::passes::{Switch, luminance};
@@ -131,6 +132,31 @@ fn colors(gpu: &mut Gpu, resident: &Resident, config: &FrameConfig, part: &View)
     let frame = g.submit_and_wait(&[]).unwrap();
 
     frame.read(&color).to_vec()
+}
+
+/// Colours have codes for 255 stations, but nodes tell any.
+#[test]
+fn a_node_of_one_station_knows_it_however_many_there_are() {
+    let many = POINTS_PER_PAGE as usize;
+    let single = (0..300).map(|station: i32| ([10 * station, 0, 0], station));
+    let heap = |station: i32| std::iter::repeat_n(([5000 * station, 0, 0], station), many);
+    let (points, stations): (Vec<[i32; 3]>, Vec<i32>) =
+        single.chain(heap(7)).chain(heap(299)).unzip();
+    let colors = vec![[90; 3]; points.len()];
+    let mut cloud = cloud(vec![part(LATTICE, &points, Some(colors))]);
+    let sources = stations.iter().map(|&station| 2 * station as u16);
+    cloud.parts[0].columns.source = Some(sources.collect());
+    cloud.stations = cloud::stations(&cloud.parts[0], 0);
+    let (shown, _) = DisplayAttribute::automatic(&cloud);
+    for kind in [false, true] {
+        let mut shown = shown;
+        shown.further.kind = kind;
+        with(Way::Compute64, |gpu| {
+            let resident = Resident::fill(gpu, cloud.clone(), shown, &Silent).unwrap();
+            let known = resident.nodes.iter().map(|node| node.station).collect::<Vec<_>>();
+            assert_eq!(known, [None, Some(7), Some(299)], "with kinds: {kind}");
+        });
+    }
 }
 
 /// Four stations lie side by side, and the second and the third meet. Pixels there are means,

@@ -7,11 +7,12 @@ use pointillist::cloud::filter::Filter;
 use pointillist::cloud::scalar::Scalars;
 use pointillist::cloud::{self, Cloud, ColumnSet, Columns, Part, ReadOptions, spacing, stream};
 use pointillist::index::build::pack;
-use pointillist::index::{Arrangement, partition};
+use pointillist::index::{Arrangement, Row, partition};
 use pointillist::progress::Silent;
 use pointillist::render::source::{OpenOptions, Source};
 use pointillist::select::clip::Clips;
 use pointillist::view::{Camera, Preset, View};
+use std::ops::Range;
 use std::path::{Path, PathBuf};
 
 const SIZE: [u32; 2] = [320, 180];
@@ -103,18 +104,21 @@ fn at_part(part: &Part) {
     if let Some((low, high)) = part.bounds() {
         assert!((high - low).is_finite(), "box {low} to {high}");
     }
-    let partition = partition(columns, &Silent).expect("nothing interrupts");
+    let words = |_: &Columns, points: Range<usize>, rows: &mut [Row<4>]| {
+        rows.iter_mut().zip(points).for_each(|(row, i)| row[3] = i as u32);
+    };
+    let partition = partition(columns.clone(), &words, Arrangement::Morton, &Silent)
+        .expect("nothing interrupts");
     let mut seen = vec![false; columns.len()];
-    partition.order.iter().for_each(|&i| seen[i as usize] = true);
+    partition.rows.iter().for_each(|row| seen[row[3] as usize] = true);
     assert!(seen.iter().all(|seen| *seen), "a point is in no node");
     assert_eq!(partition.nodes.iter().map(|node| node.points.len()).sum::<usize>(), columns.len());
     for node in &partition.nodes {
-        let order = &partition.order[node.points.clone()];
-        let frame = pack::frame(columns, order);
-        let mut pages = vec![vec![0u32; order.len()]; frame.planes as usize];
+        let rows = &partition.rows[node.points.clone()];
+        let frame = pack::frame(rows);
+        let mut pages = vec![vec![0u32; rows.len()]; frame.planes as usize];
         let mut pages: Vec<&mut [u32]> = pages.iter_mut().map(Vec::as_mut_slice).collect();
-        let arrangement = Arrangement::Morton;
-        pack::pack(columns, &frame, order, arrangement, |i| [i as u32, 0, 0, 0, 0], &mut pages);
+        pack::pack(rows, &frame, Arrangement::Morton, &mut pages);
     }
 }
 

@@ -15,7 +15,7 @@ use crate::cloud::colormap::srgb_to_linear;
 use crate::cloud::{Cloud, Station};
 use crate::index::format::{Balance, MAX_STOPS};
 use sample::{AXIS_BITS, Point};
-pub use sample::{Sample, Values, greys};
+pub use sample::{Sample, Values, greys, point};
 use serde::Serialize;
 use std::collections::BTreeMap;
 

@@ -9,10 +9,13 @@ use crate::cloud::{Cloud, Part};
 use crate::index::format::morton;
 use glam::DVec3;
 use rayon::prelude::*;
+use std::ops::Range;
 use std::sync::{Mutex, PoisonError};
 
 /// Points per task.
 const RUN: usize = 1 << 16;
+/// Points whose cells are computed together.
+const BLOCK: usize = 1 << 10;
 /// Bits of the finest cells per axis that a code has room for.
 pub const AXIS_BITS: u32 = 21;
 /// Target size of the sample; beyond it whole blocks are left out, of which there are 2^7 per axis.
@@ -42,10 +45,17 @@ impl Cells {
         }
     }
 
-    /// Returns the nearest cell. Adding 2^52 leaves the bits of the integer, without a conversion.
+    /// Returns the nearest cell.
     fn of(self, place: DVec3) -> [u32; 3] {
+        [0, 1, 2].map(|axis| self.along(axis, place[axis]))
+    }
+
+    /// Returns the nearest cell along an axis. Adding 2^52 leaves the bits of the integer, without
+    /// a conversion.
+    #[inline]
+    fn along(self, axis: usize, at: f64) -> u32 {
         const WHOLE: f64 = (1u64 << 52) as f64;
-        ((place - self.lo) * self.per_metre + WHOLE).to_array().map(|axis| axis.to_bits() as u32)
+        ((at - self.lo[axis]) * self.per_metre + WHOLE).to_bits() as u32
     }
 }
 
@@ -118,21 +128,21 @@ impl Sample {
         }
     }
 
-    /// Returns a point if its block is wanted; only then its station and colour are read.
+    /// Returns the cell of a place, if its block is wanted. Samples of the same bounds and number of
+    /// points want the same.
     #[inline]
-    pub fn point(&self, place: DVec3, seen: impl FnOnce() -> (u16, [u8; 3])) -> Option<Point> {
-        let cell = self.cells.of(place);
-        if let Some(wanted) = &self.wanted {
-            let block = cell.into_iter().fold(0, |block, axis| {
-                block << BLOCK_BITS
-                    | (axis >> (AXIS_BITS - BLOCK_BITS)) as usize & ((1 << BLOCK_BITS) - 1)
-            });
-            if wanted[block >> 6] >> (block & 63) & 1 == 0 {
-                return None;
-            }
-        }
-        let (station, rgb) = seen();
-        Some((morton::code_63(cell), station, value(rgb)?))
+    pub fn cell(&self, place: DVec3) -> Option<[u32; 3]> {
+        Some(self.cells.of(place)).filter(|&cell| self.wants(cell))
+    }
+
+    #[inline]
+    fn wants(&self, cell: [u32; 3]) -> bool {
+        let Some(wanted) = &self.wanted else { return true };
+        let block = cell.into_iter().fold(0, |block, axis| {
+            block << BLOCK_BITS
+                | (axis >> (AXIS_BITS - BLOCK_BITS)) as usize & ((1 << BLOCK_BITS) - 1)
+        });
+        wanted[block >> 6] >> (block & 63) & 1 != 0
     }
 
     /// Adds those of these points that are wanted.
@@ -161,13 +171,28 @@ impl Sample {
                 let stations = &cloud.stations[first..end];
                 first + stations.binary_search_by_key(&source, |s| s.source).unwrap_or(0)
             };
-            let point = |i: usize| {
-                let q = [columns.x[i], columns.y[i], columns.z[i]].map(i64::from);
-                self.point(lattice.world(q), || (station(i) as u16, color(i)))
+            // The cells of many points along an axis are computed together.
+            let cells = |axis: usize, points: Range<usize>| {
+                let (offset, step) = (lattice.offset[axis], lattice.step[axis]);
+                let column = columns.along(axis)[points].iter();
+                let cell = |&steps: &i32| self.cells.along(axis, offset + step * f64::from(steps));
+                column.map(cell).collect::<Vec<u32>>()
             };
-            let starts = (0..columns.len()).into_par_iter().step_by(RUN);
-            let end = |start: usize| columns.len().min(start + RUN);
-            starts.for_each(|start| self.keep((start..end(start)).filter_map(point).collect()));
+            let find = |start: usize| {
+                let mut found = Vec::new();
+                let run = start..columns.len().min(start + RUN);
+                for start in run.clone().step_by(BLOCK) {
+                    let block = start..run.end.min(start + BLOCK);
+                    let [x, y, z] = [0, 1, 2].map(|axis| cells(axis, block.clone()));
+                    let cells = x.into_iter().zip(y).zip(z).map(|((x, y), z)| [x, y, z]);
+                    let wanted = block.zip(cells).filter(|(_, cell)| self.wants(*cell));
+                    found.extend(
+                        wanted.filter_map(|(i, cell)| point(cell, station(i) as u16, color(i))),
+                    );
+                }
+                self.keep(found);
+            };
+            (0..columns.len()).into_par_iter().step_by(RUN).for_each(find);
         }
         self.into_points()
     }
@@ -202,6 +227,12 @@ fn sort(points: &mut [Point]) {
     points.par_sort_unstable_by_key(|&(code, station, value)| {
         (code as u128) << 24 | (station as u128) << 8 | value as u128
     });
+}
+
+/// Returns the point of a cell; `None` for white.
+#[inline]
+pub fn point(cell: [u32; 3], station: u16, rgb: [u8; 3]) -> Option<Point> {
+    Some((morton::code_63(cell), station, value(rgb)?))
 }
 
 /// Returns V; `None` for white, which parts without colours show.
