@@ -117,7 +117,8 @@ pub fn bare() -> RenderSettings {
 
 pub fn draw(way: Way, cloud: &Cloud, view: &View, settings: &RenderSettings) -> Layers {
     with(way, |gpu| {
-        let (shown, _) = DisplayAttribute::automatic(cloud);
+        let (mut shown, _) = DisplayAttribute::automatic(cloud);
+        shown.further.strokes = settings.effects.strokes.switch == Switch::On;
         let resident = Resident::fill(gpu, cloud.clone(), shown, &Silent).expect("resident");
         let config = FrameConfig::new(settings, view, &resident);
         let mut g = Graph::new(gpu);

@@ -147,11 +147,20 @@ fn texels(asked: u32, extent: f64, texel: f64) -> f64 {
     }
 }
 
+/// Rounds a vector to a 2^20th of its length. Places of a cloud can be moved by it without rounding,
+/// so that shadows are the same wherever cloud and light are (guide: numerics, M2).
+fn rounded(v: DVec3) -> DVec3 {
+    let longest = v.abs().max_element();
+    // The power of two up to it, which has no mantissa.
+    let unit = f64::from_bits(longest.to_bits() >> 52 << 52) / (1u64 << 20) as f64;
+    if unit.is_normal() { (v / unit).round() * unit } else { v }
+}
+
 /// Returns a camera with this view direction.
 fn looking(eye: DVec3, forward: DVec3) -> Camera {
     Camera {
         eye,
-        target: eye + forward,
+        target: eye + rounded(forward),
         up: DVec3::Z,
         fov_y: 90.0,
         projection: Projection::Perspective,
@@ -171,7 +180,8 @@ fn far(
     let forward = (middle.forward + (middle.right * u + middle.up * v) * tangent).normalize();
     let reach = |axis: DVec3| half.dot(axis.abs());
     // A single point has a picture, too; and large coordinates need a margin for rounding.
-    let least = 1e-6 * half.length() + 1e-9 * centre.length() + f64::MIN_POSITIVE;
+    let rounding = 16.0 * f64::EPSILON * centre.length();
+    let least = (1e-6 * half.length()).max(rounding) + f64::MIN_POSITIVE;
     // All samples of a light have pictures of one size: an axis turns by the light's half angle,
     // twice, and its end moves by as much.
     let turned = 1.5 * tangent * half.length();
@@ -186,7 +196,7 @@ fn far(
         ortho_height: Some(size[1] as f64 * texel),
         // The same roll for all samples.
         up: middle.up,
-        ..looking(centre - forward * (1.01 * reach(forward) + 2.0 * least), forward)
+        ..looking(centre - rounded(forward * (1.01 * reach(forward) + 2.0 * least)), forward)
     };
     Ok(vec![LightCamera::of(View::new(camera, size)?, 0, wanted)])
 }
@@ -201,7 +211,7 @@ fn near(
     let middle =
         looking(position, if centre == position { DVec3::NEG_Z } else { centre - position })
             .basis()?;
-    let eye = position + (middle.right * u + middle.up * v) * wanted.radius;
+    let eye = position + rounded((middle.right * u + middle.up * v) * wanted.radius);
     // Measured from the middle of the light, so that all samples have pictures of one size.
     let corner = |k: u32| {
         centre

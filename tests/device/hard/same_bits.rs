@@ -5,8 +5,9 @@ use crate::gpu::{Layers, WAYS, Way, cloud, draw, part};
 use crate::points::{Random, bumpy};
 use glam::DVec3;
 use pointillist::cloud::{Cloud, Lattice};
-use pointillist::passes::Switch;
-use pointillist::render::settings::RenderSettings;
+use pointillist::passes::{Effects, Switch};
+use pointillist::render::settings::{RenderSettings, Style};
+use pointillist::view::light::Light;
 use pointillist::view::{Camera, View};
 
 /// Step of lattices, a power of two: coordinates, translations and scalings are exact in f64, and
@@ -92,6 +93,46 @@ fn hard_01_translation_within_the_lattice_is_bit_identical() {
         let by = DVec3::from_array(shift.map(|s| s as f64 * STEP));
         assert!(here.bits() == picture(&there, moved(camera, by, 1.0)).bits());
     }
+}
+
+/// Shifts by whole steps, up to 2^40 of them.
+const SHIFTS: [[i64; 3]; 3] = [
+    [512_000_000, 5_120_000_000, 102_400],
+    [(1 << 40) + 1, -(1 << 40) + 3, 1 << 39],
+    [-(1 << 40), 1 << 40, (1 << 40) - 7],
+];
+
+/// Checks that pictures are the same wherever cloud, camera and light are together.
+fn same_under_shifts(settings: &RenderSettings, place: impl Fn(DVec3) -> Light) {
+    for camera in cameras() {
+        let at = |by: DVec3| {
+            let settings = RenderSettings { light: place(by), ..settings.clone() };
+            picture_of(&scene(1.0, by), moved(camera, by, 1.0), &settings)
+        };
+        let here = at(DVec3::ZERO);
+        for steps in SHIFTS {
+            let by = DVec3::from_array(steps.map(|steps| steps as f64 * STEP));
+            assert!(here.bits() == at(by).bits(), "a shift by {steps:?} changes the picture");
+        }
+    }
+}
+
+#[test]
+fn hard_01_strokes_under_shifts_by_whole_steps_are_bit_identical() {
+    for blend in ["opaque", "blur", "abuffer"] {
+        let mut settings =
+            RenderSettings { effects: Effects::of(Style::Strokes), ..Default::default() };
+        settings.effects.set_any(&format!("strokes=on,blend={blend}")).unwrap();
+        same_under_shifts(&settings, |_| Light::Headlight);
+    }
+}
+
+#[test]
+fn hard_01_shadows_under_shifts_by_whole_steps_are_bit_identical() {
+    let mut settings = settings();
+    settings.effects.set_any("shadows=on").unwrap();
+    same_under_shifts(&settings, |_| Light::Direction(DVec3::new(0.3, 0.8, -0.8)));
+    same_under_shifts(&settings, |by| Light::Position(by + DVec3::new(3.0, -4.0, 9.5)));
 }
 
 #[test]
