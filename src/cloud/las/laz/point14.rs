@@ -275,7 +275,8 @@ impl Channel {
         }
 
         if let Some(decoder) = &mut layers.z.decoder {
-            let context = ((numbers.dx.k() + numbers.dy.k()) / 2 & !1).min(18) + is_single as u32;
+            let k = (numbers.dx.k() + numbers.dy.k()) / 2;
+            let context = (k - k % 2).min(18) + is_single as u32;
             let height = &mut self.heights[last.returns.abs_diff(last.number).min(7) as usize];
             *height = numbers.z.decompress(decoder, *height, context)?;
             last.at[2] = *height;
