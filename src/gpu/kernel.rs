@@ -104,7 +104,7 @@ impl Kernels {
             .into_par_iter()
             .map(|(key, code)| make(device, code, &key.1).map(|kernel| (key, kernel)))
             .collect();
-        // Those made before or after one that failed are kept, too.
+        // Kernels made before or after one that failed are kept, too.
         let keep = |kernel: Result<_>| kernel.map(|kernel| self.made.extend([kernel]));
         made.into_iter().map(keep).fold(Ok(()), Result::and)
     }

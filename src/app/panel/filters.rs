@@ -27,7 +27,7 @@ pub fn show(ui: &mut Ui, state: &mut UiState, filter: &mut Filter) {
                 }
                 Err(why) => {
                     *error = Some(why);
-                    // What is typed next corrects it, and is no key of the window.
+                    // Keys that follow correct it, and are none of the window.
                     if ui.input(|input| input.key_pressed(Key::Enter)) {
                         line.request_focus();
                     }

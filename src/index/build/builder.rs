@@ -89,7 +89,7 @@ const CHUNK_BYTES_PER_POINT: u64 = 96;
 const FIXED_BYTES: u64 = 192 << 20;
 const CHUNK_POINTS: std::ops::RangeInclusive<u64> = (1 << 17)..=(1 << 19);
 
-/// What is known of files before the first node is built.
+/// Facts of files that are known before the first node is built.
 pub(super) struct Survey<'a> {
     pub sources: &'a [Source],
     pub options: &'a Options,

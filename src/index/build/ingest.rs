@@ -26,7 +26,7 @@ pub struct Group {
     pub members: Vec<(usize, [i64; 3])>,
 }
 
-/// What gets the points of a group, from any thread.
+/// Receiver of the points of a group, from any thread.
 pub trait Collector: Sync {
     fn add(&self, batch: &Batch, sorter: &mut Sorter) -> Result<()>;
 }

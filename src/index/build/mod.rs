@@ -287,7 +287,7 @@ impl Builder<'_> {
         within: KdCell,
     ) -> Result<Vec<OpenNode>> {
         let count = chunks.len();
-        // Those of few points may be larger.
+        // Cells of chunks with few points may be larger.
         let cells: Vec<KdCell> = chunks.iter().map(|chunk| chunk.cell.within(within)).collect();
         let chunks: Vec<Mutex<Option<Chunk>>> =
             chunks.into_iter().map(|chunk| Mutex::new(Some(chunk))).collect();

@@ -2,7 +2,7 @@
 //!
 //! ```text
 //! plan     reads all files once: lattices, boxes, stations, gains, and how many points each cell of
-//!          a grid has; cuts every tree into the largest kd-cells with at most so many points
+//!          a grid has; cuts every tree into the largest kd-cells with at most that many points
 //! job      reads the files with points in its cells, and builds their nodes into a part (`job`)
 //! merge    places the parts in their order, and joins the nodes that they left open (`job`)
 //! ```

@@ -166,7 +166,7 @@ fn decode(decoder: &mut Decoder, rare: &mut Rare, symbols: u32) -> Result<u8> {
 /// The state of a scanner channel.
 struct Channel {
     last: Fields,
-    /// Whether the last point's time differed from the one before.
+    /// Change of time from the point before the last to the last.
     has_new_time: bool,
     /// Differences along x and y, by the kind of return and whether the time changed.
     medians: [[Median; 2]; 12],

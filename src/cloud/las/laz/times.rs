@@ -31,7 +31,7 @@ struct Sequence {
     unusual: u32,
 }
 
-/// What a symbol means.
+/// Meaning of a symbol.
 enum Meaning {
     /// The same time again.
     Equal,
@@ -41,7 +41,7 @@ enum Meaning {
     Steps(i32),
     /// All 64 bits, in the place of the oldest sequence.
     Whole,
-    /// The sequence that is so many places on.
+    /// Change to the sequence this many places on.
     Other(usize),
 }
 
@@ -50,7 +50,7 @@ pub struct Times {
     sequences: [Sequence; 4],
     present: usize,
     newest: usize,
-    /// Whether there are symbols for an equal time, which layered points do without.
+    /// Presence of symbols for an equal time, which layered points lack.
     has_equal: bool,
     without_step: ArithmeticModel,
     with_step: ArithmeticModel,
