@@ -53,7 +53,7 @@ Examples:
   pointillist render scan.laz -o tour.mp4 --path tour.json   the same as a film; needs ffmpeg
   pointillist render scan.laz -o turn.webm --turntable 120 --fps 30    also .mp4, .apng, or .png for frames
   pointillist render scan.laz -o map.tif --view top --resolution 0.25    a map, GeoTIFF or PNG with map.pgw
-  pointillist render scan.laz -o dem.tif --raster height --resolution 1 --only ground,return=last    also: raster
+  pointillist render scan.laz -o dem.tif --raster height --resolution 1 --only ground --only return=last    also: raster
   pointillist render scan.laz -o - | magick - out.jpg      a picture to standard output
   pointillist render huge.las -o out.png                   indexed first; the index is kept";
 

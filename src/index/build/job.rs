@@ -161,7 +161,6 @@ pub fn merge(
             first.display()
         )));
     }
-    let mut parts = parts.iter().map(|path| PartFile::open(path)).collect::<Result<Vec<_>>>()?;
     super::with_threads(&plan.options(options.memory, options.threads)?, |options| {
         let writer = Writer::create(output)?;
         let spill = Spill::new(output, 0)?;
@@ -169,14 +168,14 @@ pub fn merge(
         let mut survey = Survey::new(&[], options, progress, &spill, contents);
         plan.adopt(&mut survey);
         let mut builder = Builder::new(survey, &writer);
-        let mut first = 1;
+        let mut first = 0;
         for tree in &plan.trees {
             let mut kind = tree.layout().kind;
             kind.gains = builder.survey.gains.clone();
-            let own: Vec<PartFile> = parts.drain(..tree.jobs.len()).collect();
-            let open = builder.join(&kind, &plan.hash, first, tree, &own)?;
+            let end = first + tree.jobs.len();
+            let open = builder.join(&kind, &plan.hash, first + 1, tree, &parts[first..end])?;
             builder.root(&open, tree.is_of_strays);
-            first += tree.jobs.len();
+            first = end;
         }
         let summary = builder.complete()?.write(writer, options, progress)?;
         Ok(Summary { seconds: began.elapsed().as_secs_f64(), ..summary })
@@ -192,12 +191,14 @@ impl Builder<'_> {
         plan: &str,
         first: usize,
         tree: &PlannedTree,
-        parts: &[PartFile],
+        parts: &[PathBuf],
     ) -> Result<Vec<OpenNode>> {
         let nodes = take(&mut self.nodes);
         let mut state = Placing { end: self.end, nodes, ..Placing::default() };
         let mut planned = tree.cells().peekable();
-        for (number, part) in (first..).zip(parts) {
+        for (number, path) in (first..).zip(parts) {
+            // One at a time: a survey may have more parts than a process may have open files.
+            let part = PartFile::open(path)?;
             let cells = part.cells(plan, number)?;
             if cells.len() != tree.jobs[number - first].cells.len() {
                 return Err(Error::Request(format!("the part of job {number} lacks cells")));
