@@ -31,7 +31,7 @@
 //!   program, one file a subcommand.
 //! - [`guide`]: the pages of the guide, from the window to the numerics.
 //! - For all: [`config`] (limits and defaults), [`error`], [`progress`], [`atomic_file`],
-//!   [`small_file`], [`thread_pool`].
+//!   [`small_file`], [`similar`] names, [`thread_pool`].
 //!
 //! A picture of a file, without the program:
 //!
@@ -88,6 +88,7 @@ pub mod renderer;
 pub mod resident;
 pub mod select;
 pub mod shader;
+pub mod similar;
 pub mod small_file;
 #[cfg(feature = "study")]
 pub mod study;

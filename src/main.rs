@@ -93,7 +93,7 @@ fn parse(words: &[String]) -> Program {
     let mut program = help(Program::command()).mut_subcommands(help);
     let parsed = program.try_get_matches_from_mut(std::env::args_os());
     let parsed = parsed.and_then(|matches| Program::from_arg_matches(&matches));
-    parsed.unwrap_or_else(|error| suggestions::keep_visible(error, &program, words).exit())
+    parsed.unwrap_or_else(|error| suggestions::suggest(error, &program, words).exit())
 }
 
 fn main() -> ExitCode {

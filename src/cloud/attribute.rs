@@ -5,6 +5,7 @@ use super::color_scale::{ColorScale, Ramp};
 use super::scalar::{Scalar, Scalars};
 use super::up::Up;
 use super::{Cloud, ColumnSet, Columns, Header, Lattice, Part, Station, octahedral};
+use crate::similar::did_you_mean;
 use rayon::prelude::*;
 use std::ops::Range;
 use std::str::FromStr;
@@ -625,8 +626,10 @@ impl FromStr for Attribute {
         let named = Attribute::NAMED.into_iter().find(|own| own.name().eq_ignore_ascii_case(text));
         let scalar = || text.parse().ok().map(Attribute::Scalar);
         named.or_else(scalar).ok_or_else(|| {
-            let names = Attribute::NAMED.map(Attribute::name).join(", ");
-            format!("there is no attribute {text:?}; there are {names}, and extra:NAME, which `pointillist info` lists")
+            let names = Attribute::NAMED.map(Attribute::name);
+            let meant = did_you_mean(text, &names);
+            let names = names.join(", ");
+            format!("there is no attribute {text:?}{meant}; there are {names}, and extra:NAME, which `pointillist info` lists")
         })
     }
 }

@@ -19,6 +19,7 @@ use super::histograms::CLASSES;
 use super::scalar::{Scalar, ScalarColumn};
 use super::{Cloud, ColumnSet, Columns, Lattice, Part, input, intensity_of, stations};
 use crate::error::{Error, Result};
+use crate::similar::did_you_mean;
 use glam::DVec3;
 use rayon::prelude::*;
 use std::collections::BTreeSet;
@@ -69,7 +70,8 @@ fn quantity(name: &str) -> std::result::Result<Quantity, String> {
     known.or_else(extra).ok_or_else(|| {
         let names: Vec<&str> = QUANTITIES.iter().map(|(name, _)| *name).collect();
         format!(
-            "there is no attribute {own:?}; there are {}, and extra:NAME, which `pointillist info` lists",
+            "there is no attribute {own:?}{}; there are {}, and extra:NAME, which `pointillist info` lists",
+            did_you_mean(&own, &names),
             names.join(", ")
         )
     })
@@ -145,7 +147,10 @@ fn values_of(
     let wrong = || match quantity {
         Quantity::Class => not_a_class(text),
         Quantity::Return => {
-            format!("{text:?} is not a return; give first, last, single, a number, or a range")
+            let meant = did_you_mean(text, ["first", "last", "single"]);
+            format!(
+                "{text:?} is not a return{meant}; give first, last, single, a number, or a range"
+            )
         }
         _ => format!("{text:?} is not a number, nor a range such as 10..20, 10.. or ..20"),
     };
@@ -180,7 +185,9 @@ fn not_a_class(text: &str) -> String {
     let own = (0..=u8::MAX).filter_map(class_name).map(|name| name.replace(' ', "-"));
     let names: Vec<String> =
         own.chain(CLASS_NAMES.iter().map(|(name, _)| name.to_string())).collect();
-    format!("{text:?} is not a class; give class=N, class=N..M, or a name: {}", names.join(", "))
+    let meant = did_you_mean(text, &names);
+    let names = names.join(", ");
+    format!("{text:?} is not a class{meant}; give class=N, class=N..M, or a name: {names}")
 }
 
 impl Condition {

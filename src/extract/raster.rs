@@ -13,6 +13,7 @@ use crate::cloud::attribute::Attribute;
 use crate::cloud::scalar::{self, Scalar};
 use crate::error::{Error, Result};
 use crate::progress::Progress;
+use crate::similar::did_you_mean;
 use crate::view::map::MapGrid;
 use std::ops::Range;
 
@@ -47,8 +48,11 @@ impl std::str::FromStr for Value {
         let mut named = [Value::Height, Value::Intensity, Value::Count, Value::Rgb].into_iter();
         let scalar = || text.parse().ok().map(Value::Scalar);
         named.find(|own| own.to_string() == text).or_else(scalar).ok_or_else(|| {
-            let scalars = scalar::NAMED.map(|own| own.to_string()).join(", ");
-            format!("{text:?} is none of height, intensity, count, rgb, {scalars} and extra:NAME, which `pointillist info` lists")
+            let scalars = scalar::NAMED.map(|own| own.to_string());
+            let names = ["height", "intensity", "count", "rgb"];
+            let meant = did_you_mean(text, names.into_iter().chain(scalars.iter().map(|s| &**s)));
+            let scalars = scalars.join(", ");
+            format!("{text:?} is not a value{meant}; there are height, intensity, count, rgb, {scalars} and extra:NAME, which `pointillist info` lists")
         })
     }
 }

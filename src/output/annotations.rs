@@ -276,11 +276,15 @@ impl Sheet<'_> {
         let length = round_below(0.25 * inner.width() as f64 / per_unit);
         let unit = self.shown.reference.unit();
         let unit = unit.symbol();
-        let mut label = format!("{} {unit}", number(length, length));
-        if projection == Projection::Perspective {
-            let away = number(depth, round_below(depth / 10.0));
-            label += &format!(" in the middle, {away} {unit} away");
-        }
+        let label = format!("{} {unit}", number(length, length));
+        let middle = format!("{label} in the middle");
+        let away = format!("{middle}, {} {unit} away", number(depth, round_below(depth / 10.0)));
+        // As much is said as there is room for.
+        let fits = |label: &String| self.width_of(label) <= inner.width();
+        let label = match projection {
+            Projection::Orthographic => label,
+            Projection::Perspective => [away, middle].into_iter().find(fits).unwrap_or(label),
+        };
         let (width, line) = ((length * per_unit) as f32, self.line);
         let whole = vec2(width.max(self.width_of(&label)), 1.7 * line);
         let place = Rect::from_min_size(pos2(inner.left(), inner.bottom() - whole.y), whole);

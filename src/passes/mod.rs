@@ -29,6 +29,7 @@ use crate::cloud::attribute::Attribute;
 use crate::graph::{Buffer, Graph, Image};
 use crate::index::format::Balance;
 use crate::resident::{PointDensity, Resident, StationOverlap};
+use crate::similar::did_you_mean;
 use crate::view::View;
 use crate::view::light::Light;
 use std::sync::Arc;
@@ -305,7 +306,10 @@ macro_rules! effects {
                 let (name, rest) = text.split_once('=').ok_or(format!("{text:?} is not NAME=off|on|auto[,key=value...]"))?;
                 match name {
                     $(stringify!($name) => self.$name.set(rest, any),)*
-                    _ => Err(format!("there is no effect {name:?}; there are: {}", EFFECTS.join(", "))),
+                    _ => {
+                        let meant = did_you_mean(name, EFFECTS);
+                        Err(format!("there is no effect {name:?}{meant}; there are: {}", EFFECTS.join(", ")))
+                    }
                 }
             }
 
@@ -576,12 +580,14 @@ impl<S: Settings> Asked<S> {
                         .ok_or(format!("{item:?} is neither off, on, auto nor key=value"))?;
                     let mut settings =
                         if any { self.settings.list_all() } else { self.settings.list() };
-                    let names =
-                        settings.iter().map(|setting| setting.name).collect::<Vec<_>>().join(", ");
+                    let names: Vec<&str> = settings.iter().map(|setting| setting.name).collect();
+                    let meant = did_you_mean(key, &names);
+                    let wrong = format!(
+                        "there is no setting {key:?}{meant}; there are: {}",
+                        names.join(", ")
+                    );
                     let setting = settings.iter_mut().find(|setting| setting.name == key);
-                    setting
-                        .ok_or(format!("there is no setting {key:?}; there are: {names}"))?
-                        .set(value)?;
+                    setting.ok_or(wrong)?.set(value)?;
                 }
             }
         }

@@ -84,7 +84,7 @@ const CIRCLES: &[&str] = &[
 ];
 
 const FOR_ALL: &[&str] =
-    &["error", "config", "progress", "atomic_file", "small_file", "thread_pool"];
+    &["error", "config", "progress", "atomic_file", "small_file", "similar", "thread_pool"];
 
 fn root() -> &'static Path {
     Path::new(env!("CARGO_MANIFEST_DIR"))

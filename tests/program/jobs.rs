@@ -6,7 +6,7 @@ use crate::png_file::{Png, read_png};
 use crate::program::{failed, pointillist, succeeded, text};
 use crate::shared::shared;
 use crate::skip::skip;
-use crate::witness::{ffprobe, gdal, gdalinfo, laspy};
+use crate::witness::{self, ffprobe, gdal, gdalinfo, laspy};
 use pointillist::cloud::attribute::Attribute;
 use pointillist::cloud::{self, ReadOptions};
 use pointillist::progress::Silent;
@@ -74,6 +74,20 @@ fn job_01_points_of_a_sparse_scan_are_seen() {
     let single = pixels("--style points --effect visibility=off");
     let [auto, thick] = ["--point-size auto", "--style splats --point-size 5"].map(pixels);
     assert!(auto > single && thick > 2 * single, "{single} {auto} {thick}");
+    // As many cells of 20 cm have points as laspy finds; splats cover more of them.
+    let cells = "import laspy, numpy as n, sys; p = laspy.read(sys.argv[1]);
+print(len({(int(n.floor(x / .2)), int(n.floor(y / .2))) for x, y in zip(p.x, p.y)}))";
+    let Some(found) = laspy(cells, &[&desk.scan]) else { return };
+    let found: usize = found.parse().unwrap();
+    let map = |options: &str| {
+        desk.types(&format!(
+            "render SCAN -o @map.png --view top --resolution 0.2 --background ff00ff {options}"
+        ));
+        drawn(&read_png(&desk.at("map.png")), [255, 0, 255]).len()
+    };
+    let points = map("--style points --effect visibility=off --effect edl=off");
+    assert!(points.abs_diff(found) * 1000 <= found, "{points} {found}");
+    assert!(map("--style splats") > found);
 }
 
 #[test]
@@ -87,6 +101,19 @@ fn job_02_an_object_stands_upright() {
     let Some(survey) = Desk::with("data/ground/MLS_Clip.laz") else { return };
     let said = survey.types("render SCAN -o @plot.png --size 200x200");
     assert!(!said.contains("taken as up"), "{said}");
+    // From the front it is as high, for its breadth, as laspy finds it along y.
+    desk.types("export SCAN -o @bunny.las");
+    let breadths = "import laspy, sys; p = laspy.read(sys.argv[1]);
+print(*((max(a) - min(a)) for a in (p.x, p.y)))";
+    let Some(found) = laspy(breadths, &[&desk.at("bunny.las")]) else { return };
+    let found: Vec<f64> = found.split(' ').map(|word| word.parse().unwrap()).collect();
+    desk.types("render SCAN -o @front.png --size 400x400 --view front --background ff00ff");
+    let png = read_png(&desk.at("front.png"));
+    let covered = (0..).zip(&png.pixels).filter(|(_, pixel)| **pixel != [255, 0, 255]);
+    let (xs, ys): (Vec<u32>, Vec<u32>) = covered.map(|(i, _)| (i % 400, i / 400)).unzip();
+    let extent = |at: &[u32]| (at.iter().max().unwrap() - at.iter().min().unwrap()) as f64;
+    let [drawn, found] = [extent(&ys) / extent(&xs), found[1] / found[0]];
+    assert!((drawn / found - 1.0).abs() < 0.05, "{drawn} {found}");
 }
 
 #[test]
@@ -97,10 +124,13 @@ fn job_03_a_dark_scan_is_bright_enough() {
         let options = format!("{options} --background 000000 --style points --effect edl=off");
         let pixels = drawn(&desk.draws(&options), [0; 3]);
         let sum: f64 = pixels.iter().flatten().map(|&channel| channel as f64).sum();
-        sum / 3.0 / pixels.len() as f64
+        (sum / 3.0 / pixels.len() as f64, witness::mean(&desk.at("drawn.png")))
     };
-    let (before, after) = (mean("--range 0,255"), mean(""));
+    let ((before, seen_before), (after, seen_after)) = (mean("--range 0,255"), mean(""));
     assert!(after > 1.5 * before && after > 50.0, "{before} {after}");
+    // GDAL counts the black background, too.
+    let Some((seen_before, seen_after)) = seen_before.zip(seen_after) else { return };
+    assert!(seen_after > 1.5 * seen_before, "{seen_before} {seen_after}");
 }
 
 #[test]
@@ -115,6 +145,15 @@ fn job_04_a_picture_has_what_a_report_needs() {
         let with = desk.draws(&format!("--camera @above.json --color elevation {option}"));
         let pixels = plain.pixels.iter().zip(&with.pixels).filter(|(a, b)| a != b).count();
         assert!((100..20_000).contains(&pixels), "{option}: {pixels}");
+    }
+    // Words and numbers are legible to a program that reads print.
+    desk.types(
+        "render SCAN -o @report.png --size 1280x800 --color elevation --title Gutenberg \
+            --legend --scale-bar --north-arrow --axes",
+    );
+    let Some(words) = witness::words(&desk.at("report.png")) else { return };
+    for word in ["Gutenberg", "elevation", "[m]", "25", "30", "35", "40", "10", "middle,"] {
+        assert!(words.iter().any(|own| own == word), "{word} of {words:?}");
     }
 }
 
@@ -415,6 +454,9 @@ fn job_15_a_mistake_is_answered_by_what_to_do() {
     assert!(said.contains("no Vulkan device") && said.contains("lavapipe") | said.contains("CPU"));
     assert!(said.contains("/nowhere/icd.json, which does not exist"), "{said}");
     without_driver(desk.folder.path().to_str().unwrap());
+    if let Some(found) = witness::has_vulkan_device("/nowhere/icd.json") {
+        assert!(!found, "vulkaninfo finds a device");
+    }
     let mut command = pointillist();
     command.arg("view").arg(&desk.scan).env_remove("DISPLAY").env_remove("WAYLAND_DISPLAY");
     let said = failed(&command.env_remove("WAYLAND_SOCKET").output().unwrap(), 1);
@@ -429,18 +471,33 @@ fn job_15_a_mistake_is_answered_by_what_to_do() {
         ("--colour", Some("--color")),
         ("--were", Some("--where")),
         ("--unmaped", None),
+        ("--threads", None),
     ] {
         let said = failed(&desk.run(&format!("render SCAN -o @no.png {option} 1")), 2);
         let tip = said.lines().find(|line| line.contains("similar argument"));
         let shown = suggested.map(|name| format!("  tip: a similar argument exists: '{name}'"));
         assert_eq!(tip, shown.as_deref(), "{said}");
     }
+    for (options, meant) in [
+        ("--only grund", "did you mean \"ground\"?"),
+        ("--not class=hihg-vegetation", "did you mean \"high-vegetation\"?"),
+        ("--where intensty=3..5", "did you mean \"intensity\"?"),
+        ("--where return=lsat", "did you mean \"last\"?"),
+        ("--effect edll=on", "did you mean \"edl\"?"),
+        ("--effect edl=strenth=2", "did you mean \"strength\"?"),
+        ("--raster hieght --view top", "did you mean \"height\"?"),
+        ("--exposre on", "tip: `--effect exposure=on` switches an effect on"),
+    ] {
+        let said = failed(&desk.run(&format!("render SCAN -o @no.png {options}")), 2);
+        assert!(said.contains(meant), "{said}");
+    }
     let said = failed(&desk.run("view SCAN --raster height"), 2);
     assert!(said.contains("tip: `pointillist raster` is a command"), "{said}");
     let said = failed(&desk.run("view --lose-devic 3"), 2);
     assert!(!said.contains("similar argument"), "{said}");
     let said = failed(&desk.run("render SCAN -o @no.png --color intensty"), 2);
-    assert!(said.contains("there are rgb, intensity, elevation"), "{said}");
+    let meant = "did you mean \"intensity\"?); there are rgb, intensity, elevation";
+    assert!(said.contains(meant), "{said}");
     let said = failed(&desk.run("export SCAN -o @no.laz --clip box:0,0,0,1,1,1"), 1);
     assert!(said.contains("lie in 770500 6277500 20.25 to 770550 6277550 43.49"), "{said}");
     let said = desk.types("info SCAN --count --clip box:0,0,0,1,1,1");
