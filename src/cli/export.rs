@@ -5,6 +5,7 @@ use super::files::{check_extension, refuse_to_overwrite};
 use super::filters::{ClipOptions, FilterOptions};
 use super::options::{CacheOptions, ColorOptions, TextArguments};
 use super::streams;
+use super::units::note_length;
 use crate::cloud::scalar::{Scalar, Scalars};
 use crate::cloud::{ColumnSet, ReadOptions};
 use crate::error::{Error, Result};
@@ -57,8 +58,9 @@ pub struct Arguments {
     /// Filters, clip boxes and opacities of a scene file, as the window saves it
     #[arg(long, value_name = "SCENE.json", conflicts_with_all = ["only", "not", "clip", "opacity"])]
     pub scene: Option<PathBuf>,
-    /// Keep one point in each cell of a grid of this side, the first in the order of the files
-    #[arg(long, value_name = "METRES", value_parser = extract::side, allow_hyphen_values = true)]
+    /// Keep one point in each cell of a grid of this side, in the files' unit: the first in the order
+    /// of the files
+    #[arg(long, value_name = "LENGTH", value_parser = extract::side, allow_hyphen_values = true)]
     pub thin: Option<f64>,
     /// Keep every N-th of the points that are left, from the first on
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u64).range(1..), hide_default_value = true)]
@@ -139,6 +141,7 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
     let wanted = ColumnSet { scalars: wanted.scalars.and(added), ..wanted };
     let options = reading(&arguments.text, &arguments.colors, wanted, arguments.strict);
     let input = open(&arguments.files, &options, progress)?;
+    note_length("--thin", arguments.thin, &input.reference().unit());
     let thinning = Thinning { cell: arguments.thin, every: arguments.every, ..Thinning::default() };
     let exported = extract::export(&input, &selection, &thinning, added, output, progress)?;
     exported.notes.iter().for_each(streams::note);

@@ -24,7 +24,7 @@ use std::path::{Path, PathBuf};
 const DIGITS: usize = 4;
 
 /// Frames that tell the settings for a time or an error, evenly along the path.
-const TRIED_FRAMES: usize = 3;
+const TRIED_FRAMES: u64 = 3;
 
 /// Most frames: nine hours at 30 a second.
 const MOST_FRAMES: u64 = 1_000_000;
@@ -109,9 +109,10 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
             let [width, height] = size;
             streams::note(format_args!("films have even sides: drawn with {width}x{height}"));
         }
-        if arguments.resume {
+        let asked = [("--resume", arguments.resume), ("--part", arguments.part.is_some())];
+        if let Some((option, _)) = asked.into_iter().find(|(_, asked)| *asked) {
             return Err(Error::Request(format!(
-                "--resume keeps numbered frames, but {} is a film; leave it out, or name -o {}",
+                "{option} is for numbered frames, but {} is a film; leave it out, or name -o {}",
                 film.display(),
                 film.with_extension("png").display()
             )));
@@ -127,7 +128,8 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
         move |number: u64| output.map(|output| numbered(output, extension, number + 1, total))
     });
     let (mut missing, inputs) = (Vec::new(), arguments.inputs());
-    for number in 0..total {
+    let own = arguments.part.map_or(0..total, |part| part.range(total));
+    for number in own.clone() {
         let files: Vec<PathBuf> = png(number).into_iter().chain(exr(number)).collect();
         files.iter().try_for_each(|file| refuse_to_overwrite(file, &inputs))?;
         progress.tick("looking for frames", number, total)?;
@@ -135,9 +137,10 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
             missing.push(number);
         }
     }
-    let kept = total - missing.len() as u64;
+    let asked = own.end - own.start;
+    let kept = asked - missing.len() as u64;
     if kept > 0 {
-        streams::note(format_args!("kept {kept} of {total} frames, which exist already"));
+        streams::note(format_args!("kept {kept} of {asked} frames, which exist already"));
     }
     let [first, ..] = missing[..] else { return Ok(()) };
     // Fails early if the folder is not writable.
@@ -156,6 +159,7 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
     source.notes(options.further()).iter().for_each(streams::note);
     source.check_clips(&options.clips())?;
     let (shown, _) = options.shown(&source)?;
+    options.note_meanings(&source, &shown);
     let (named, annotations) = (options.named(&source, shown)?, options.report.annotations());
     let (first, through) = match &cameras {
         Cameras::Path(path) => (path.frame(0), DVec3::ZERO),
@@ -174,7 +178,8 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
     };
     let (mut lod, mut chosen) = (options.detail.lod(), None);
     if let Some((limit, index)) = limit.zip(index) {
-        let places = (0..TRIED_FRAMES).map(|k| missing[k * missing.len() / TRIED_FRAMES]);
+        // The same whichever frames are missing, and for every part.
+        let places = (0..TRIED_FRAMES).map(|k| k * total / TRIED_FRAMES);
         let views = places.map(view).collect::<Result<Vec<_>>>()?;
         let mut target =
             Target { renderer: &mut renderer, cloud, view: &views[0], picture: &options, progress };

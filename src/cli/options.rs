@@ -1,7 +1,8 @@
 //! Options that `view`, `render`, `bench` and `study` share.
 
 use super::filters::{ClipOptions, FilterOptions};
-use super::units::{Bytes, Size};
+use super::streams;
+use super::units::{Bytes, Size, note_length};
 use crate::cloud::attribute::{Attribute, DisplayAttribute, ExtraAttributes};
 use crate::cloud::color_scale::{ColorScale, Ramp};
 use crate::cloud::filter::Filter;
@@ -159,16 +160,16 @@ pub struct PictureOptions {
     /// How points are drawn [default: auto; splats with --point-size]
     #[arg(long, value_enum)]
     pub style: Option<Style>,
-    /// Diameter of points, for --style splats and points: pixels such as 3, metres such as 0.05m,
-    /// or auto, which follows the spacing of the points
-    #[arg(long, value_name = "PIXELS|METRESm|auto")]
+    /// Diameter of points, for --style splats and points: pixels such as 3, a length in the files'
+    /// unit such as 0.05m, or auto, which follows the spacing of the points
+    #[arg(long, value_name = "PIXELS|LENGTHm|auto")]
     pub point_size: Option<PointSize>,
     /// Light: headlight; direction:X,Y,Z in which it travels; position:X,Y,Z in metres; world coordinates
     #[arg(long, value_name = "KIND[:X,Y,Z]", default_value_t, allow_hyphen_values = true)]
     pub light: Light,
     /// Layer distance: surfaces nearer to each other are one, for fill=method=mask, transparency and
-    /// shadows [default: four spacings of points or pixels]
-    #[arg(long, value_name = "METRES", value_parser = metres, allow_hyphen_values = true)]
+    /// shadows, in the files' unit [default: four spacings of points or pixels]
+    #[arg(long, value_name = "LENGTH", value_parser = metres, allow_hyphen_values = true)]
     pub layer: Option<f64>,
     /// Opacity, 0 to 1, of all points or those of a class, return number, station (as in `info`) or
     /// file; they multiply, and 0 hides. Repeatable
@@ -509,6 +510,25 @@ impl PictureOptions {
         let mut renderer = Renderer::open_device(&device.to_options(), options)?;
         self.apply(&mut renderer)?;
         Ok(renderer)
+    }
+
+    /// Says what has another meaning for these files than it may seem to have: lengths that are not
+    /// in metres, and tones of labels, which have none.
+    pub fn note_meanings(&self, source: &Source, shown: &DisplayAttribute) {
+        let unit = source.reference().unit();
+        let size = match self.point_size {
+            Some(PointSize::World(length)) => Some(length),
+            _ => None,
+        };
+        note_length("--point-size", size, &unit);
+        note_length("--layer", self.layer, &unit);
+        let is_toned = self.scale.scale().is_ok_and(|scale| !scale.is_neutral());
+        if shown.attribute.is_label() && is_toned {
+            streams::note(format_args!(
+                "{} has labels, whose colours --ramp, --range, --brightness, --contrast and --gamma leave as they are",
+                shown.attribute.name()
+            ));
+        }
     }
 
     /// Gives a renderer these settings, filters and colours.

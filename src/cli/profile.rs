@@ -9,12 +9,11 @@ use super::files::refuse_to_overwrite;
 use super::filters::{ClipOptions, FilterOptions};
 use super::options::{CacheOptions, ColorOptions, TextArguments};
 use super::streams;
-use super::units::Size;
+use super::units::{Size, note_length};
 use crate::atomic_file::AtomicFile;
 use crate::cloud::ColumnSet;
 use crate::cloud::attribute::{Attribute, DisplayAttribute, percentiles};
 use crate::cloud::colormap;
-use crate::cloud::crs::Reference;
 use crate::error::{Error, Result};
 use crate::extract::Selection;
 use crate::extract::input::{Batch, Input};
@@ -70,8 +69,8 @@ pub struct Arguments {
     /// Where it ends
     #[arg(long, value_name = "X,Y", allow_hyphen_values = true)]
     pub to: Place,
-    /// Width of the slab: half of it on either side
-    #[arg(long, value_name = "METRES", default_value_t = 1.0, value_parser = above_zero)]
+    /// Width of the slab, in the files' unit: half of it on either side
+    #[arg(long, value_name = "LENGTH", default_value_t = 1.0, value_parser = above_zero)]
     pub width: f64,
     /// The files to write: a picture with axes, a table with a line a point. Repeatable
     #[arg(short, long, required = true, value_name = "OUT.svg|csv")]
@@ -217,7 +216,8 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
         return Err(Error::Request(nothing(&input, arguments)));
     }
     let parts = input.parts();
-    let reference = reference(&input);
+    let reference = input.reference();
+    note_length("--width", Some(arguments.width), &reference.unit());
     let has = parts.iter().fold(ColumnSet::default(), |has, part| has.and(part.available));
     let shown = arguments.shown(has, &ranges)?;
     let axes = Axes::fitting(slab.length, ranges.heights, arguments.exaggeration, most, &reference);
@@ -363,16 +363,12 @@ fn ranges(
     Ok((ranges, notes))
 }
 
-fn reference(input: &Input) -> Reference {
-    Reference::of(input.parts().iter().map(|part| (&part.header, part.lattice)))
-}
-
 /// Describes a profile without points, and where there are some.
 fn nothing(input: &Input, arguments: &Arguments) -> String {
     let bounds = input.parts().iter().filter_map(|part| part.bounds);
     let whole = bounds.reduce(|(low, high), (a, b)| (low.min(a), high.max(b)));
     let there = whole.map_or(String::new(), |(low, high): (DVec3, DVec3)| {
-        let [low, high] = [low, high].map(|corner| reference(input).digits.round(corner));
+        let [low, high] = [low, high].map(|corner| input.reference().digits.round(corner));
         format!("; the points lie between {},{} and {},{}", low.x, low.y, high.x, high.y)
     });
     let [from, to] = [arguments.from.0, arguments.to.0];

@@ -6,18 +6,18 @@ use super::files::{check_extension, refuse_to_overwrite};
 use super::filters::{ClipOptions, FilterOptions};
 use super::options::{CacheOptions, ColorOptions, TextArguments};
 use super::streams;
-use super::units::Bytes;
+use super::units::{Bytes, note_length};
 use crate::cloud::ReadOptions;
-use crate::cloud::crs::{Crs, Reference};
+use crate::cloud::crs::Crs;
 use crate::cloud::filter::grouped;
 use crate::cloud::scalar::Scalar;
 use crate::error::Result;
 use crate::extract::Selection;
 use crate::extract::count::count;
-use crate::extract::input::Part;
 use crate::extract::raster::{self, Filled, NoData, Pick, Request, Value};
 use crate::output::geotiff::{self, Map, Sample};
 use crate::progress::Progress;
+use crate::select::opacity::{Opacities, Rule};
 use crate::view::map::{self, Extent, MapGrid};
 use std::path::{Path, PathBuf};
 
@@ -48,7 +48,7 @@ pub struct Arguments {
     pub output: PathBuf,
     /// Side of a cell, in the files' unit; metres for coordinates in degrees. Edges of cells are
     /// multiples of it
-    #[arg(long, value_name = "METRES", value_parser = map::resolution, allow_hyphen_values = true)]
+    #[arg(long, value_name = "LENGTH", value_parser = map::resolution, allow_hyphen_values = true)]
     pub resolution: f64,
     /// Values of the cells: heights, intensities or scalars as 32-bit floating point, numbers of
     /// points as 32-bit unsigned, colours as 8 bits a channel with an alpha of 0 where there are no
@@ -73,6 +73,13 @@ pub struct Arguments {
     pub filters: FilterOptions,
     #[command(flatten)]
     pub clips: ClipOptions,
+    /// Leave out what has opacity 0, as `render --opacity` draws it. Repeatable
+    #[arg(
+        long,
+        value_name = "[class:N|return:N|station:S|file:F=]OPACITY",
+        allow_hyphen_values = true
+    )]
+    pub opacity: Vec<Rule>,
     /// Refuse a truncated or inconsistent file instead of keeping what is readable
     #[arg(long)]
     pub strict: bool,
@@ -108,7 +115,8 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
     };
     let input = export::open(&arguments.files, &options, progress)?;
     let clips = arguments.clips.clips();
-    let selection = Selection { filter, clips, ..Selection::default() };
+    let opacities = Opacities(arguments.opacity.clone());
+    let selection = Selection { filter, clips, opacities, ..Selection::default() };
     // The points' own bounds, since headers may be wrong.
     let counted = count(&input, &selection, progress)?;
     counted.notes.iter().for_each(streams::note);
@@ -128,8 +136,8 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
             grouped(counted.points)
         ));
     }
-    let parts = input.parts();
-    let reference = Reference::of(parts.iter().map(|part: &Part| (&part.header, part.lattice)));
+    let (parts, reference) = (input.parts(), input.reference());
+    note_length("--resolution", Some(*resolution), &reference.unit());
     let (unit, name) = (reference.height_unit(), value.to_string());
     let map = Map {
         grid,

@@ -15,7 +15,9 @@ use crate::error::{Error, Result};
 use crate::extract::raster::{NoData, Pick, Value};
 use crate::graph::{CompletedSubmission, Gpu, Graph};
 use crate::output::export::Downloads;
+use crate::output::film;
 use crate::output::geotiff::{self, Map, Sample};
+use crate::output::part::Part;
 use crate::output::tiled::{self, PictureRequest};
 use crate::output::world_file;
 use crate::passes::phong::{self, Backfaces};
@@ -31,6 +33,7 @@ use crate::resident::Resident;
 use crate::view::map::{self, Extent, MapGrid};
 use crate::view::{Preset, View};
 use glam::DVec3;
+use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
@@ -84,6 +87,9 @@ pub struct Arguments {
     /// Keep frames of --path or --turntable that exist already; a note counts them
     #[arg(long)]
     pub resume: bool,
+    /// Draw one part of --path or --turntable, or of the rows of a picture, as one of many jobs
+    #[arg(long, value_name = "PART/PARTS")]
+    pub part: Option<Part>,
     /// Draw in pieces of at most this many pixels a side [default: whole up to 33 million pixels
     /// and the device's largest image]
     #[arg(long, value_name = "PIXELS", value_parser = clap::value_parser!(u32).range(8..), conflicts_with_all = ["path", "turntable"])]
@@ -94,7 +100,7 @@ pub struct Arguments {
     /// Draw a map with --view top, north up, of pixels of this size, in the files' unit; metres for
     /// coordinates in degrees. Edges of pixels are multiples of it. `pointillist raster` writes
     /// heights, intensities and counts
-    #[arg(long, value_name = "METRES", value_parser = map::resolution, allow_hyphen_values = true, requires = "output", conflicts_with_all = ["size", "camera", "scene", "path", "turntable", "exr", "explain", "timings"])]
+    #[arg(long, value_name = "LENGTH", value_parser = map::resolution, allow_hyphen_values = true, requires = "output", conflicts_with_all = ["part", "size", "camera", "scene", "path", "turntable", "exr", "explain", "timings"])]
     pub resolution: Option<f64>,
     /// West, south, east and north of the map, widened to whole pixels [default: around all points
     /// but strays]
@@ -102,7 +108,7 @@ pub struct Arguments {
     pub extent: Option<Extent>,
     /// Write a raster of the points' own values with --resolution, instead of a picture. `pointillist
     /// raster` also picks the lowest, the mean or the last
-    #[arg(long, value_name = "height|intensity|count|rgb", requires_all = ["output", "resolution"])]
+    #[arg(long, value_name = "height|intensity|count|rgb", requires_all = ["output", "resolution"], conflicts_with_all = ["style", "color", "effect", "point_size", "title", "legend", "scale_bar", "north_arrow", "axes"])]
     pub raster: Option<Value>,
     /// Value of cells of --raster without points, a number or nan [default: -9999]
     #[arg(long, value_name = "NUMBER|nan", allow_hyphen_values = true, requires = "raster")]
@@ -144,6 +150,9 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
     if let (Some(value), Some(output), Some(resolution)) =
         (arguments.raster, &arguments.output, arguments.resolution)
     {
+        if !matches!(arguments.picture.view, Preset::Fit | Preset::Top) {
+            return Err(Error::Request("--raster is a map; leave --view out, or give top".into()));
+        }
         let raster = raster::Arguments {
             files: arguments.files.clone(),
             output: output.clone(),
@@ -155,6 +164,7 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
             memory: raster::MEMORY,
             filters: arguments.picture.filters.clone(),
             clips: arguments.picture.clips.clone(),
+            opacity: arguments.picture.opacity.clone(),
             strict: arguments.strict,
             colors: arguments.picture.colors,
             text: arguments.picture.text,
@@ -196,6 +206,12 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
     for (output, endings) in [(&arguments.output, endings), (&arguments.exr, &["exr"])] {
         let Some(output) = output else { continue };
         refuse_to_overwrite(output, &arguments.inputs())?;
+        if film::ending(output).is_some() {
+            return Err(Error::Request(format!(
+                "{} is a film, of many frames; give --turntable 120, or --path",
+                output.display()
+            )));
+        }
         check_extension(output, endings)?;
         // Fails early if the folder is not writable.
         drop(AtomicFile::create(output)?);
@@ -215,6 +231,7 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
     stages.done("read");
     let grid = arguments.grid(&picture, &source)?;
     let (shown, why_shown) = picture.shown(&source)?;
+    picture.note_meanings(&source, &shown);
     let named = picture.named(&source, shown)?;
     let view = match &grid {
         Some(grid) => grid.view(heights(&picture, &source))?,
@@ -240,7 +257,9 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
     stages.done("open device");
     let cloud = renderer.add_source(source, shown, progress)?;
     stages.done("organise");
+    let rows = arguments.rows(view.size)?;
     if placed.is_some()
+        || arguments.part.is_some()
         || arguments.tile.is_some()
         || tiled::needs_pieces(&renderer.gpu, view.size, arguments.piece)
     {
@@ -252,8 +271,8 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
             streams::note(chosen.line(None));
             lod = chosen.cut;
         }
-        let wanted =
-            PictureRequest { view, lod, piece: arguments.piece, tile: arguments.tile, over };
+        let Arguments { piece, tile, .. } = *arguments;
+        let wanted = PictureRequest { view, lod, rows, piece, tile, over };
         return in_pieces(arguments, wanted, placed, &mut renderer, cloud, progress);
     }
     let chosen = match limit.zip(index) {
@@ -403,6 +422,22 @@ impl Arguments {
         let PictureOptions { camera, scene, detail, .. } = &self.picture;
         let more = [camera, scene, &detail.shadows, &self.path].into_iter().flatten();
         self.files.iter().chain(more).cloned().collect()
+    }
+
+    /// Returns the rows of the picture that are drawn; errors if that is none.
+    fn rows(&self, [_, height]: [u32; 2]) -> Result<Range<u32>> {
+        let Some(part) = self.part else { return Ok(0..height) };
+        let rows = part.rows(height).ok_or_else(|| {
+            Error::Request(format!(
+                "part {part} has none of the {height} rows; parts are made of blocks of rows, so ask for fewer"
+            ))
+        })?;
+        streams::note(format_args!(
+            "part {part} is rows {} to {} of {height}, from the top",
+            rows.start + 1,
+            rows.end
+        ));
+        Ok(rows)
     }
 
     /// Errors if a map lacks what makes it one.

@@ -1,4 +1,17 @@
-//! Types of option values: numbers of bytes, sizes of pictures.
+//! Types of option values: numbers of bytes, sizes of pictures, lengths.
+
+use super::streams;
+use crate::cloud::crs::Unit;
+
+/// Says how long what was given for an option is, if the files are not in metres.
+pub fn note_length(option: &str, length: Option<f64>, unit: &Unit) {
+    if let Some(length) = length.filter(|_| !unit.is_metre() && !unit.is_none()) {
+        let (symbol, metres) = (unit.symbol(), length * unit.metres);
+        streams::note(format_args!(
+            "{option} is in the files' unit: {length} {symbol}, which are {metres:.4} m"
+        ));
+    }
+}
 
 /// A number of bytes: 512MiB, 2GiB, 1000000.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

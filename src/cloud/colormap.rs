@@ -73,7 +73,8 @@ pub fn color_of(shown: &DisplayAttribute, word: u32) -> [u8; 3] {
 /// vegetation green, buildings red, water blue.
 fn class_color(class: usize) -> [f64; 3] {
     match class {
-        0 | 1 => [0.72, 0.72, 0.72],
+        0 => [0.90, 0.90, 0.90],
+        1 => [0.72, 0.72, 0.72],
         2 => [0.65, 0.50, 0.34],
         3 => [0.60, 0.78, 0.42],
         4 => [0.36, 0.66, 0.31],

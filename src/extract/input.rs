@@ -123,6 +123,11 @@ impl Input {
         }
     }
 
+    /// Returns the unit, the digits and the coordinate system of all parts.
+    pub fn reference(&self) -> Reference {
+        Reference::of(self.parts().iter().map(|part| (&part.header, part.lattice)))
+    }
+
     pub fn is_index(&self) -> bool {
         matches!(self, Input::Index { .. })
     }

@@ -11,6 +11,7 @@ use exr::prelude::{SmallVec, WritableImage};
 use std::borrow::Cow;
 use std::fs::File;
 use std::io::{BufWriter, Write};
+use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex};
 
@@ -28,7 +29,7 @@ pub fn write_annotated_png(
     over: Overlay,
 ) -> Result<()> {
     // Piece by piece, so that no second copy of the picture is in memory.
-    let mut rows = PngRows::create(path, size, over)?;
+    let mut rows = PngRows::create(path, size[0], 0..size[1], over)?;
     pieces.iter().try_for_each(|piece| rows.write(piece))?;
     rows.complete()?.finish()
 }
@@ -42,8 +43,8 @@ pub struct PngRows {
     whole: AtomicFile,
     failed: Arc<Mutex<Option<std::io::Error>>>,
     width: usize,
-    /// Number of rows that are written.
-    done: usize,
+    /// Row of the picture that is written next.
+    next: usize,
     over: Overlay,
 }
 
@@ -83,7 +84,8 @@ impl Drop for Watched {
 }
 
 impl PngRows {
-    pub fn create(path: &Path, [width, height]: [u32; 2], over: Overlay) -> Result<PngRows> {
+    /// Creates the file for these rows of a picture of this width.
+    pub fn create(path: &Path, width: u32, rows: Range<u32>, over: Overlay) -> Result<PngRows> {
         let whole = AtomicFile::create(path)?;
         let file =
             File::create(whole.partial()).map_err(|error| Error::io("write", path, error))?;
@@ -91,26 +93,26 @@ impl PngRows {
         let mut encoder = png::Encoder::new(
             Watched { file: BufWriter::new(file), failed: failed.clone() },
             width,
-            height,
+            rows.end - rows.start,
         );
         encoder.set_color(png::ColorType::Rgb);
         encoder.set_source_srgb(png::SrgbRenderingIntent::Perceptual);
         encoder.set_compression(png::Compression::Fast);
+        let (width, next) = (width as usize, rows.start as usize);
         let rows = encoder
             .write_header()
             .and_then(png::Writer::into_stream_writer)
             .map_err(|error| encoding(path, error))?;
-        let (path, width) = (path.to_owned(), width as usize);
-        Ok(PngRows { path, whole, rows, failed, width, done: 0, over })
+        Ok(PngRows { path: path.to_owned(), whole, rows, failed, width, next, over })
     }
 
     /// Writes whole rows.
     pub fn write(&mut self, pixels: &[u8]) -> Result<()> {
         let mut pixels = Cow::Borrowed(pixels);
         if !self.over.triangles.is_empty() {
-            self.over.blend(pixels.to_mut(), self.width, self.done);
+            self.over.blend(pixels.to_mut(), self.width, self.next);
         }
-        self.done += pixels.len() / (3 * self.width);
+        self.next += pixels.len() / (3 * self.width);
         self.rows.write_all(&pixels).map_err(|error| Error::io("write", &self.path, error))
     }
 

@@ -9,6 +9,7 @@ pub mod film;
 pub mod geotiff;
 pub mod image_io;
 pub mod overlay;
+pub mod part;
 pub mod section;
 pub mod ticks;
 pub mod tiled;

@@ -106,7 +106,9 @@ impl Axes {
     /// least.
     pub fn ticks(&self, apart: DVec2) -> [Vec<(f64, String)>; 2] {
         let ticks = |range: [f64; 2], pixels: f64, apart: f64| {
-            let step = round_above((range[1] - range[0]) * (apart / pixels).min(1.0));
+            let length = range[1] - range[0];
+            // At least one step is within the axis.
+            let step = round_above(length * apart / pixels).min(round_below(length));
             let labelled = |tick: f64| (tick, number(tick + 0.0, step));
             multiples(step, range).into_iter().map(labelled).collect()
         };

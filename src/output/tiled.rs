@@ -25,19 +25,21 @@ use crate::render::source::SelectionReport;
 use crate::renderer::{CloudId, Renderer};
 use crate::select::lod::LodOptions;
 use crate::view::View;
+use std::ops::Range;
 use std::path::{Path, PathBuf};
 
 /// Size of a piece `[px]`. A picture takes two gigabytes with it, since buffers of the smaller
 /// windows at the edges stay in the pool beside the others.
-const PIECE: [u32; 2] = [4096, 1024];
+pub const PIECE: [u32; 2] = [4096, 1024];
 
 /// Most bytes of one row of pieces.
 const ROW_BYTES: u64 = 1 << 27;
 
-/// The division of a picture into pieces.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+/// The division of a picture, or of some of its rows, into pieces.
+#[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Pieces {
     whole: [u32; 2],
+    drawn: Range<u32>,
     piece: [u32; 2],
     border: u32,
 }
@@ -62,10 +64,17 @@ pub fn needs_pieces(gpu: &Gpu, size: [u32; 2], asked: Option<u32>) -> bool {
 }
 
 impl Pieces {
-    pub fn of(gpu: &Gpu, view: &View, config: &FrameConfig, asked: Option<u32>) -> Result<Pieces> {
+    /// Divides these rows of a picture.
+    pub fn of(
+        gpu: &Gpu,
+        view: &View,
+        config: &FrameConfig,
+        asked: Option<u32>,
+        drawn: Range<u32>,
+    ) -> Result<Pieces> {
         let whole = view.size;
-        if !needs_pieces(gpu, whole, asked) {
-            return Ok(Pieces { whole, piece: whole, border: 0 });
+        if !needs_pieces(gpu, whole, asked) && drawn == (0..whole[1]) {
+            return Ok(Pieces { whole, drawn, piece: whole, border: 0 });
         }
         let reach = config.reach_px(view).ok_or_else(|| {
             let [width, height] = whole;
@@ -73,22 +82,26 @@ impl Pieces {
                 "cannot draw {width}x{height} pixels with ao=radius= in metres and perspective: it reaches beyond a piece; use ao=off or pixels"
             ))
         })?;
-        let rows = (ROW_BYTES / (3 * whole[0] as u64)).max(1).min(PIECE[1] as u64) as u32;
+        // A power of two, which divides the rows of parts.
+        let rows = (ROW_BYTES / (3 * whole[0] as u64)).clamp(1, PIECE[1] as u64);
+        let rows = 1 << rows.ilog2();
         let block = config.block_px();
         let piece = asked
             .map_or([PIECE[0], rows], |asked| [asked; 2])
             .map(|side| side.max(1).next_multiple_of(block));
-        Ok(Pieces { whole, piece, border: reach.next_multiple_of(block) })
+        Ok(Pieces { whole, drawn, piece, border: reach.next_multiple_of(block) })
     }
 
     /// Returns the rows of pieces from the top down, each from left to right.
     pub fn rows(&self) -> impl Iterator<Item = Vec<Piece>> + '_ {
-        let starts = |axis: usize| (0..self.whole[axis]).step_by(self.piece[axis] as usize);
-        starts(1).map(move |y| starts(0).map(|x| self.piece([x, y])).collect())
+        let [across, down] = self.piece.map(|side| side as usize);
+        let row = move |y| (0..self.whole[0]).step_by(across).map(|x| self.piece([x, y])).collect();
+        self.drawn.clone().step_by(down).map(row)
     }
 
     fn piece(&self, corner: [u32; 2]) -> Piece {
-        let end = [0, 1].map(|axis| (corner[axis] + self.piece[axis]).min(self.whole[axis]));
+        let ends = [self.whole[0], self.drawn.end];
+        let end = [0, 1].map(|axis| (corner[axis] + self.piece[axis]).min(ends[axis]));
         Piece::around(corner, end, self.border, self.whole)
     }
 }
@@ -114,6 +127,8 @@ impl Piece {
 pub struct PictureRequest {
     pub view: View,
     pub lod: LodOptions,
+    /// Rows that are drawn: all, or those of a part.
+    pub rows: Range<u32>,
     /// Most pixels per side of a piece.
     pub piece: Option<u32>,
     /// Most pixels per side of a tile, to return to the caller between tiles. The picture stays the
@@ -163,7 +178,8 @@ struct Tile {
 impl TiledPicture {
     /// Creates the file; draws nothing yet.
     pub fn begin(request: PictureRequest, path: &Path) -> Result<TiledPicture> {
-        let rows = PngRows::create(path, request.view.size, request.over.clone())?;
+        let PictureRequest { view, rows, over, .. } = &request;
+        let rows = PngRows::create(path, view.size[0], rows.clone(), over.clone())?;
         Ok(TiledPicture { drawing: Drawing::new(request), path: path.to_owned(), rows })
     }
 
@@ -225,7 +241,7 @@ impl Drawing {
         cloud: CloudId,
         progress: &dyn Progress,
     ) -> Result<Plan> {
-        let PictureRequest { view, lod, piece, tile, .. } = self.request.clone();
+        let PictureRequest { view, lod, piece, tile, rows, .. } = self.request.clone();
         // For a picture in pieces, effects are decided by as much of the cloud as shows the whole
         // picture on a screen.
         let overview =
@@ -234,7 +250,7 @@ impl Drawing {
         self.note(notes_of(taken));
         let config = renderer.config(cloud, &view)?;
         self.note(config.warnings(renderer.cloud(cloud)?.1.resident()));
-        let pieces = Pieces::of(&renderer.gpu, &view, &config, piece)?;
+        let pieces = Pieces::of(&renderer.gpu, &view, &config, piece, rows)?;
         let block = config.block_px();
         let side_and_border = tile
             .zip(config.reach_px(&view))
@@ -338,8 +354,8 @@ pub fn draw(
     put: &mut Put,
 ) -> Result<Vec<String>> {
     let (over, width) = (request.over.clone(), request.view.size[0] as usize);
+    let (mut blended, mut rows) = (Vec::new(), request.rows.start as usize);
     let mut drawing = Drawing::new(request);
-    let (mut blended, mut rows) = (Vec::new(), 0);
     let mut put = |pixels: &[u8]| {
         blended.clear();
         blended.extend_from_slice(pixels);
@@ -403,7 +419,7 @@ mod tests {
             ([40, 40], [128, 128], 128),
             ([4097, 9], [128, 128], 0),
         ] {
-            let pieces = Pieces { whole, piece, border };
+            let pieces = Pieces { whole, drawn: 0..whole[1], piece, border };
             let mut covered = vec![0u8; (whole[0] * whole[1]) as usize];
             for piece in pieces.rows().flatten() {
                 for (axis, whole) in whole.into_iter().enumerate() {

@@ -44,7 +44,8 @@ pub enum PointSize {
     /// By the spacing of the points.
     Auto,
     Pixels(f64),
-    Metres(f64),
+    /// In the files' unit.
+    World(f64),
 }
 
 impl std::str::FromStr for PointSize {
@@ -57,7 +58,7 @@ impl std::str::FromStr for PointSize {
         let (number, of): (_, fn(f64) -> PointSize) = match text.strip_suffix("px") {
             Some(number) => (number, PointSize::Pixels),
             None => match text.strip_suffix('m') {
-                Some(number) => (number, PointSize::Metres),
+                Some(number) => (number, PointSize::World),
                 None => (text, PointSize::Pixels),
             },
         };
@@ -65,10 +66,12 @@ impl std::str::FromStr for PointSize {
         if let Some(PointSize::Pixels(pixels)) = number.map(of)
             && pixels < 1.0
         {
-            return Err(format!("{pixels} pixels are less than one; {pixels}m is in metres"));
+            return Err(format!("{pixels} pixels are less than one; {pixels}m is a length"));
         }
         number.map(of).ok_or_else(|| {
-            format!("{text:?} is not a size; give pixels such as 3, metres such as 0.05m, or auto")
+            format!(
+                "{text:?} is not a size; give pixels such as 3, a length such as 0.05m, or auto"
+            )
         })
     }
 }
@@ -78,7 +81,7 @@ impl Settings {
         (self.pixels, self.metres) = match size {
             PointSize::Auto => (0.0, 0.0),
             PointSize::Pixels(pixels) => (pixels, 0.0),
-            PointSize::Metres(metres) => (0.0, metres),
+            PointSize::World(length) => (0.0, length),
         };
         self.largest = self.largest.max(self.pixels);
     }

@@ -193,6 +193,10 @@ fn job_06_ground_becomes_a_raster() {
         "render SCAN -o @second.tif --raster height --resolution 1 --only return=last --no-data -1",
     );
     assert!(fs::read(desk.at("first.tif")).unwrap() == fs::read(desk.at("second.tif")).unwrap());
+    // What is transparent is not there.
+    desk.types("raster SCAN -o @first.tif --resolution 1 --not class=6");
+    desk.types("render SCAN -o @second.tif --raster height --resolution 1 --opacity class:6=0");
+    assert!(fs::read(desk.at("first.tif")).unwrap() == fs::read(desk.at("second.tif")).unwrap());
     let (map, table) = (desk.at("ground.tif"), desk.at("ground.xyz"));
     check_map(&map, [770_500.0, 6_277_550.0], [50, 50], 1.0);
     if gdal("gdal_translate", "-q -of XYZ", &[&map, &table]).is_none() {
@@ -503,7 +507,24 @@ fn job_15_a_mistake_is_answered_by_what_to_do() {
     let said = desk.types("info SCAN --count --clip box:0,0,0,1,1,1");
     assert!(said.contains("lie in 770500 6277500 20.25 to 770550 6277550 43.49"), "{said}");
     let said = failed(&desk.run("render SCAN -o @no.png --point-size 0.05"), 2);
-    assert!(said.contains("0.05m is in metres"), "{said}");
+    assert!(said.contains("0.05m is a length"), "{said}");
+    let said = failed(&desk.run("render SCAN -o @no.mp4"), 1);
+    assert!(said.contains("is a film, of many frames; give --turntable 120, or --path"), "{said}");
+    for (options, code, why) in [
+        ("--raster height --resolution 1 --legend", 2, "cannot be used with"),
+        ("--raster height --resolution 1 --view front", 1, "--raster is a map"),
+    ] {
+        let said = failed(&desk.run(&format!("render SCAN -o @no.tif {options}")), code);
+        assert!(said.contains(why), "{said}");
+    }
+    let said = desk.types("render SCAN -o @classes.png --size 32x32 --color class --gamma 2");
+    assert!(said.contains("class has labels, whose colours"), "{said}");
+    if let Some(feet) = Desk::with("data/aerial/autzen_trim.laz") {
+        let said = feet.types("export SCAN -o @thin.laz --thin 20");
+        assert!(said.contains("--thin is in the files' unit: 20 ft, which are 6.0960 m"), "{said}");
+        let said = feet.types("render SCAN -o @a.png --size 32x32 --style points --point-size 10m");
+        assert!(said.contains("--point-size is in the files' unit: 10 ft"), "{said}");
+    }
     if let Some(other) = shared("data/aerial/bcts_1.laz") {
         let line = format!("render SCAN {} -o @far.png --size 32x32", other.display());
         let said = desk.types(&line);

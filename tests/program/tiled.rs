@@ -118,6 +118,45 @@ fn what_is_drawn_in_tiles_is_the_same_to_the_bit_whatever_it_is_drawn_from() {
 }
 
 #[test]
+fn parts_have_the_rows_and_the_frames_of_the_whole() {
+    let place = Place::new(100_000);
+    let size = "--size 200x2600";
+    succeeded(&place.render("street.las", "whole.png", &format!("{size} --legend --title Street")));
+    for parts in [2, 3] {
+        let mut pixels = Vec::new();
+        for number in 1..=parts {
+            let line = format!("{size} --legend --title Street --part {number}/{parts}");
+            let said = succeeded(&place.render("street.las", "part.png", &line));
+            assert!(said.contains(&format!("part {number}/{parts} is rows")), "{said}");
+            pixels.extend(read_png(&place.at("part.png")).pixels);
+        }
+        assert!(pixels == read_png(&place.at("whole.png")).pixels, "{parts} parts");
+    }
+    let turn = |name: &str, line: &str| {
+        let output = place.at(name);
+        render(
+            &place.at("street.las"),
+            &format!("-o {} --size 64x48 --turntable 7 {line}", output.display()),
+        )
+    };
+    succeeded(&turn("turn.png", ""));
+    for number in [3, 1, 2] {
+        succeeded(&turn("part.png", &format!("--part {number}/3")));
+    }
+    for frame in 1..=7 {
+        let [whole, part] = ["turn", "part"]
+            .map(|name| std::fs::read(place.at(&format!("{name}-000{frame}.png"))).unwrap());
+        assert!(whole == part, "frame {frame}");
+    }
+    let said = failed(&place.render("street.las", "no.png", "--size 64x48 --part 2/2"), 1);
+    assert!(said.contains("has none of the 48 rows"), "{said}");
+    let said = failed(&turn("turn.mp4", "--part 1/2"), 1);
+    assert!(said.contains("--part is for numbered frames"), "{said}");
+    let said = failed(&place.render("street.las", "no.png", "--part 4/3"), 2);
+    assert!(said.contains("is not a part such as 3/16"), "{said}");
+}
+
+#[test]
 fn a_picture_is_larger_than_any_image_and_what_needs_all_of_it_is_refused() {
     let place = Place::new(20_000);
     // Wider than any device's images.

@@ -74,6 +74,7 @@ fn points(ui: &mut Ui, state: &UiState, scene: &Scene) {
     let hidden = rules.map(|rule| rule.what.to_string()).reduce(|all, one| format!("{all}, {one}"));
     let without = hidden.map_or(String::new(), |hidden| format!(", without {hidden}"));
     let at_most = if state.at_most { "at most " } else { "" };
-    let [drawn, all] = [state.drawn, state.points].map(grouped);
+    // A coarse picture counts nodes whole, of which filters and boxes leave less.
+    let [drawn, all] = [state.drawn.min(state.points), state.points].map(grouped);
     text::weak(ui, format!("{at_most}{drawn} of {all} points{without}"));
 }

@@ -84,6 +84,7 @@ impl RenderLoop {
         let wanted = tiled::PictureRequest {
             view: View::new(scene.camera, size)?,
             lod: scene.lod,
+            rows: 0..size[1],
             piece: None,
             tile: Some(TILE),
             over,
