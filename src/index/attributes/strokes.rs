@@ -194,7 +194,7 @@ pub fn of_node(index: &Index, node: usize) -> Result<(Vec<[u32; 2]>, u64)> {
     let found = strokes(&columns, &index.lattice(record), &Silent)?;
     let at = |i: usize| [columns.x[i], columns.y[i], columns.z[i]];
     // Position in the whole tree, independent of the node. Rounded ones count from its corner.
-    let corner = if record.lattice % 2 == 0 { index.tree_corner(record) } else { [0; 3] };
+    let corner = if record.lattice.is_multiple_of(2) { index.tree_corner(record) } else { [0; 3] };
     let whole = |i: usize| {
         let along = |axis: usize| record.origin[axis] - corner[axis] + at(i)[axis] as i64;
         std::array::from_fn(|axis| along(axis) as i32)
