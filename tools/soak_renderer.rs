@@ -53,11 +53,15 @@ fn add(renderer: &mut Renderer, file: &Path) -> Result<Opened> {
 }
 
 /// Draws one cloud by usual settings; all others are invisible.
-fn usual(renderer: &mut Renderer, clouds: &[Opened], shown: CloudId) -> Result<Vec<u8>> {
+fn usual(
+    renderer: &mut Renderer,
+    clouds: &[Opened],
+    shown: CloudId,
+    camera: Camera,
+) -> Result<Vec<u8>> {
     renderer.set_settings(RenderSettings::default());
     renderer.set_filters(Opacities::default(), Clips::default());
     clouds.iter().try_for_each(|cloud| renderer.set_visible(cloud.id, cloud.id == shown))?;
-    let camera = renderer.framing(Preset::Fit, SIZES[1]).expect("a cloud is there");
     renderer.picture(shown, camera, SIZES[1])
 }
 
@@ -122,13 +126,15 @@ fn main() -> std::result::Result<(), Box<dyn std::error::Error>> {
             println!("{}", private_bytes());
         }
     }
+    // It frames all clouds, of which a new renderer has one.
+    let camera = renderer.framing(Preset::Fit, SIZES[1]).ok_or("give clouds with points")?;
     for (k, file) in files.iter().enumerate() {
-        let last = usual(&mut renderer, &clouds, clouds[k].id)?;
+        let last = usual(&mut renderer, &clouds, clouds[k].id, camera)?;
         let mut fresh = opened()?;
         fresh.set_settings(clouds[k].settings.clone());
         let cloud = add(&mut fresh, file)?;
         let id = cloud.id;
-        if last != usual(&mut fresh, &[cloud], id)? {
+        if last != usual(&mut fresh, &[cloud], id, camera)? {
             return Err(format!("{}: the last picture is not the first one", file.display()).into());
         }
     }
