@@ -54,6 +54,8 @@ pub struct Batch<'b> {
     pub columns: &'b Columns,
     pub lattice: &'b Lattice,
     pub shift: [i64; 3],
+    /// A corner that moves with the points, from which places are hashed.
+    pub corner: [i32; 3],
 }
 
 impl Batch<'_> {
@@ -90,7 +92,8 @@ impl Points for Cloud {
 
     fn each(&self, sink: &(dyn Fn(Batch) + Sync)) -> Result<()> {
         for part in self.parts.iter().filter(|part| !part.header.strays) {
-            sink(Batch { columns: &part.columns, lattice: &part.lattice, shift: [0; 3] });
+            let corner = part.columns.extent().map_or([0; 3], |extent| extent.low);
+            sink(Batch { columns: &part.columns, lattice: &part.lattice, shift: [0; 3], corner });
         }
         Ok(())
     }
@@ -110,7 +113,8 @@ pub fn heights(cloud: &mut Cloud) -> Option<String> {
     // Points in memory cannot fail to be read.
     let surface = Surface::of(cloud).ok().flatten()?;
     for part in &mut cloud.parts {
-        let batch = Batch { columns: &part.columns, lattice: &part.lattice, shift: [0; 3] };
+        let (shift, corner) = ([0; 3], [0; 3]);
+        let batch = Batch { columns: &part.columns, lattice: &part.lattice, shift, corner };
         let column = surface.column(batch);
         part.columns.scalars.push(column);
     }
@@ -172,7 +176,7 @@ impl Surface {
             for i in 0..batch.columns.len() {
                 let class = batch.class(i);
                 if !NOISE.contains(&class) {
-                    let is_sample = scatter(batch.steps(i)).is_multiple_of(every);
+                    let is_sample = scatter(batch.steps(i), batch.corner).is_multiple_of(every);
                     own[(class != GROUND) as usize].add(batch.place(i), is_sample);
                 }
             }

@@ -20,7 +20,7 @@ pub mod write;
 
 use super::crs::Sample;
 use super::input::{Input, Meter};
-use super::strays::Extent;
+use super::strays::Corners;
 use super::{ColumnSet, Columns, Part, ReadOptions, rgb_range};
 use crate::error::Result;
 use crate::progress::{Progress, Silent};
@@ -127,7 +127,7 @@ pub const INTENSITY_RANGE: [f64; 2] = [0.0, 65535.0];
 impl Las {
     /// Reads all points. Returns them with statistics of their colours, and anomalies.
     fn read(&self, input: &Input, progress: &dyn Progress) -> Result<(Part, Occurred, String)> {
-        let (mut columns, lanes, extent, why) = match &self.places {
+        let (mut columns, lanes, corners, why) = match &self.places {
             Places::Known(stretches) => {
                 let no_room = || {
                     let what = format!(
@@ -142,9 +142,9 @@ impl Las {
                     .split_into(stretches.iter().map(|stretch| stretch.points as usize));
                 let why = self.read_stretches(input, windows.par_iter_mut(), progress)?;
                 let lanes = windows.iter().map(Window::filled).collect();
-                let extents = windows.iter_mut().filter_map(|window| window.extent.take());
-                let extent = extents.reduce(Extent::and);
-                (columns, lanes, extent, why)
+                let corners = windows.iter().filter_map(|window| window.corners);
+                let corners = corners.reduce(Corners::and);
+                (columns, lanes, corners, why)
             }
             Places::Sequence(_) => {
                 let mut pile = Pile::new(records::zeros(0, self.available));
@@ -155,9 +155,9 @@ impl Las {
         };
         let expected = columns.len();
         let occurred = records::finish(&mut columns, &lanes);
-        // Samples are chosen by the number of points.
-        if let Some(extent) = extent.filter(|_| columns.len() == expected) {
-            columns.keep_extent(extent);
+        // Fewer points than expected may lie in a smaller box.
+        if let Some(corners) = corners.filter(|_| columns.len() == expected) {
+            columns.keep_extent(corners);
         }
         let part = Part {
             path: input.path.clone(),

@@ -2,7 +2,7 @@
 //! bird would push the rest into a corner. Of what the user has chosen, by filters or clip boxes,
 //! all but the strays of files is shown.
 
-use super::strays::{RobustBounds, mix};
+use super::strays::{RobustBounds, mix, relative};
 use super::{Cloud, Lattice, Part};
 use glam::DVec3;
 use rayon::prelude::*;
@@ -11,8 +11,8 @@ use std::collections::HashMap;
 /// A point and the number of points for which it stands.
 type Weighted = (DVec3, u32);
 
-/// Approximate number of sampled points. They are chosen by coordinates, not by their place in the
-/// file, so that the camera does not depend on the order.
+/// Approximate number of sampled points. They are chosen by coordinates from the lower corner,
+/// not by their place in the file, so that the camera does not depend on the order.
 const SAMPLES: u64 = 100_000;
 /// Share of points beyond each side of a box that no stray determines.
 const BEYOND: f64 = 0.002;
@@ -78,7 +78,10 @@ impl Cloud {
     ) -> (Vec<DVec3>, Certain) {
         let every = Divisor::new(count / SAMPLES + 1);
         let samples: Vec<_> = self
-            .places(keeps, |_| move |q| every.divides(scatter(q)))
+            .places(keeps, |part| {
+                let low = part.columns.extent().map_or([0; 3], |extent| extent.low);
+                move |q| every.divides(scatter(q, low))
+            })
             .into_iter()
             .map(|p| (p, 1))
             .collect();
@@ -242,8 +245,9 @@ fn within<'s>(samples: impl Iterator<Item = &'s (f64, u32)>, beyond: f64) -> Opt
     sums.find(|(sum, _)| *sum > beyond).map(|(_, at)| at)
 }
 
-/// Hashes a point's lattice coordinates.
-pub fn scatter(q: [i32; 3]) -> u64 {
+/// Hashes a point's lattice coordinates, relative to a corner that moves with the points.
+pub fn scatter(q: [i32; 3], corner: [i32; 3]) -> u64 {
+    let q = relative(q, corner);
     mix((q[0] as u32 as u64)
         ^ (q[1] as u32 as u64).rotate_left(21)
         ^ (q[2] as u32 as u64).rotate_left(42))

@@ -125,14 +125,15 @@ fn between(seeds: &[DVec3]) -> Option<f64> {
     distances.get(distances.len() / 2).copied().filter(|distance| distance.is_finite())
 }
 
-/// Returns about this many distinct positions, chosen by a hash of their steps, in any order of
-/// points.
+/// Returns about this many distinct positions, chosen by a hash of their steps from the lower
+/// corner, in any order of points.
 fn seeds(cloud: &Cloud) -> Vec<DVec3> {
     let every = cloud.len().div_ceil(SEEDS).max(1);
-    let chosen = |place: &[i32; 3]| u64::from(scatter_steps(*place)) < (1 << 32) / every;
     let of_part = |part: &Part| {
-        let samples = part.columns.extent().map_or(&[][..], |extent| &extent.samples);
-        let chosen = samples.iter().copied().filter(chosen);
+        let Some(extent) = part.columns.extent() else { return Vec::new() };
+        let is_chosen =
+            |place: &&[i32; 3]| u64::from(scatter_steps(**place, extent.low)) < (1 << 32) / every;
+        let chosen = extent.samples.iter().filter(is_chosen);
         chosen.map(|place| part.lattice.world(place.map(i64::from))).collect::<Vec<_>>()
     };
     let mut seeds: Vec<DVec3> = cloud.parts.iter().flat_map(of_part).collect();

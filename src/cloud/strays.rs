@@ -3,7 +3,8 @@
 //!
 //! Distances from the middle half of the points are binned by powers of two of its longest side.
 //! Points beyond the first empty bin are strays if they are few: at most the square root of the
-//! number of points. Only positions matter, not their order.
+//! number of points. Only positions matter, not their order. Samples are chosen by a hash of places
+//! relative to the lower corner, so that they move with the points.
 
 use super::digits::number;
 use super::up::Up;
@@ -48,24 +49,28 @@ impl RobustBounds {
             return None;
         }
         let chosen = chosen(count);
-        let look = |range: Range<usize>| {
-            let mut seen = Seen::default();
-            for p in range.map(&place) {
-                seen.all = RobustBounds { low: seen.all.low.min(p), high: seen.all.high.max(p) };
-                if scatter(p) <= chosen {
-                    seen.samples.push(p);
-                }
-            }
-            seen
+        let none = RobustBounds { low: DVec3::INFINITY, high: DVec3::NEG_INFINITY };
+        let box_of = |range: Range<usize>| {
+            range.map(&place).fold(none, |all, p| all.and(RobustBounds { low: p, high: p }))
         };
-        let seen = tasks(count).map(look).reduce(Seen::default, Seen::and);
-        RobustBounds::among(count, seen, place)
+        let all = tasks(count).map(box_of).reduce(|| none, RobustBounds::and);
+        let is_sample = |p: &DVec3| scatter(*p - all.low) <= chosen;
+        let samples_of =
+            |range: Range<usize>| range.map(&place).filter(is_sample).collect::<Vec<_>>();
+        let samples: Vec<DVec3> = tasks(count).flat_map_iter(samples_of).collect();
+        RobustBounds::among(count, all, samples, place)
     }
 
-    /// Returns the box, given extent and samples of all positions.
+    /// Returns the box around both.
+    fn and(self, other: RobustBounds) -> RobustBounds {
+        RobustBounds { low: self.low.min(other.low), high: self.high.max(other.high) }
+    }
+
+    /// Returns the box, given the box around all positions and samples of them.
     fn among(
         count: usize,
-        Seen { all, samples }: Seen,
+        all: RobustBounds,
+        samples: Vec<DVec3>,
         place: impl Fn(usize) -> DVec3 + Sync,
     ) -> Option<RobustBounds> {
         let middle = middle_half(samples.clone())?;
@@ -124,51 +129,65 @@ pub struct Extent {
 impl Extent {
     /// Returns `None` where there is no point.
     pub fn of(columns: &Columns) -> Option<Extent> {
+        let places = [&columns.x, &columns.y, &columns.z];
+        let corners_of =
+            |range: Range<usize>| Corners::of(places.map(|column| &column[range.clone()]));
+        Some(Extent::within(
+            tasks(columns.len()).map(corners_of).reduce_with(Corners::and)?,
+            columns,
+        ))
+    }
+
+    /// Returns the extent of points between these corners.
+    fn within(Corners { low, high }: Corners, columns: &Columns) -> Extent {
         let count = columns.len();
-        let look = |range: Range<usize>| {
-            let places = [&columns.x, &columns.y, &columns.z];
-            Extent::of_some(places.map(|column| &column[range.clone()]), count)
-        };
-        let extent = tasks(count).map(look).reduce_with(Extent::and)?;
-        Some(extent.with_core(columns))
-    }
-
-    /// Returns the extent of some of `count` points, without a core.
-    pub fn of_some(places: [&[i32]; 3], count: usize) -> Extent {
         let chosen = (chosen(count) >> 32) as u32;
-        let low = places.map(|column| column.iter().fold(i32::MAX, |low, &v| low.min(v)));
-        let high = places.map(|column| column.iter().fold(i32::MIN, |high, &v| high.max(v)));
-        let mut samples = Vec::new();
-        // Most blocks have no sample, which SIMD finds for several points at a time.
-        let [x, y, z] = places.map(|column| column.chunks(BLOCK));
-        for ((x, y), z) in x.zip(y).zip(z) {
-            let places = || x.iter().zip(y).zip(z).map(|((&x, &y), &z)| [x, y, z]);
-            let is_chosen = |place: &[i32; 3]| scatter_steps(*place) <= chosen;
-            if places().map(|place| u32::from(is_chosen(&place))).sum::<u32>() > 0 {
-                samples.extend(places().filter(is_chosen));
+        let samples_of = |range: Range<usize>| {
+            let mut samples = Vec::new();
+            // Most blocks have no sample, which SIMD finds for several points at a time.
+            let [x, y, z] = [&columns.x, &columns.y, &columns.z]
+                .map(|column| column[range.clone()].chunks(BLOCK));
+            for ((x, y), z) in x.zip(y).zip(z) {
+                let places = || x.iter().zip(y).zip(z).map(|((&x, &y), &z)| [x, y, z]);
+                let is_chosen = |place: &[i32; 3]| scatter_steps(*place, low) <= chosen;
+                if places().map(|place| u32::from(is_chosen(&place))).sum::<u32>() > 0 {
+                    samples.extend(places().filter(is_chosen));
+                }
             }
+            samples
+        };
+        let samples: Vec<_> = tasks(count).flat_map_iter(samples_of).collect();
+        let core = if count < FEWEST {
+            None
+        } else {
+            let all = RobustBounds { low: steps(low), high: steps(high) };
+            let places = samples.iter().map(|&place| steps(place)).collect();
+            RobustBounds::among(count, all, places, |i| columns.place(i))
+        };
+        Extent { low, high, samples, core }
+    }
+}
+
+/// Corners of a box around points [lattice steps].
+#[derive(Clone, Copy, Debug)]
+pub struct Corners {
+    low: [i32; 3],
+    high: [i32; 3],
+}
+
+impl Corners {
+    pub fn of(places: [&[i32]; 3]) -> Corners {
+        Corners {
+            low: places.map(|column| column.iter().fold(i32::MAX, |low, &v| low.min(v))),
+            high: places.map(|column| column.iter().fold(i32::MIN, |high, &v| high.max(v))),
         }
-        Extent { low, high, samples, core: None }
     }
 
-    /// Finds the core of all points.
-    fn with_core(mut self, columns: &Columns) -> Extent {
-        if columns.len() >= FEWEST {
-            let all = RobustBounds { low: steps(self.low), high: steps(self.high) };
-            let samples = self.samples.iter().map(|&place| steps(place)).collect();
-            let seen = Seen { all, samples };
-            self.core = RobustBounds::among(columns.len(), seen, |i| columns.place(i));
+    pub fn and(self, other: Corners) -> Corners {
+        Corners {
+            low: [0, 1, 2].map(|axis| self.low[axis].min(other.low[axis])),
+            high: [0, 1, 2].map(|axis| self.high[axis].max(other.high[axis])),
         }
-        self
-    }
-
-    pub fn and(mut self, mut other: Extent) -> Extent {
-        for axis in 0..3 {
-            self.low[axis] = self.low[axis].min(other.low[axis]);
-            self.high[axis] = self.high[axis].max(other.high[axis]);
-        }
-        self.samples.append(&mut other.samples);
-        self
     }
 }
 
@@ -184,9 +203,9 @@ impl PartialEq for Kept {
 }
 
 impl Columns {
-    /// Keeps the extent of all points, found while they were read.
-    pub fn keep_extent(&mut self, extent: Extent) {
-        self.extent = Kept(Some(extent.with_core(self)).into());
+    /// Keeps the extent of all points, whose corners were found while they were read.
+    pub fn keep_extent(&mut self, corners: Corners) {
+        self.extent = Kept(Some(Extent::within(corners, self)).into());
     }
 
     /// Returns the box around the points, and around all but strays; `None` if there is no point.
@@ -203,34 +222,6 @@ impl Columns {
     /// Returns the position of a point [lattice steps].
     pub fn place(&self, i: usize) -> DVec3 {
         steps([self.x[i], self.y[i], self.z[i]])
-    }
-}
-
-/// Extent and samples after one pass over all points.
-struct Seen {
-    all: RobustBounds,
-    samples: Vec<DVec3>,
-}
-
-impl Default for Seen {
-    fn default() -> Seen {
-        Seen {
-            all: RobustBounds { low: DVec3::INFINITY, high: DVec3::NEG_INFINITY },
-            samples: Vec::new(),
-        }
-    }
-}
-
-impl Seen {
-    fn and(mut self, other: Seen) -> Seen {
-        self.samples.extend(other.samples);
-        Seen {
-            all: RobustBounds {
-                low: self.all.low.min(other.all.low),
-                high: self.all.high.max(other.all.high),
-            },
-            samples: self.samples,
-        }
     }
 }
 
@@ -364,14 +355,20 @@ impl Cloud {
     }
 }
 
-/// Hashes a position in lattice steps.
-pub fn scatter_steps([x, y, z]: [i32; 3]) -> u32 {
+/// Returns a position relative to a corner, in steps that wrap around.
+pub fn relative(place: [i32; 3], corner: [i32; 3]) -> [i32; 3] {
+    [0, 1, 2].map(|axis| place[axis].wrapping_sub(corner[axis]))
+}
+
+/// Hashes a position in lattice steps, relative to a corner that moves with the points.
+pub fn scatter_steps(place: [i32; 3], corner: [i32; 3]) -> u32 {
+    let [x, y, z] = relative(place, corner);
     let h = (x as u32 ^ (y as u32).rotate_left(11) ^ (z as u32).rotate_left(22))
         .wrapping_mul(0x9E37_79B1);
     (h ^ h >> 15).wrapping_mul(0x85EB_CA77)
 }
 
-/// Hashes a position.
+/// Hashes a position relative to a corner.
 fn scatter(p: DVec3) -> u64 {
     let [x, y, z] = p.to_array().map(|v| (v + 0.0).to_bits());
     (x ^ y.rotate_left(21) ^ z.rotate_left(42)).wrapping_mul(0x9E37_79B9_7F4A_7C15)

@@ -57,6 +57,9 @@ pub struct Batch<'a> {
 /// Stretches or batches that are in memory at a time, for each thread, if order matters.
 const IN_ORDER: usize = 4;
 
+/// Distance from a step that is due to the rounding of a header's bounds [lattice steps].
+const ROUNDED: f64 = 1e-3;
+
 /// A summary of all streamed points.
 pub struct Streamed {
     pub points: u64,
@@ -223,15 +226,15 @@ impl Source {
         }
     }
 
-    /// Returns the header's bounds in lattice steps, rounded outwards, if finite, ordered and on
-    /// the lattice; they may still be wrong. For formats other than LAS, the points' own.
+    /// Returns the header's bounds in lattice steps, rounded outwards where they are more than
+    /// rounding away from a step, if finite, ordered and on the lattice; they may still be wrong. For formats other than LAS, the points' own.
     pub fn stated_bounds(&self) -> Option<[[i32; 3]; 2]> {
         match &self.contents {
             Contents::Las { las, .. } => {
                 let lattice = las.layout.lattice;
                 let steps = |corner| (DVec3::from_array(corner) - lattice.offset) / lattice.step;
                 let [lo, hi] = las.layout.header.bounds?;
-                let (lo, hi) = (steps(lo).floor(), steps(hi).ceil());
+                let (lo, hi) = ((steps(lo) + ROUNDED).floor(), (steps(hi) - ROUNDED).ceil());
                 let fits = lo.cmple(hi).all()
                     && lo.min_element() >= i32::MIN as f64
                     && hi.max_element() <= i32::MAX as f64;

@@ -186,7 +186,12 @@ impl Input {
                     let each = |&stream::Batch { columns, records, .. }: &stream::Batch| {
                         let shift = [0; 3];
                         let above = ground.as_ref().map(|ground| {
-                            let above = ground.column(ground::Batch { columns, lattice, shift });
+                            let above = ground.column(ground::Batch {
+                                columns,
+                                lattice,
+                                shift,
+                                corner: [0; 3],
+                            });
                             let scalars = columns.scalars.iter().cloned().chain([above]).collect();
                             Columns { scalars, ..columns.clone() }
                         });
@@ -298,8 +303,10 @@ impl ground::Points for Streams<'_> {
     fn each(&self, sink: &(dyn Fn(ground::Batch) + Sync)) -> Result<()> {
         for source in self.sources.iter().filter(|source| !source.header().strays) {
             let lattice = &source.lattice();
+            let corner = source.stated_bounds().map_or([0; 3], |[low, _]| low);
             source.stream(self.progress, &|batch| {
-                sink(ground::Batch { columns: batch.columns, lattice, shift: [0; 3] });
+                let columns = batch.columns;
+                sink(ground::Batch { columns, lattice, shift: [0; 3], corner });
                 Ok(())
             })?;
         }

@@ -54,7 +54,7 @@ impl Points for Nodes<'_> {
             let record = &self.index.nodes()[node];
             let columns = &self.index.columns(node, wanted)?;
             let lattice = &self.index.lattice(record);
-            sink(Batch { columns, lattice, shift: record.origin });
+            sink(Batch { columns, lattice, shift: record.origin, corner: [0; 3] });
             self.progress.tick("finding the ground", done.fetch_add(1, Relaxed) + 1, all)
         })
     }

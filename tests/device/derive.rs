@@ -6,6 +6,7 @@ use crate::gpu;
 use crate::program::{failed, render, succeeded};
 use glam::DVec3;
 use pointillist::cloud::attribute::{Attribute, DisplayAttribute};
+use pointillist::cloud::strays::relative;
 use pointillist::cloud::table::TextOptions;
 use pointillist::cloud::{self, Cloud, ColumnSet, ReadOptions, octahedral};
 use pointillist::error::{Error, Result};
@@ -98,8 +99,9 @@ fn normals_and_radii_of_leaves_are_those_of_the_cloud_in_memory() {
     let part = &cloud.parts[0];
     let found = strokes(&part.columns, &part.lattice, &Silent).unwrap();
     let at = |i: usize| [part.columns.x[i], part.columns.y[i], part.columns.z[i]];
+    let corner = part.columns.extent().unwrap().low;
     let expected: HashMap<[i32; 3], [u32; 2]> =
-        (0..found.len()).map(|i| (at(i), found[i].words(at(i)))).collect();
+        (0..found.len()).map(|i| (at(i), found[i].words(relative(at(i), corner)))).collect();
     let (index, _) = place.build(&OPTIONS);
     assert!(leaves(&index).count() > 5);
     let mut unknown = 0;

@@ -29,7 +29,26 @@ static HEAP: heap::CountingHeap = heap::CountingHeap;
 /// The target, and the folder of its files.
 static CHOSEN: OnceLock<(&Target, tempfile::TempDir)> = OnceLock::new();
 
+/// Gives the handler of faults a stack of its own, without which an input that overflows the stack
+/// ends the process without a word. libFuzzer takes the flag over.
+fn keep_overflows() {
+    const BYTES: usize = 1 << 20;
+    let room = Box::leak(vec![0u8; BYTES].into_boxed_slice());
+    let stack = libc::stack_t { ss_sp: room.as_mut_ptr().cast(), ss_flags: 0, ss_size: BYTES };
+    // SAFETY: the stack is never freed, and an action of zeros is the usual one.
+    unsafe {
+        assert_eq!(libc::sigaltstack(&stack, std::ptr::null_mut()), 0, "a stack for faults");
+        let mut action: libc::sigaction = std::mem::zeroed();
+        action.sa_flags = libc::SA_ONSTACK;
+        for signal in [libc::SIGSEGV, libc::SIGBUS] {
+            let set = libc::sigaction(signal, &action, std::ptr::null_mut());
+            assert_eq!(set, 0, "a stack for signal {signal}");
+        }
+    }
+}
+
 fn begin() {
+    keep_overflows();
     // One thread, so that coverage is of one input.
     let pool = rayon::ThreadPoolBuilder::new().num_threads(1).use_current_thread();
     pool.build_global().expect("nothing used threads before");

@@ -743,6 +743,24 @@ fn saved_scene_loads_by_key_and_by_drop() {
     viewer.close();
 }
 
+/// Marks of shadows are made again for the new device.
+#[test]
+fn lost_device_keeps_shadows() {
+    let place = Place::new();
+    let cloud = place.street(60_000);
+    let options = "--view top --light direction:0.4,0.3,-0.6 --effect shadows=on";
+    let lit = place.picture(&[&cloud], "lit.png", options);
+    let unlit = place.picture(&[&cloud], "unlit.png", &options.replace("=on", "=off"));
+    assert!(std::fs::read(&lit).unwrap() != std::fs::read(unlit).unwrap(), "there are no shadows");
+    let mut viewer = place.view(&[&cloud], &format!("{options} --lose-device 40"));
+    viewer.shows(&lit);
+    place.loses_device(&mut viewer);
+    put_away(&mut viewer);
+    viewer.key("7");
+    viewer.shows(&lit);
+    viewer.close();
+}
+
 #[test]
 fn lost_device_keeps_picture_and_picks() {
     let place = Place::new();
@@ -751,14 +769,7 @@ fn lost_device_keeps_picture_and_picks() {
     let top = place.picture(&[&cloud], "top.png", "--view top");
     viewer.shows(&top);
     pick(&place, &mut viewer, &[[190, 140]]);
-    // Pictures, until the device is gone.
-    viewer.until("lost device", |viewer| {
-        place.display.xdotool("click 4 click 5");
-        viewer
-            .said()
-            .iter()
-            .any(|line| line.contains("DEVICE_LOST") && line.contains("opened again"))
-    });
+    place.loses_device(&mut viewer);
     put_away(&mut viewer);
     let table = place.saved(&mut viewer, "c", "pointillist-1.csv");
     assert_eq!(std::fs::read_to_string(table).unwrap().lines().count(), 2);

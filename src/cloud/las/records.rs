@@ -9,7 +9,7 @@ use super::header::Layout;
 use super::number::{self, Number};
 use crate::cloud::rgb_range::{Occurred, RgbRange, to_8_bits};
 use crate::cloud::scalar::{Scalar, ScalarColumn, Scalars};
-use crate::cloud::strays::{Extent, Kept};
+use crate::cloud::strays::{Corners, Kept};
 use crate::cloud::{ColumnSet, Columns};
 use crate::error::Result;
 
@@ -113,10 +113,8 @@ pub struct Window<'a> {
     /// In the order of [`Fields`].
     scalars: Vec<&'a mut [f64]>,
     occurred: Occurred,
-    /// Number of points of the columns.
-    total: usize,
-    /// Extent of this window's points among all, found while they are in the cache.
-    pub extent: Option<Extent>,
+    /// Corners of the box around this window's points, found while they are in the cache.
+    pub corners: Option<Corners>,
 }
 
 /// Statistics of a filled lane.
@@ -132,8 +130,7 @@ impl<'a> Window<'a> {
         Self {
             start: 0,
             done: 0,
-            total: columns.x.len(),
-            extent: None,
+            corners: None,
             x: &mut columns.x,
             y: &mut columns.y,
             z: &mut columns.z,
@@ -164,8 +161,7 @@ impl<'a> Window<'a> {
         let first = Self {
             start: self.start,
             done: 0,
-            total: self.total,
-            extent: None,
+            corners: None,
             x: x.0,
             y: y.0,
             z: z.0,
@@ -181,8 +177,7 @@ impl<'a> Window<'a> {
         let rest = Self {
             start: self.start + count,
             done: 0,
-            total: self.total,
-            extent: None,
+            corners: None,
             x: x.1,
             y: y.1,
             z: z.1,
@@ -270,11 +265,8 @@ impl Lane for &mut Window<'_> {
         let before = self.done;
         self.fill(records, fields);
         let places = [&*self.x, &*self.y, &*self.z].map(|column| &column[before..self.done]);
-        let extent = Extent::of_some(places, self.total);
-        self.extent = Some(match self.extent.take() {
-            Some(seen) => seen.and(extent),
-            None => extent,
-        });
+        let corners = Corners::of(places);
+        self.corners = Some(self.corners.map_or(corners, |seen| seen.and(corners)));
     }
 
     fn settle(&mut self) -> Result<()> {

@@ -145,7 +145,8 @@ pub fn count(line: &[u8]) -> Option<u64> {
 /// A splitter of lines into fields, with quotes.
 pub struct Splitter {
     reading: Reading,
-    quotes: csv_core::Reader,
+    /// Reads quoted lines, once there is one: making it takes longer than a short file.
+    quotes: Option<csv_core::Reader>,
     /// The fields of a line, concatenated, and the end of each.
     bare: Vec<u8>,
     bytes: Vec<u8>,
@@ -154,10 +155,7 @@ pub struct Splitter {
 
 impl Splitter {
     pub fn new(reading: Reading) -> Self {
-        let quotes = csv_core::ReaderBuilder::new()
-            .delimiter(reading.delimiter.byte().unwrap_or(b' '))
-            .build();
-        Splitter { reading, quotes, bare: Vec::new(), bytes: Vec::new(), ends: Vec::new() }
+        Splitter { reading, quotes: None, bare: Vec::new(), bytes: Vec::new(), ends: Vec::new() }
     }
 
     /// Returns the fields of a line without quotes.
@@ -198,11 +196,12 @@ impl Splitter {
         // output never overflows.
         self.bytes.resize(bare.len() + 1, 0);
         self.ends.resize(bare.len() + 2, 0);
-        self.quotes.reset();
-        let (_, _, written, fields) =
-            self.quotes.read_record(bare, &mut self.bytes, &mut self.ends);
+        let make = || csv_core::ReaderBuilder::new().delimiter(delimiter).build();
+        let quotes = self.quotes.get_or_insert_with(make);
+        quotes.reset();
+        let (_, _, written, fields) = quotes.read_record(bare, &mut self.bytes, &mut self.ends);
         let (_, _, _, more) =
-            self.quotes.read_record(&[], &mut self.bytes[written..], &mut self.ends[fields..]);
+            quotes.read_record(&[], &mut self.bytes[written..], &mut self.ends[fields..]);
         let mut start = 0;
         let fields = self.ends[..fields + more]
             .iter()

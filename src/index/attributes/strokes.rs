@@ -17,6 +17,7 @@ use super::clusters::{self, Cluster, NEAREST, NO_NEIGHBOUR};
 use super::knn_query::KnnQuery;
 use super::leaf_cache::Leaf;
 use super::normals::{self, FIT, Patch, Plane, Scratch};
+use crate::cloud::strays::relative;
 use crate::cloud::{Columns, Lattice, octahedral};
 use crate::config::BITS_PER_PLANE;
 use crate::error::Result;
@@ -112,11 +113,9 @@ pub fn words(
     progress: &dyn Progress,
 ) -> Result<Vec<[u32; 2]>> {
     let found = strokes(columns, lattice, progress)?;
-    Ok(found
-        .par_iter()
-        .enumerate()
-        .map(|(i, stroke)| stroke.words([columns.x[i], columns.y[i], columns.z[i]]))
-        .collect())
+    let corner = columns.extent().map_or([0; 3], |extent| extent.low);
+    let at = |i: usize| relative([columns.x[i], columns.y[i], columns.z[i]], corner);
+    Ok(found.par_iter().enumerate().map(|(i, stroke)| stroke.words(at(i))).collect())
 }
 
 /// Computes the strokes of all points, in the order of the columns.
@@ -194,9 +193,12 @@ pub fn of_node(index: &Index, node: usize) -> Result<(Vec<[u32; 2]>, u64)> {
     }
     let found = strokes(&columns, &index.lattice(record), &Silent)?;
     let at = |i: usize| [columns.x[i], columns.y[i], columns.z[i]];
-    // Position in the whole cloud, independent of the node.
-    let whole =
-        |i: usize| std::array::from_fn(|axis| (record.origin[axis] + at(i)[axis] as i64) as i32);
+    // Position in the whole tree, independent of the node. Rounded ones count from its corner.
+    let corner = if record.lattice.is_multiple_of(2) { index.tree_corner(record) } else { [0; 3] };
+    let whole = |i: usize| {
+        let along = |axis: usize| record.origin[axis] - corner[axis] + at(i)[axis] as i64;
+        std::array::from_fn(|axis| along(axis) as i32)
+    };
     Ok((found.iter().enumerate().map(|(i, stroke)| stroke.words(whole(i))).collect(), read))
 }
 
@@ -226,7 +228,7 @@ const ELONGATION_STEPS: f64 = 8.0;
 const MAX_ELONGATION: u32 = 31;
 
 impl Stroke {
-    /// Returns the words of a point at these lattice steps:
+    /// Returns the words of a point at these lattice steps from the lower corner:
     ///
     /// - facing: the normal on an octahedron, in 24 bits (`octahedral`); eight pseudo-random bits
     ///   for the brush
@@ -305,7 +307,8 @@ pub fn householder(n: DVec3) -> (DVec3, DVec3) {
     )
 }
 
-/// Adds the pseudo-random bits of a point at these lattice steps to a normal's word.
+/// Adds the pseudo-random bits of a point, which lies these lattice steps from the lower corner of
+/// its part or tree, to a normal's word.
 pub fn seeded(facing: u32, at: [i32; 3]) -> u32 {
     facing | (scatter(at, facing) & 0xFF) << SEED_SHIFT
 }

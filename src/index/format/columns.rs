@@ -100,7 +100,8 @@ impl Index {
             && let Some(ground) = &self.ground
         {
             let (lattice, shift) = (&self.lattice(record), record.origin);
-            let above = ground.column(ground::Batch { columns: &columns, lattice, shift });
+            let batch = ground::Batch { columns: &columns, lattice, shift, corner: [0; 3] };
+            let above = ground.column(batch);
             columns.scalars.push(above);
         }
         columns.source = self.column(node, wanted.source, Plane::Source)?;

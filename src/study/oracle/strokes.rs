@@ -10,6 +10,7 @@
 use crate::cloud::Part;
 use crate::cloud::colormap::srgb_to_linear;
 use crate::cloud::octahedral;
+use crate::cloud::strays::relative;
 use crate::index::attributes::axes;
 use crate::index::attributes::strokes::{Stroke, householder};
 use crate::index::format::Axes;
@@ -231,6 +232,7 @@ impl<'v> Easel<'v> {
             .collect();
         let bristles = Bristles::of(settings);
         let axes = axes::of(std::slice::from_ref(part));
+        let corner = columns.extent().map_or([0; 3], |extent| extent.low);
         let seen = |(i, stroke): (usize, &Stroke)| {
             let steps = [columns.x[i], columns.y[i], columns.z[i]];
             let color = columns
@@ -239,7 +241,8 @@ impl<'v> Easel<'v> {
                 .map_or([255; 3], |rgb| rgb[i])
                 .map(|c| srgb_to_linear(c as f64 / 255.0));
             let at = part.lattice.world(steps.map(i64::from));
-            let painted = seen(view, settings, &bristles, &turns, &axes, at, stroke.words(steps))?;
+            let words = stroke.words(relative(steps, corner));
+            let painted = seen(view, settings, &bristles, &turns, &axes, at, words)?;
             let opacity = opacity(i);
             (opacity > 0.0).then_some(Painted {
                 color: DVec3::from_array(color),

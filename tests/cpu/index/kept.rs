@@ -273,6 +273,33 @@ fn derived_planes_have_the_same_bytes_whatever_the_memory() {
     assert!(much == little);
 }
 
+/// The same places are counted from elsewhere in the integers.
+#[test]
+fn a_shift_between_offset_and_integers_changes_no_plane() {
+    let place = Place::new();
+    let points = shape(Shape::Clusters, 90_000, [-70_000, 5, 9], [140_000, 70_000, 30_000], 3);
+    let planes = |shift: [i32; 3]| {
+        let mut there = points.clone();
+        there.iter_mut().for_each(|point| {
+            (0..3).for_each(|axis| point.q[axis] += shift[axis]);
+        });
+        // A power of two, so that places are the same to the last bit.
+        let (step, offset) = ([1.0 / 1024.0; 3], shift.map(|steps| steps as f64 / -1024.0));
+        let file = place.las("a.las", &there, Frame { step, offset, stated: None });
+        let options = Options { derive: DerivedPlanes::ALL, ..OPTIONS };
+        let index = place.index(&[file], &options);
+        let of_node = |number: usize| {
+            let node = &index.nodes()[number];
+            (node.extent, node.children, node.spacing, decode(&index, number).unwrap().planes)
+        };
+        (0..index.nodes().len()).map(of_node).collect::<Vec<_>>()
+    };
+    let here = planes([0; 3]);
+    for shift in [[1, 0, 0], [1 << 28, -(1 << 27) + 5, 77], [-(1 << 29) + 1, 3, 1 << 29]] {
+        assert!(planes(shift) == here, "{shift:?}");
+    }
+}
+
 #[test]
 fn a_header_that_lies_about_its_box_changes_no_point() {
     let points = shape(Shape::Clusters, 90_000, [-70_000, 5, 9], [140_000, 70_000, 3], 3);

@@ -4,7 +4,7 @@ use crate::cameras::{orthographic, perspective};
 use crate::gpu::{Layers, WAYS, Way, cloud, draw, part};
 use crate::points::{Random, bumpy};
 use glam::DVec3;
-use pointillist::cloud::{Cloud, Lattice};
+use pointillist::cloud::{Cloud, Columns, Lattice};
 use pointillist::passes::{Effects, Switch};
 use pointillist::render::settings::{RenderSettings, Style};
 use pointillist::view::light::Light;
@@ -82,37 +82,49 @@ fn hard_01_translation_within_the_lattice_is_bit_identical() {
     // The same place is once in the offset and once in the integers.
     for camera in cameras() {
         let here = picture(&scene(1.0, DVec3::ZERO), camera);
-        let shift = [1 << 28, -(1 << 27) + 5, 77];
-        let mut there = scene(1.0, DVec3::ZERO);
-        let columns = &mut there.parts[0].columns;
-        for (column, shift) in
-            [&mut columns.x, &mut columns.y, &mut columns.z].into_iter().zip(shift)
-        {
-            column.iter_mut().for_each(|q| *q += shift);
-        }
-        let by = DVec3::from_array(shift.map(|s| s as f64 * STEP));
-        assert!(here.bits() == picture(&there, moved(camera, by, 1.0)).bits());
+        let steps = [1 << 28, -(1 << 27) + 5, 77];
+        let by = DVec3::from_array(steps.map(|s| s as f64 * STEP));
+        assert!(here.bits() == picture(&shifted(steps, true), moved(camera, by, 1.0)).bits());
     }
 }
 
-/// Shifts by whole steps, up to 2^40 of them.
-const SHIFTS: [[i64; 3]; 3] = [
-    [512_000_000, 5_120_000_000, 102_400],
-    [(1 << 40) + 1, -(1 << 40) + 3, 1 << 39],
-    [-(1 << 40), 1 << 40, (1 << 40) - 7],
+/// Returns the scene with all of its points moved by whole steps, in the integers or in the offset.
+fn shifted(steps: [i64; 3], within: bool) -> Cloud {
+    let mut there = scene(1.0, DVec3::ZERO);
+    let part = &mut there.parts[0];
+    if !within {
+        part.lattice.offset += part.lattice.step * DVec3::from_array(steps.map(|s| s as f64));
+        return there;
+    }
+    let Columns { x, y, z, .. } = &mut part.columns;
+    for (column, shift) in [x, y, z].into_iter().zip(steps) {
+        column.iter_mut().for_each(|q| *q += i32::try_from(shift).unwrap());
+    }
+    there
+}
+
+/// Shifts by whole steps: within 32 bits in the integers, and by up to 2^40 in the offset.
+const SHIFTS: [([i64; 3], bool); 6] = [
+    ([1, 0, 0], true),
+    ([1 << 28, -(1 << 27) + 5, 77], true),
+    ([-(1 << 29) + 1, 3, 1 << 29], true),
+    ([512_000_000, 5_120_000_000, 102_400], false),
+    ([(1 << 40) + 1, -(1 << 40) + 3, 1 << 39], false),
+    ([-(1 << 40), 1 << 40, (1 << 40) - 7], false),
 ];
 
 /// Checks that pictures are the same wherever cloud, camera and light are together.
 fn same_under_shifts(settings: &RenderSettings, place: impl Fn(DVec3) -> Light) {
     for camera in cameras() {
-        let at = |by: DVec3| {
-            let settings = RenderSettings { light: place(by), ..settings.clone() };
-            picture_of(&scene(1.0, by), moved(camera, by, 1.0), &settings)
-        };
-        let here = at(DVec3::ZERO);
-        for steps in SHIFTS {
+        let at = |steps: [i64; 3], within: bool| {
             let by = DVec3::from_array(steps.map(|steps| steps as f64 * STEP));
-            assert!(here.bits() == at(by).bits(), "a shift by {steps:?} changes the picture");
+            let settings = RenderSettings { light: place(by), ..settings.clone() };
+            picture_of(&shifted(steps, within), moved(camera, by, 1.0), &settings)
+        };
+        let here = at([0; 3], false);
+        for (steps, within) in SHIFTS {
+            let there = at(steps, within);
+            assert!(here.bits() == there.bits(), "a shift by {steps:?} ({within}) changes it");
         }
     }
 }

@@ -53,6 +53,19 @@ impl Place {
         path
     }
 
+    /// Turns the wheel, which draws pictures, until the device is lost and was opened again.
+    #[track_caller]
+    pub fn loses_device(&self, viewer: &mut Viewer) {
+        // The wheel turns in the window below the mouse.
+        viewer.until("lost device", |viewer| {
+            self.display.xdotool("mousemove 200 150 click 4 click 5");
+            viewer
+                .said()
+                .iter()
+                .any(|line| line.contains("DEVICE_LOST") && line.contains("opened again"))
+        });
+    }
+
     /// Presses a key, and waits for the file that it saves.
     #[track_caller]
     pub fn saved(&self, viewer: &mut Viewer, key: &str, name: &str) -> PathBuf {

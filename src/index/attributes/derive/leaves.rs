@@ -27,16 +27,18 @@ pub struct LeafAttributes {
     pub oriented: bool,
 }
 
-/// Derives a leaf's attributes. `found` gets the number of points that each pass processes.
+/// Derives a leaf's attributes. `corners` has the corner of the tree of every lattice `[steps]`;
+/// `found` gets the number of points that each pass processes.
 pub fn leaf(
     leaf_cache: &LeafCache,
     node: usize,
+    corners: &[[i64; 3]],
     derive: DerivedPlanes,
     found: &(dyn Fn(u64) -> Result<()> + Sync),
 ) -> Result<LeafAttributes> {
     let own = leaf_cache.leaf(node)?;
     let record = &leaf_cache.directory.nodes[node];
-    let count = own.tree.len();
+    let (count, corner) = (own.tree.len(), corners[record.lattice as usize]);
     let luminance = derive.luminance && record.has(Plane::Corrected);
     let mut derived = DerivedColumns::zeroed(DerivedPlanes { luminance, ..derive }, count);
     let mut oriented = false;
@@ -70,7 +72,8 @@ pub fn leaf(
                 .map_or(octahedral::UNKNOWN, |plane| octahedral::pack(plane.normal));
             let normal =
                 if of_file[number] == octahedral::UNKNOWN { fitted } else { of_file[number] };
-            let at = [0, 1, 2].map(|axis| (own.origin[axis] + steps[axis] as i64) as i32);
+            let along = |axis: usize| own.origin[axis] - corner[axis] + steps[axis] as i64;
+            let at = [0, 1, 2].map(|axis| along(axis) as i32);
             facing[number] = strokes::seeded(normal, at);
             if let (Some(brush), Some(Patch { radius_m, lonely, plane }), Some(clusters)) =
                 (&mut derived.brush, patch, &clusters)

@@ -161,7 +161,7 @@ impl Work<'_> {
             )
         };
         let of_leaf = |&leaf: &usize| {
-            let found = leaves::leaf(leaf_cache, leaf, self.options.derive, &found)?;
+            let found = leaves::leaf(leaf_cache, leaf, self.corners, self.options.derive, &found)?;
             let counts = leaves::radii(&found.derived);
             Ok((
                 self.put_all(&nodes[leaf], leaf, &found.derived)?,
