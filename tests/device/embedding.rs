@@ -1,5 +1,7 @@
 //! A host draws clouds into its own images, beside its own geometry, on its own queue.
 
+mod affine;
+
 use crate::counting::{self, allocations, heap_bytes, objects};
 use crate::files;
 use crate::gpu::division_error;
