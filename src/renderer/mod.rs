@@ -23,6 +23,7 @@
 mod clouds;
 mod compose;
 mod device_points;
+mod explain;
 mod governed;
 mod host;
 mod own_queue;
