@@ -54,7 +54,7 @@ fn renderers_on_two_devices_are_independent() {
             renderer.open(&[path], &OpenSettings::default()).unwrap();
             let targets = application.targets();
             let (_, settled, _) = application.settle(&mut renderer, targets, &[view_of(camera)]);
-            for turn in 0..40 {
+            for turn in 0..8 {
                 let mut moved = camera;
                 moved.eye += DVec3::splat((turn % 7) as f64 / 20.0);
                 application.draw(&mut renderer, targets, &[view_of(moved)], None);

@@ -92,9 +92,9 @@ fn images_of_another_family_are_acquired_and_released() {
         let (_, cleared, _) = application.settle(&mut renderer, targets, &[view_of(camera)]);
         // Over the host's pixels, which come with the images.
         let copied = Access::any(vk::ImageLayout::TRANSFER_DST_OPTIMAL.as_raw());
-        let before = |target: Target| Target { clear: false, before: copied, ..target };
-        targets.color = before(targets.color);
-        targets.depth = targets.depth.map(before);
+        for target in [Some(&mut targets.color), targets.depth.as_mut()].into_iter().flatten() {
+            (target.clear, target.before) = (false, copied);
+        }
         owned(&mut targets);
         let pixels = vec![[9, 80, 200, 255]; PIXELS];
         let depths: Vec<f32> = (0..PIXELS).map(|i| (i % 5) as f32 * 0.002).collect();
