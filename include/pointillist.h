@@ -78,7 +78,10 @@ typedef struct PointillistHost {
   const void *free_memory;
 } PointillistHost;
 
-// How an image was used, or will be: Vulkan's numbers.
+// How an image was used, or will be: Vulkan's numbers. With a transfer of ownership between queue
+// families, the host records the other half of each barrier: before the frame a release from
+// `before.layout` to COLOR_ATTACHMENT_OPTIMAL (of depth: DEPTH_STENCIL_ATTACHMENT_OPTIMAL), after it
+// an acquisition from there to `after.layout`.
 typedef struct PointillistAccess {
   // VkImageLayout.
   int32_t layout;
@@ -163,13 +166,19 @@ typedef struct PointillistReport {
 typedef struct PointillistPoints {
   size_t size;
   size_t count;
-  // x, y, z of each point; give these, or those in f32.
+  // x, y, z of each point; give these, those in f32, or steps.
   const double *positions_f64;
   const float *positions_f32;
   // Red, green, blue of each point, sRGB.
   const uint8_t *colors;
   const float *intensities;
   const uint8_t *classes;
+  // x, y, z of each point as steps of a lattice, kept as they are: offset + scale * step.
+  const int32_t *steps;
+  // Width of a step along each axis.
+  double scale[3];
+  // Position of step 0.
+  double offset[3];
 } PointillistPoints;
 
 // Answer to a pick.
@@ -186,6 +195,14 @@ typedef struct PointillistPicked {
   double world[3];
   // In the cloud's own coordinates.
   double position[3];
+  // Number of the point, as the ids of its frame have it; UINT32_MAX if it is no single one.
+  uint32_t id;
+  // ASPRS class of that point, 0 if it has none; -1 if there is no single point.
+  int32_t class_code;
+  // Number of its return, 0 if it has none; -1 if there is no single point.
+  int32_t return_number;
+  // Name of the file or station that it is from: UTF-8, ends with 0, cut if longer.
+  char station[256];
 } PointillistPicked;
 
 // Message of a failure: UTF-8, ends with 0.
@@ -292,7 +309,9 @@ enum PointillistResult pointillist_set_visible(struct PointillistRenderer *rende
                                                uint8_t visible,
                                                struct PointillistError *error);
 
-// Moves a cloud: a matrix, column by column, from its coordinates to the host's world.
+// Moves a cloud: an affine matrix, column by column, from its coordinates to the host's world. It may
+// also stretch, shear and mirror the cloud, but not flatten it. Clip boxes are in the cloud's own
+// coordinates, lights in the host's world.
 enum PointillistResult pointillist_set_transform(struct PointillistRenderer *renderer,
                                                  uint64_t cloud,
                                                  const double *columns,
@@ -326,6 +345,15 @@ enum PointillistResult pointillist_record(struct PointillistRenderer *renderer,
                                           const struct PointillistFrame *frame,
                                           struct PointillistReport *report,
                                           struct PointillistError *error);
+
+// Describes the last frame, line by line: how complete it is, the state of each cloud, which effects
+// run and why, device times of passes, errors. Writes as much of the text as `size` bytes hold, which
+// ends with 0, and to `length`, which may be NULL, the length of all of it.
+enum PointillistResult pointillist_explain(struct PointillistRenderer *renderer,
+                                           char *text,
+                                           size_t size,
+                                           size_t *length,
+                                           struct PointillistError *error);
 
 // Requests the point in a pixel of the next frame.
 enum PointillistResult pointillist_pick(struct PointillistRenderer *renderer,

@@ -5,6 +5,7 @@
 
 pub mod camera_path;
 pub mod light;
+pub mod linear_map;
 pub mod map;
 
 use crate::error::{Error, Result};

@@ -10,6 +10,7 @@
 
 #include "drawn_node.glsl"
 #include "exact_dot.glsl"
+#include "normalize.glsl"
 #include "octahedral.glsl"
 #include "tile.glsl"
 #include "tile_mask.glsl"
@@ -25,12 +26,14 @@ layout(scalar) readonly buffer Facings { uvec2 page[]; } facings;
 layout(rgba32f) writeonly uniform image2D facing;
 
 layout(constant_id = 0) const bool PERSPECTIVE = true;
+// Whether a linear map has changed lengths.
+layout(constant_id = 1) const bool MAPPED = false;
 
 layout(push_constant, scalar) uniform Push {
     uvec2 size;        // pixels
     vec2 centre;       // principal point [px]
     float px_per_unit; // perspective: focal length in pixels; orthographic: pixels per metre
-    vec3 right;        // the camera's axes in the world
+    vec3 right;        // the camera's axes, for products with normals of the cloud
     vec3 down;
     vec3 forward;
 } push;
@@ -45,6 +48,7 @@ void face(ivec2 pixel) {
     bool known = (word & UNKNOWN_NORMAL) != UNKNOWN_NORMAL;
     vec3 world = normal_of(known ? word : 0u);
     vec3 n = vec3(dot_of(push.right, world), dot_of(push.down, world), dot_of(push.forward, world));
+    if (MAPPED) n = unit(n);
     vec2 across = (vec2(pixel) + 0.5 - push.centre) / push.px_per_unit;
     vec3 ray = vec3(PERSPECTIVE ? across : vec2(0.0), 1.0);
     n = dot_of(n, ray) > 0.0 ? -n : n;

@@ -10,9 +10,9 @@
 
 use crate::error::{Error, Result};
 use crate::renderer::{
-    Access, Area, CloudId, CloudState, Encoding, Frame, FrameView, Host, Matrices, OpenSettings,
-    PickId, Picked, PointBuffer, Points, Positions, Preset, Renderer, RendererOptions, Target,
-    Targets, ViewCamera, check, enable_features,
+    Access, Area, CloudId, CloudState, Encoding, Frame, FrameReport, FrameView, Host, Matrices,
+    OpenSettings, PickId, Picked, PointBuffer, Points, Positions, Preset, Renderer,
+    RendererOptions, Target, Targets, ViewCamera, check, enable_features,
 };
 use std::ffi::{CStr, c_char, c_void};
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -45,6 +45,8 @@ pub struct PointillistError {
 /// A renderer.
 pub struct PointillistRenderer {
     renderer: Renderer,
+    /// What the last frame shows.
+    report: FrameReport,
 }
 
 /// The host's Vulkan objects; handles are cast to integers.
@@ -77,7 +79,10 @@ pub struct PointillistHost {
     pub free_memory: *const c_void,
 }
 
-/// How an image was used, or will be: Vulkan's numbers.
+/// How an image was used, or will be: Vulkan's numbers. With a transfer of ownership between queue
+/// families, the host records the other half of each barrier: before the frame a release from
+/// `before.layout` to COLOR_ATTACHMENT_OPTIMAL (of depth: DEPTH_STENCIL_ATTACHMENT_OPTIMAL), after it
+/// an acquisition from there to `after.layout`.
 #[repr(C)]
 #[derive(Clone, Copy)]
 pub struct PointillistAccess {
@@ -174,13 +179,19 @@ pub struct PointillistReport {
 pub struct PointillistPoints {
     pub size: usize,
     pub count: usize,
-    /// x, y, z of each point; give these, or those in f32.
+    /// x, y, z of each point; give these, those in f32, or steps.
     pub positions_f64: *const f64,
     pub positions_f32: *const f32,
     /// Red, green, blue of each point, sRGB.
     pub colors: *const u8,
     pub intensities: *const f32,
     pub classes: *const u8,
+    /// x, y, z of each point as steps of a lattice, kept as they are: offset + scale * step.
+    pub steps: *const i32,
+    /// Width of a step along each axis.
+    pub scale: [f64; 3],
+    /// Position of step 0.
+    pub offset: [f64; 3],
 }
 
 /// Points in a buffer of the host's device; see `pointillist_add_buffer`.
@@ -236,6 +247,14 @@ pub struct PointillistPicked {
     pub world: [f64; 3],
     /// In the cloud's own coordinates.
     pub position: [f64; 3],
+    /// Number of the point, as the ids of its frame have it; UINT32_MAX if it is no single one.
+    pub id: u32,
+    /// ASPRS class of that point, 0 if it has none; -1 if there is no single point.
+    pub class_code: i32,
+    /// Number of its return, 0 if it has none; -1 if there is no single point.
+    pub return_number: i32,
+    /// Name of the file or station that it is from: UTF-8, ends with 0, cut if longer.
+    pub station: [c_char; 256],
 }
 
 /// Runs a function of the interface: failures and panics become results with a message.
@@ -247,13 +266,18 @@ fn guarded(error: *mut PointillistError, work: impl FnOnce() -> Result<()>) -> P
     };
     // SAFETY: null, or valid, as the caller ensures.
     if let Some(error) = unsafe { error.as_mut() } {
-        let most = error.message.len() - 1;
-        let cut = (0..=message.len().min(most)).rev().find(|at| message.is_char_boundary(*at));
-        let bytes = &message.as_bytes()[..cut.unwrap_or(0)];
-        error.message.fill(0);
-        error.message.iter_mut().zip(bytes).for_each(|(to, from)| *to = *from as c_char);
+        copy(&message, &mut error.message);
     }
     result
+}
+
+/// Copies text, as much as there is room for, and ends it with 0.
+fn copy(text: &str, to: &mut [c_char]) {
+    let Some(most) = to.len().checked_sub(1) else { return };
+    let cut = (0..=text.len().min(most)).rev().find(|at| text.is_char_boundary(*at));
+    let bytes = &text.as_bytes()[..cut.unwrap_or(0)];
+    to.fill(0);
+    to.iter_mut().zip(bytes).for_each(|(to, from)| *to = *from as c_char);
 }
 
 fn code(error: &Error) -> PointillistResult {
@@ -353,11 +377,16 @@ unsafe fn words<'t>(text: *const c_char, name: &str) -> Result<&'t str> {
     text.to_str().map_err(|_| Error::Request(format!("{name} is not UTF-8")))
 }
 
+/// Errors if no array is that long.
+///
 /// # Safety
 /// `first` is null or has `count` items.
-unsafe fn array<'a, T>(first: *const T, count: usize) -> Option<&'a [T]> {
+unsafe fn array<'a, T>(first: *const T, count: usize) -> Result<Option<&'a [T]>> {
+    if count > isize::MAX as usize / size_of::<T>().max(1) {
+        return Err(Error::Request(format!("an array of {count} items; memory ends before")));
+    }
     // SAFETY: as the caller ensures.
-    (!first.is_null()).then(|| unsafe { std::slice::from_raw_parts(first, count) })
+    Ok((!first.is_null()).then(|| unsafe { std::slice::from_raw_parts(first, count) }))
 }
 
 const ACCESS: PointillistAccess =
@@ -462,6 +491,9 @@ pub extern "C" fn pointillist_points_default() -> PointillistPoints {
         colors: std::ptr::null(),
         intensities: std::ptr::null(),
         classes: std::ptr::null(),
+        steps: std::ptr::null(),
+        scale: [1.0; 3],
+        offset: [0.0; 3],
     }
 }
 
@@ -476,6 +508,10 @@ pub extern "C" fn pointillist_picked_default() -> PointillistPicked {
         cloud: 0,
         world: [0.0; 3],
         position: [0.0; 3],
+        id: u32::MAX,
+        class_code: -1,
+        return_number: -1,
+        station: [0; 256],
     }
 }
 
@@ -540,7 +576,10 @@ pub unsafe extern "C" fn pointillist_new(
                 free_memory: host.free_memory,
             };
             let renderer = Renderer::new(&host, options)?;
-            *out = Box::into_raw(Box::new(PointillistRenderer { renderer }));
+            *out = Box::into_raw(Box::new(PointillistRenderer {
+                renderer,
+                report: FrameReport::default(),
+            }));
         }
         Ok(())
     })
@@ -573,7 +612,7 @@ pub unsafe extern "C" fn pointillist_open(
         // SAFETY: the pointers are valid, as the caller ensures.
         unsafe {
             let own = self::renderer(renderer)?;
-            let names = array(files, file_count).map_or_else(|| null("files"), Ok)?;
+            let names = array(files, file_count)?.map_or_else(|| null("files"), Ok)?;
             let path = |&name: &*const c_char| words(name, "a file").map(PathBuf::from);
             let paths = names.iter().map(path).collect::<Result<Vec<_>>>()?;
             let color = match color.is_null() {
@@ -606,16 +645,21 @@ pub unsafe extern "C" fn pointillist_add_points(
                 return null("cloud");
             }
             let count = points.count;
-            let positions = match array(points.positions_f64.cast::<[f64; 3]>(), count) {
+            let narrow = array(points.positions_f32.cast::<[f32; 3]>(), count)?;
+            let steps = array(points.steps.cast::<[i32; 3]>(), count)?;
+            let PointillistPoints { scale, offset, .. } = points;
+            let positions = match array(points.positions_f64.cast::<[f64; 3]>(), count)? {
                 Some(places) => Positions::F64(places),
-                None => array(points.positions_f32.cast::<[f32; 3]>(), count)
-                    .map_or_else(|| null("positions"), |places| Ok(Positions::F32(places)))?,
+                None => narrow
+                    .map(Positions::F32)
+                    .or(steps.map(|steps| Positions::Steps { steps, scale, offset }))
+                    .map_or_else(|| null("positions"), Ok)?,
             };
             let points = Points {
                 positions,
-                colors: array(points.colors.cast::<[u8; 3]>(), count),
-                intensities: array(points.intensities, count),
-                classes: array(points.classes, count),
+                colors: array(points.colors.cast::<[u8; 3]>(), count)?,
+                intensities: array(points.intensities, count)?,
+                classes: array(points.classes, count)?,
             };
             *cloud = own.renderer.add_points(&points)?.0;
         }
@@ -687,7 +731,9 @@ pub unsafe extern "C" fn pointillist_set_visible(
     })
 }
 
-/// Moves a cloud: a matrix, column by column, from its coordinates to the host's world.
+/// Moves a cloud: an affine matrix, column by column, from its coordinates to the host's world. It may
+/// also stretch, shear and mirror the cloud, but not flatten it. Clip boxes are in the cloud's own
+/// coordinates, lights in the host's world.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn pointillist_set_transform(
     renderer: *mut PointillistRenderer,
@@ -859,14 +905,47 @@ pub unsafe extern "C" fn pointillist_record(
             let frame = Frame { number: frame.number, safe: frame.safe, targets, views: &views };
             let found = own.renderer.record(command_buffer, &frame)?;
             if !report.is_null() {
-                let found = PointillistReport {
+                let given = PointillistReport {
                     points: found.points,
                     missing: found.missing as u64,
                     errors: found.errors.len() as u64,
                     settled: found.settled,
                     ..pointillist_report_default()
                 };
-                give(found, report, "report")?;
+                give(given, report, "report")?;
+            }
+            own.report = found;
+        }
+        Ok(())
+    })
+}
+
+/// Describes the last frame, line by line: how complete it is, the state of each cloud, which effects
+/// run and why, device times of passes, errors. Writes as much of the text as `size` bytes hold, which
+/// ends with 0, and to `length`, which may be NULL, the length of all of it.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn pointillist_explain(
+    renderer: *mut PointillistRenderer,
+    text: *mut c_char,
+    size: usize,
+    length: *mut usize,
+    error: *mut PointillistError,
+) -> PointillistResult {
+    guarded(error, || {
+        // SAFETY: `text` is null or has `size` bytes, as the caller ensures.
+        unsafe {
+            let own = self::renderer(renderer)?;
+            if text.is_null() && size > 0 {
+                return null("text");
+            }
+            let found = own.renderer.explain(&own.report);
+            if size > 0 {
+                // The caller's memory may be undefined.
+                text.write_bytes(0, size);
+                copy(&found, std::slice::from_raw_parts_mut(text, size));
+            }
+            if let Some(length) = length.as_mut() {
+                *length = found.len();
             }
         }
         Ok(())
@@ -912,6 +991,14 @@ pub unsafe extern "C" fn pointillist_picked(
                 cloud: point.cloud.0,
                 world: point.world.to_array(),
                 position: point.position.to_array(),
+                id: point.id.unwrap_or(u32::MAX),
+                class_code: point.class.map_or(-1, i32::from),
+                return_number: point.return_number.map_or(-1, i32::from),
+                station: {
+                    let mut station = [0; 256];
+                    copy(point.station.as_deref().unwrap_or_default(), &mut station);
+                    station
+                },
                 ..pointillist_picked_default()
             },
         };
@@ -930,6 +1017,79 @@ mod tests {
         assert_eq!(call(&raw mut error), PointillistResult::Request);
         // SAFETY: messages end with 0.
         unsafe { CStr::from_ptr(error.message.as_ptr()) }.to_str().unwrap().into()
+    }
+
+    /// Every function refuses every null that it may not have, and its outputs stay.
+    #[test]
+    fn null_is_refused_by_every_function() {
+        let none = std::ptr::null_mut::<PointillistRenderer>();
+        let (mut cloud, mut pick) = (7, 7);
+        let (name, value) = (c"style".as_ptr(), c"points".as_ptr());
+        let file = [c"scan.laz".as_ptr()];
+        let points = pointillist_points_default();
+        let (buffer, unit) = (pointillist_point_buffer_default(), [0.0; 16]);
+        let (mut view, frame) = (pointillist_view_default(), pointillist_frame_default());
+        let mut state = PointillistCloudState::Failed;
+        let mut picked = pointillist_picked_default();
+        let (host, mut made) = (pointillist_host_default(), none);
+        let null = std::ptr::null::<u8>();
+        let (to_cloud, to_pick, to_made) = (&raw mut cloud, &raw mut pick, &raw mut made);
+        let (to_view, to_state, to_picked) = (&raw mut view, &raw mut state, &raw mut picked);
+        type Error = *mut PointillistError;
+        // SAFETY: null is refused before anything is read.
+        unsafe {
+            let all: [&mut dyn FnMut(Error) -> PointillistResult; 18] = [
+                &mut |e| pointillist_check(null.cast(), 0, 0, e),
+                &mut |e| pointillist_new(null.cast(), to_made, e),
+                &mut |e| pointillist_new(&raw const host, null.cast_mut().cast(), e),
+                &mut |e| pointillist_new(&raw const host, to_made, e),
+                &mut |e| pointillist_open(none, file.as_ptr(), 1, null.cast(), to_cloud, e),
+                &mut |e| pointillist_add_points(none, &raw const points, to_pick, e),
+                &mut |e| pointillist_add_buffer(none, &raw const buffer, to_pick, e),
+                &mut |e| pointillist_remove(none, 1, e),
+                &mut |e| pointillist_set_visible(none, 1, 1, e),
+                &mut |e| pointillist_set_transform(none, 1, unit.as_ptr(), e),
+                &mut |e| pointillist_state(none, 1, to_state, e),
+                &mut |e| pointillist_set(none, name, value, e),
+                &mut |e| pointillist_frame_clouds(none, 4, 0.1, 1.0, to_view, e),
+                &mut |e| pointillist_record(none, 1, &raw const frame, null.cast_mut().cast(), e),
+                &mut |e| pointillist_pick(none, 1, 1, to_pick, e),
+                &mut |e| pointillist_picked(none, 1, to_picked, e),
+                &mut |e| pointillist_enable_features(null.cast_mut().cast(), 0, e),
+                &mut |e| {
+                    pointillist_explain(none, null.cast_mut().cast(), 0, null.cast_mut().cast(), e)
+                },
+            ];
+            for (number, call) in all.into_iter().enumerate() {
+                let mut call = |e| call(e);
+                let said = refused(&mut call);
+                assert!(said.contains("null") || said.contains("chain has no"), "{number}: {said}");
+                // Without a place for the message, too.
+                assert_eq!(call(std::ptr::null_mut()), PointillistResult::Request);
+            }
+            pointillist_free(none);
+        }
+        assert_eq!((cloud, pick, state), (7, 7, PointillistCloudState::Failed));
+        assert!(!picked.answered && made.is_null());
+    }
+
+    /// Structs of newer and of broken callers.
+    #[test]
+    fn sizes_are_read_as_far_as_they_go() {
+        let of_size =
+            |size: usize| PointillistPoints { size, count: 5, ..pointillist_points_default() };
+        let read = |size: usize| {
+            let points = of_size(size);
+            // SAFETY: no more than the struct is read.
+            unsafe { sized(&raw const points, pointillist_points_default(), "points") }
+        };
+        for size in [0, 1, size_of::<usize>() - 1, (1 << 16) + 1, usize::MAX] {
+            let refused = read(size).err().expect("a wrong size").to_string();
+            assert!(refused.contains("_default"), "{refused}");
+        }
+        // A caller that knows the size alone, and one that knows more than we do.
+        assert_eq!(read(size_of::<usize>()).unwrap().count, 0);
+        assert_eq!(read(size_of::<PointillistPoints>() + 64).unwrap().count, 5);
     }
 
     #[test]
@@ -952,5 +1112,8 @@ mod tests {
         assert!(made.is_null());
         let wrong = PointillistTarget { clear: 7, ..TARGET };
         assert!(target(&wrong).unwrap_err().to_string().contains("clear is 7"));
+        // SAFETY: refused before anything is read.
+        let endless = unsafe { array([0.0f64].as_ptr(), usize::MAX) }.unwrap_err();
+        assert!(endless.to_string().contains("memory ends before"), "{endless}");
     }
 }

@@ -182,6 +182,19 @@ impl Device {
         if let missing @ [_, ..] = &requirements::check(&instance, physical)[..] {
             return Err(Error::Device(format!("the device lacks {}", missing.join(", "))));
         }
+        // SAFETY: a plain query of a live instance.
+        let families = unsafe { instance.get_physical_device_queue_family_properties(physical) };
+        let needed = vk::QueueFlags::GRAPHICS | vk::QueueFlags::COMPUTE;
+        match families.get(host.queue_family as usize) {
+            Some(family) if family.queue_flags.contains(needed) => {}
+            _ => {
+                return Err(Error::Request(format!(
+                    "queue family {} of {} does not exist, or has no graphics and compute",
+                    host.queue_family,
+                    families.len()
+                )));
+            }
+        }
         let mut device = Device::around(entry, instance, physical, raw, host.queue_family);
         device.has_host_visible_vram &= !host.overrides.unmapped;
         device.int64_atomics = host.has_int64_atomics;

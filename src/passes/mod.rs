@@ -32,6 +32,7 @@ use crate::resident::{PointDensity, Resident, StationOverlap};
 use crate::similar::did_you_mean;
 use crate::view::View;
 use crate::view::light::Light;
+use crate::view::linear_map::LinearMap;
 use std::sync::Arc;
 
 /// The images and buffers that screen-space passes read and write.
@@ -51,7 +52,7 @@ pub struct GBuffer {
     pub accumulation: Option<transparency::Accumulation>,
     /// Address of the page with the normals of each node's points, by node number, if points have
     /// any.
-    pub normal_pages: Option<Buffer>,
+    pub normal_pages: Option<(Buffer, LinearMap)>,
     /// Visibility of the light from each point, if shadows are cast.
     pub light_visibility: Option<shadows::LightVisibility>,
     /// Visibility of the light from each pixel's surface, the same in red, green and blue, if
@@ -197,8 +198,7 @@ impl<'s> FrameContext<'s> {
             asked_layer_m: 0.0,
             normals: resident.shown.normal().is_some(),
             has_saved_shadows: resident
-                .light
-                .as_ref()
+                .saved_light()
                 .is_some_and(|saved| light.is_written(&saved.light)),
             balance: resident.balance.as_ref(),
             overlap: Arc::new(resident.overlap(view)),

@@ -186,9 +186,9 @@ pub fn reach(view: &View) -> f64 {
 /// Returns the normal of each pixel's point: right, down and away from the camera, turned towards
 /// it, and 1; 0 for other pixels. None if points have no normals.
 pub fn facing(g: &mut Graph, view: &View, gbuffer: &GBuffer) -> Option<Image> {
-    let facings = gbuffer.normal_pages.as_ref()?;
+    let (facings, map) = gbuffer.normal_pages.as_ref()?;
     let mut facing = g.image("facing", view.size, Kind::Rgba32f);
-    let axis = |axis: DVec3| axis.as_vec3().to_array();
+    let axis = |axis: DVec3| map.pulled_by_normals(axis).as_vec3().to_array();
     let basis = &view.basis;
     let push = point_normals::Push {
         size: view.size,
@@ -198,8 +198,10 @@ pub fn facing(g: &mut Graph, view: &View, gbuffer: &GBuffer) -> Option<Image> {
         down: axis(-basis.up),
         forward: axis(basis.forward),
     };
-    let spec =
-        point_normals::Spec { perspective: view.camera.projection == Projection::Perspective };
+    let spec = point_normals::Spec {
+        perspective: view.camera.projection == Projection::Perspective,
+        mapped: !map.is_identity(),
+    };
     g.run(
         shader::PointNormals { index: &gbuffer.index, facings, facing: &mut facing, push, spec },
         Dispatch::PerPixel,

@@ -200,25 +200,26 @@ fn list(
         .map(|((nearest, _), node)| (nearest, node))
         .collect();
     statistics.nodes_clipped =
-        nodes.iter().filter(|node| resident.clips.left(node.bounds()) == Left::Nothing).count();
+        nodes.iter().filter(|node| resident.clips.left(node.own_bounds()) == Left::Nothing).count();
     statistics.nodes_outside = nodes.len() - statistics.nodes_clipped - seen.len();
     let opacities = resident.hides() && resident.shown.kind().is_some();
     // Front to back, so that hidden points find their pixels taken. The order does not change the
     // result: keys are unique.
     seen.sort_by(|a, b| a.0.total_cmp(&b.0));
     for (distance, node) in seen {
-        let is_clipped = resident.clips.left(node.bounds()) == Left::Some;
+        let is_clipped = resident.clips.left(node.own_bounds()) == Left::Some;
         // Comparing a point with a box needs its full precision.
         let planes = if is_clipped {
             node.planes
         } else {
-            precision.planes(view, &node.lattice, &node.frame, distance).min(node.planes)
+            precision.planes(view, &node.map, &node.lattice, &node.frame, distance).min(node.planes)
         };
         statistics.nodes_drawn += 1;
         statistics.points_drawn += node.count as u64;
         statistics.position_bytes += 4 * planes as u64 * node.count as u64;
         statistics.quantisation_px = statistics.quantisation_px.max(quantisation_px(
             view,
+            &node.map,
             &node.lattice,
             &node.frame,
             distance,
@@ -229,7 +230,8 @@ fn list(
             record_of(view, node, planes, [resident.shown.kind(), resident.shown.normal()]);
         if is_clipped {
             statistics.points_compared += node.count as u64;
-            let boxes = resident.clips.within(&node.lattice, &node.frame, node.bounds(), planes);
+            let boxes =
+                resident.clips.within(&node.lattice, &node.frame, node.own_bounds(), planes);
             record.boxes = [
                 within.len(),
                 within.len() + boxes[0].len(),
@@ -415,14 +417,19 @@ fn record_of(
     let finest = cell_steps(&node.frame, node.frame.planes);
     let middle = if planes < node.frame.planes { (steps - finest.max(1.0)) / 2.0 } else { 0.0 };
     let [x, y, z] = node.frame.origin.map(|origin| origin as f64 + middle);
-    // World position of cell 0, relative to the eye.
-    let corner = (node.lattice.offset - view.camera.eye) + node.lattice.step * DVec3::new(x, y, z);
+    // Position of cell 0 relative to the eye, along the cloud's own axes.
+    let eye = node.map.own(view.camera.eye);
+    let corner = (node.lattice.offset - eye) + node.lattice.step * DVec3::new(x, y, z);
     let [x, y, z] = node.frame.extent.map(|extent| (extent as f64 / steps).floor());
     let nearest = (-corner / cell).round().clamp(DVec3::ZERO, DVec3::new(x, y, z));
     let offset = corner + cell * nearest;
+    let drawn_from_eye = match node.map.is_identity() {
+        true => offset,
+        false => node.map.place(offset + eye) - view.camera.eye,
+    };
     let row = |axis: DVec3| {
-        let r = axis * cell;
-        [r.x as f32, r.y as f32, r.z as f32, axis.dot(offset) as f32]
+        let r = node.map.pulled(axis) * cell;
+        [r.x as f32, r.y as f32, r.z as f32, axis.dot(drawn_from_eye) as f32]
     };
     let f = view.focal_px();
     let basis = &view.basis;
@@ -431,6 +438,7 @@ fn record_of(
     // x and y are pixels times the depth; without perspective all view rays are parallel.
     let (across, along) =
         if view.camera.projection == Projection::Perspective { (1.0, f) } else { (0.0, 1.0) };
+    let of_normals = |axis: DVec3| node.map.pulled_by_normals(axis).as_vec3().to_array();
     Node {
         row_x: row(basis.right * f),
         row_y: row(basis.up * -f),
@@ -442,9 +450,9 @@ fn record_of(
         shown_word: (node.first_page + node.planes) % PAGES_PER_BLOCK * POINTS_PER_PAGE,
         first_kind: kind.map_or(0, first_word),
         first_normal: normal.map_or(0, first_word),
-        right: (basis.right * across).as_vec3().to_array(),
-        down: (-basis.up * across).as_vec3().to_array(),
-        forward: (basis.forward * along).as_vec3().to_array(),
+        right: of_normals(basis.right * across),
+        down: of_normals(-basis.up * across),
+        forward: of_normals(basis.forward * along),
         boxes: [0; 3],
     }
 }

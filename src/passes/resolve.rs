@@ -7,7 +7,7 @@ use crate::cloud::attribute::{Attribute, DisplayAttribute};
 use crate::cloud::color_scale::ColorScale;
 use crate::cloud::colormap::{self, linear_to_srgb, srgb_to_linear};
 use crate::config::POINTS_PER_PAGE;
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::graph::{Buffer, Dispatch, Graph, Image, Kind};
 use crate::index::format::scatter::POINTS_PER_CLUMP;
 use crate::resident::Resident;
@@ -186,13 +186,16 @@ impl Resolved {
         let (projected_depth, projected_index) =
             (g.copy("projected depth", &depth), g.copy("projected index", &index));
         let spacings: Vec<f32> =
-            resident.nodes.iter().map(|node| node.spacing as f32).chain([0.0]).collect();
+            resident.nodes.iter().map(|node| node.spacing() as f32).chain([0.0]).collect();
         let spacings = g.upload("spacings", &spacings)?;
         let clumps = g.upload("clumps", &clumps(resident))?;
         let normal_pages = resident
             .shown
             .normal()
-            .map(|word| g.upload("facings", &resident.addresses(word)))
+            .map(|word| {
+                let pages = g.upload("facings", &resident.addresses(word))?;
+                Ok::<_, Error>((pages, *resident.map()))
+            })
             .transpose()?;
         Ok(GBuffer {
             depth,
@@ -224,9 +227,10 @@ fn clumps(resident: &Resident) -> Vec<Clump> {
     let all = POINTS_PER_PAGE as usize / POINTS_PER_CLUMP;
     let mut clumps = vec![Clump::default(); all * resident.nodes.len().max(1)];
     for (to, node) in clumps.chunks_exact_mut(all).zip(&resident.nodes) {
+        let spread = node.spread();
         to.iter_mut().zip(node.clumps.iter()).for_each(|(to, clump)| {
             *to = Clump {
-                spacing: clump.spacing.min(node.spacing) as f32,
+                spacing: (clump.spacing.min(node.own_spacing) * spread) as f32,
                 scatter: clump.scatter as f32,
             }
         });
@@ -239,9 +243,10 @@ pub fn spacing_px(view: &View, resident: &Resident) -> [f64; 2] {
     let f = view.focal_px();
     let seen = resident.nodes.iter().filter_map(|node| {
         let (near, far) = view.depths(node.bounds())?;
+        let spacing = node.spacing();
         Some(match view.camera.projection {
-            Projection::Perspective => [node.spacing * f / far, node.spacing * f / near],
-            Projection::Orthographic => [node.spacing * f; 2],
+            Projection::Perspective => [spacing * f / far, spacing * f / near],
+            Projection::Orthographic => [spacing * f; 2],
         })
     });
     let all = seen.reduce(|all, own| [all[0].min(own[0]), all[1].max(own[1])]);

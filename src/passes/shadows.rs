@@ -418,7 +418,7 @@ fn saved(
     context: &FrameContext,
     resident: &Resident,
 ) -> Option<Result<LightVisibility>> {
-    let (word, contents) = (resident.shown.light()?, resident.light.as_ref()?);
+    let (word, contents) = (resident.shown.light()?, resident.saved_light()?);
     // Unknown fields of a file from elsewhere keep their defaults.
     let facts: Facts = serde_json::from_value(contents.facts.clone()).unwrap_or_default();
     let pages = context

@@ -31,6 +31,7 @@ use crate::select::lod::Detail;
 use crate::select::opacity::Opacities;
 use crate::view::View;
 use crate::view::light::Light;
+use crate::view::linear_map::LinearMap;
 use glam::DVec3;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -875,6 +876,14 @@ impl GpuCloud {
         match self {
             GpuCloud::Whole(resident) => resident.shown.scale = scale,
             GpuCloud::Parts(residency) => residency.resident_mut().shown.scale = scale,
+        }
+    }
+
+    /// Sets what the cloud is drawn through.
+    pub fn set_map(&mut self, map: LinearMap) {
+        match self {
+            GpuCloud::Whole(resident) => resident.set_map(map),
+            GpuCloud::Parts(residency) => residency.resident_mut().set_map(map),
         }
     }
 

@@ -1,7 +1,7 @@
 //! Clouds of a renderer: loaded on a thread of their own, uploaded some nodes a frame.
 
 use super::device_points::PointBuffer;
-use super::projection::transform_of;
+use super::projection::Transform;
 use crate::cloud::attribute::{Attribute, ExtraAttributes};
 use crate::cloud::filter::Filter;
 use crate::cloud::points::Points;
@@ -15,7 +15,7 @@ use crate::render::source::{GpuCloud, OpenOptions, PreparedCloud, Source};
 use crate::resident::Resident;
 use crate::select::lod::{Detail, LodOptions};
 use crate::view::View;
-use glam::{DMat4, DVec3};
+use glam::DVec3;
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering::Relaxed};
 use std::sync::mpsc::{Receiver, TryRecvError, channel};
@@ -66,7 +66,7 @@ enum Stage {
 pub(super) struct Entry {
     pub id: CloudId,
     pub visible: bool,
-    pub transform: DMat4,
+    pub transform: Transform,
     pub core_points: Vec<DVec3>,
     pub notes: Vec<String>,
     /// Whether the points can be drawn as strokes.
@@ -184,7 +184,7 @@ impl Entry {
         Entry {
             id,
             visible: true,
-            transform: DMat4::IDENTITY,
+            transform: Transform::default(),
             core_points: Vec::new(),
             notes: Vec::new(),
             missing: 0,
@@ -350,7 +350,7 @@ impl Entry {
     }
 
     pub fn set_transform(&mut self, columns: &[f64; 16]) -> Result<()> {
-        self.transform = transform_of(columns)?;
+        self.transform = Transform::of(columns)?;
         Ok(())
     }
 }

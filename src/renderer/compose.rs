@@ -13,7 +13,7 @@ use crate::graph::{Gpu, Raster};
 use crate::passes::encode::Thresholds;
 use crate::shader::{self, compose, compose_layers};
 use ash::vk::{self, Handle};
-use glam::DMat4;
+use glam::DVec3;
 
 /// An area of a target `[px]`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -237,8 +237,8 @@ pub(super) struct Drawn<'d> {
     pub layers: Option<&'d Descriptors>,
     pub form: Depth,
     pub opaque: bool,
-    /// Id of the cloud, and its transform to the host's world.
-    pub cloud: (u64, DMat4),
+    /// Id of the cloud, and the axes of its normals in the host's world.
+    pub cloud: (u64, [DVec3; 3]),
 }
 
 /// Records the draw of a picture, over what is there unless it is opaque. The targets are in their
@@ -250,13 +250,12 @@ pub(super) fn record(
     drawn: &Drawn,
 ) -> Result<()> {
     let (targets, corner) = (place.targets, place.area.corner);
-    let Drawn { picture, layers, form, opaque, cloud: (cloud, transform) } = *drawn;
+    let Drawn { picture, layers, form, opaque, cloud: (cloud, axes) } = *drawn;
     let code = encoding(&targets.color, targets.encoding)?;
     let depth = targets.depth.map_or(0, |_| if form.perspective { 1 } else { 2 });
     let (line, far) = ([form.a as f32, form.b as f32], form.far());
     if let Some(layers) = layers {
-        let axes = [transform.x_axis, transform.y_axis, transform.z_axis];
-        let [x, y, z] = axes.map(|axis| axis.truncate().normalize().as_vec3().to_array());
+        let [x, y, z] = axes.map(|axis| axis.as_vec3().to_array());
         let cloud = cloud as u32;
         let push = compose_layers::Push { corner, form: line, far, cloud, x, y, z };
         let triangle = Triangle {

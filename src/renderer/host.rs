@@ -209,6 +209,11 @@ impl Host {
 }
 
 /// How an image was used, or will be.
+///
+/// With a transfer of ownership between queue families, the host records the other half of each
+/// barrier: before the frame a release from the layout of `before` to `COLOR_ATTACHMENT_OPTIMAL` (of
+/// depth: `DEPTH_STENCIL_ATTACHMENT_OPTIMAL`), after it an acquisition from there to the layout of
+/// `after`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Access {
     /// `VkImageLayout`.

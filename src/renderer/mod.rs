@@ -23,6 +23,7 @@
 mod clouds;
 mod compose;
 mod device_points;
+mod explain;
 mod governed;
 mod host;
 mod own_queue;
@@ -58,9 +59,9 @@ use crate::view::View;
 use ash::vk::{self, Handle as _};
 use clouds::Entry;
 use compose::{Drawn, Placement};
-use glam::{DMat4, DVec3};
+use glam::DVec3;
 use picture::{Drawing, Key, RecordedPicks, RecordedPicture};
-use projection::{Depth, in_world, view_of};
+use projection::{Depth, Transform, view_of};
 use std::collections::VecDeque;
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -124,7 +125,15 @@ pub struct PickedPoint {
     pub position: DVec3,
     /// Whether the position is the file's own, to the last bit; if not, the centre of its cell.
     pub exact: bool,
-    /// Planar depth in the cloud's units `[m]`.
+    /// Number of the point, as the ids of its frame have it; `None` if the pixel shows no single one.
+    pub id: Option<u32>,
+    /// ASPRS class of that point, 0 if it has none.
+    pub class: Option<u8>,
+    /// Number of its return, 0 if it has none.
+    pub return_number: Option<u8>,
+    /// Name of the file or station that it is from.
+    pub station: Option<String>,
+    /// Planar depth `[m]`: in the cloud's units, or in the world's if its transform is no similarity.
     pub depth: f64,
 }
 
@@ -173,6 +182,22 @@ struct HeldFrame {
     place: usize,
     _removed: Vec<Entry>,
     _block: Option<Block>,
+}
+
+impl HeldFrame {
+    /// Returns the pictures that it recorded.
+    fn drawn(&self) -> impl Iterator<Item = &RecordedPicture> {
+        self.pictures
+            .iter()
+            .map(|picture| &**picture)
+            .filter(|picture| picture.frame == self.number)
+    }
+
+    /// Returns the picks that it answers.
+    fn picks(&self) -> impl Iterator<Item = PickId> {
+        let picks = self.drawn().filter_map(|picture| picture.picks.as_ref());
+        picks.flat_map(|picks| &picks.pixels).map(|(pick, _)| *pick)
+    }
 }
 
 /// Time of a pass of a completed frame.
@@ -252,8 +277,11 @@ impl Renderer {
     }
 
     /// Opens files, or one index, as a cloud. Returns at once; a thread reads them. Points can be
-    /// drawn as strokes if that is the style already.
+    /// drawn as strokes if that is the style already. Errors if there are no files, or no such colour.
     pub fn open(&mut self, files: &[PathBuf], settings: &OpenSettings) -> Result<CloudId> {
+        if files.is_empty() {
+            return Err(Error::Request("there are no files to open; name at least one".into()));
+        }
         let id = self.new_id();
         self.clouds.push(Entry::open(id, files.to_vec(), settings, self.has_strokes())?);
         Ok(id)
@@ -318,8 +346,11 @@ impl Renderer {
         Ok(())
     }
 
-    /// Moves a cloud: `columns` are those of a matrix from its own coordinates to the host's world,
-    /// a rotation, a uniform scale and a translation.
+    /// Moves a cloud: `columns` are those of an affine matrix from its own coordinates to the host's
+    /// world, which may also stretch, shear and mirror it. Clip boxes are in the cloud's own
+    /// coordinates, lights in the host's world. Strokes need a rotation, a uniform scale and a
+    /// translation; other clouds are drawn as points. Errors if the matrix is not affine, or flattens
+    /// the cloud; it is then as it was.
     pub fn set_transform(&mut self, cloud: CloudId, columns: &[f64; 16]) -> Result<()> {
         let place = self.place(cloud)?;
         self.revision += 1;
@@ -336,7 +367,7 @@ impl Renderer {
         let places: Vec<DVec3> = self
             .clouds
             .iter()
-            .flat_map(|cloud| cloud.core_points.iter().map(|p| in_world(&cloud.transform, *p)))
+            .flat_map(|cloud| cloud.core_points.iter().map(|p| cloud.transform.in_world(*p)))
             .collect();
         (!places.is_empty()).then(|| Camera::framing(preset, &places, size))
     }
@@ -352,7 +383,7 @@ impl Renderer {
         self.settings = settings;
     }
 
-    /// Sets opacities and clip boxes of all clouds.
+    /// Sets opacities and clip boxes of all clouds, boxes in each cloud's own coordinates.
     pub fn set_filters(&mut self, opacities: Opacities, clips: Clips) {
         self.revision += 1;
         (self.opacities, self.clips) = (opacities, clips);
@@ -373,10 +404,15 @@ impl Renderer {
     }
 
     /// Returns the answer to a pick, once; it is pending until the device has completed its frame
-    /// and another one is recorded.
+    /// and another one is recorded. There is nothing in what was answered before, or never requested.
     pub fn picked(&mut self, pick: PickId) -> Picked {
         let Some(at) = self.answers.iter().position(|(answered, _)| *answered == pick) else {
-            return Picked::Pending;
+            let recorded = self.held.iter().flat_map(HeldFrame::picks);
+            let mut pending = self.wanted_picks.iter().map(|(own, _)| *own).chain(recorded);
+            return match pending.any(|own| own == pick) {
+                true => Picked::Pending,
+                false => Picked::Nothing,
+            };
         };
         self.answers.swap_remove(at).1.map_or(Picked::Nothing, Picked::Point)
     }
@@ -418,9 +454,11 @@ impl Renderer {
         self.last_frame = frame.number;
         for entry in &mut self.clouds {
             entry.advance(&mut self.gpu, self.options.memory_budget);
+            let map = entry.transform.map;
             if let Some(cloud) = entry.cloud_mut() {
                 cloud.set_filters(self.opacities.clone(), self.clips.clone());
                 cloud.set_scale(self.scale);
+                cloud.set_map(map);
             }
         }
         let mut report = FrameReport { settled: true, ..FrameReport::default() };
@@ -471,7 +509,7 @@ impl Renderer {
                 continue;
             }
             let own = |view: &FrameView| {
-                view_of(&view.camera, cloud.transform, view.area.size).map(|(own, _)| own).ok()
+                view_of(&view.camera, &cloud.transform, view.area.size).map(|(own, _)| own).ok()
             };
             // Views that cannot be drawn are named when they are recorded.
             let views: Vec<View> = views.iter().filter_map(own).collect();
@@ -551,7 +589,7 @@ impl Renderer {
                 revision: *revision,
             };
             let before = latest.iter().find(|before| before.key == key);
-            let drawing = view_of(&view.camera, transform, view.area.size).map(|(own, form)| {
+            let drawing = view_of(&view.camera, &transform, view.area.size).map(|(own, form)| {
                 let (picks, frame) = (within(picks, view.area), frame.number);
                 Drawing {
                     key,
@@ -581,7 +619,7 @@ impl Renderer {
                 layers: picture.layers.as_ref(),
                 form: picture.form,
                 opaque: picture.key.opaque,
-                cloud: (id.0, transform),
+                cloud: (id.0, transform.axes()),
             };
             compose::record(gpu, commands, &place, &drawn)?;
             report.points += picture.points;
@@ -594,7 +632,7 @@ impl Renderer {
         }
         if place.first {
             // Without a cloud, matrices may not be known yet.
-            let form = view_of(&view.camera, DMat4::IDENTITY, view.area.size)
+            let form = view_of(&view.camera, &Transform::default(), view.area.size)
                 .map_or(Depth::REVERSED, |(_, form)| form);
             compose::clear(gpu, commands, &place, form)?;
         }
@@ -605,14 +643,13 @@ impl Renderer {
     fn retire(&mut self, safe: u64) -> Result<()> {
         while self.held.front().is_some_and(|held| held.number <= safe) {
             let held = self.held.pop_front().expect("just seen");
-            let drawn = || held.pictures.iter().filter(|picture| picture.frame == held.number);
-            let is_drawn = drawn().next().is_some();
+            let is_drawn = held.drawn().next().is_some();
             if is_drawn {
                 self.times.clear();
             }
             // Distance in the host's world, and the point.
             let mut nearest: Vec<(PickId, f64, Option<PickedPoint>)> = Vec::new();
-            for picture in drawn() {
+            for picture in held.drawn() {
                 let times = picture.recorded.times()?;
                 self.times.extend(
                     times.map(|(name, milliseconds)| PassTime {
@@ -621,7 +658,7 @@ impl Renderer {
                     }),
                 );
                 let Some(picks) = &picture.picks else { continue };
-                let scale = picks.transform.x_axis.truncate().length();
+                let scale = picks.transform.unit();
                 for &(pick, pixel) in &picks.pixels {
                     let found = self.found(picture, picks, pixel);
                     let distance =
@@ -656,23 +693,29 @@ impl Renderer {
             return None;
         }
         let cloud = self.clouds.iter().find(|cloud| cloud.id == picture.key.cloud);
-        let own = cloud
-            .and_then(Entry::resident)
+        let resident = cloud.and_then(Entry::resident);
+        let own = resident
             .filter(|_| point != NO_POINT)
             .and_then(|resident| resident.point_of_nodes(&picks.nodes, point));
+        let kind = own.and_then(|own| own.kind);
+        let station = |kind: u32| Some(resident?.stations.get((kind >> 16) as usize)?.name.clone());
         let (position, exact) = own.map_or_else(
             || {
                 let [x, y] = pixel.map(|at| at as f64 + 0.5);
                 let (origin, direction) = picture.view.ray(x, y);
-                (origin + direction * depth as f64, false)
+                (picks.transform.map.own(origin + direction * depth as f64), false)
             },
             |found| (found.position, found.exact),
         );
         Some(PickedPoint {
             cloud: picture.key.cloud,
-            world: in_world(&picks.transform, position),
+            world: picks.transform.in_world(position),
             position,
             exact,
+            id: (point != NO_POINT).then_some(point),
+            class: kind.map(|kind| kind as u8),
+            return_number: kind.map(|kind| (kind >> 8 & 15) as u8),
+            station: kind.and_then(station),
             depth: depth as f64,
         })
     }

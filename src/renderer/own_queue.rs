@@ -65,8 +65,10 @@ impl Renderer {
     /// Draws a picture of a cloud with all that the view calls for, and waits for it. Returns its
     /// pixels: red, green and blue as in a file, row by row from the top left.
     pub fn picture(&mut self, cloud: CloudId, camera: Camera, size: [u32; 2]) -> Result<Vec<u8>> {
-        let view = View::new(camera, size)?;
-        let (settings, limits) = self.governed(size);
+        let transform = self.clouds[self.place(cloud)?].transform;
+        let view = View::new(transform.camera(camera), size)?;
+        let (mut settings, limits) = self.governed(size);
+        settings.light = transform.light(settings.light);
         let place = self.governor.as_ref().map_or(0, Governor::place);
         self.load(cloud, &view, &limits.of(size), &Silent)?;
         let (_, own) = self.cloud(cloud)?;
@@ -135,11 +137,13 @@ impl Renderer {
     pub fn cloud(&mut self, id: CloudId) -> Result<(&mut Gpu, &mut GpuCloud)> {
         let place = self.place(id)?;
         let Renderer { gpu, clouds, opacities, clips, scale, .. } = self;
+        let map = clouds[place].transform.map;
         let cloud = clouds[place]
             .cloud_mut()
             .ok_or_else(|| Error::Request(format!("cloud {} is not on the device yet", id.0)))?;
         cloud.set_filters(opacities.clone(), clips.clone());
         cloud.set_scale(*scale);
+        cloud.set_map(map);
         Ok((gpu, cloud))
     }
 

@@ -3,7 +3,7 @@
 
 use super::clouds::CloudId;
 use super::compose::{self, Descriptors};
-use super::projection::{Depth, ViewCamera};
+use super::projection::{Depth, Transform, ViewCamera};
 use super::{EffectReport, FrameReport, FrameView, PickId};
 use crate::error::Result;
 use crate::gpu::memory::RawBuffer;
@@ -15,7 +15,6 @@ use crate::render::frame;
 use crate::render::settings::{FrameConfig, RenderSettings};
 use crate::resident::{Resident, ResidentNode};
 use crate::view::View;
-use glam::DMat4;
 
 /// What a picture depends on.
 #[derive(Clone, Debug, PartialEq)]
@@ -45,7 +44,7 @@ pub(super) struct RecordedPicks {
     pub pixels: Vec<(PickId, [u32; 2])>,
     pub depth: Buffer,
     pub index: Buffer,
-    pub transform: DMat4,
+    pub transform: Transform,
     /// Nodes that ids refer to.
     pub nodes: Vec<ResidentNode>,
 }
@@ -79,21 +78,29 @@ pub(super) struct RecordedPicture {
 const NO_STROKES: &str =
     "a cloud that was opened before the style was strokes is drawn as points; open it again";
 
-/// Tests whether strokes are wanted of points that were loaded without.
-fn lacks_strokes(settings: &RenderSettings, resident: &Resident) -> bool {
-    settings.effects.strokes.switch == Switch::On && resident.shown.strokes().is_none()
+/// Directions and curvatures along which strokes are painted are those of the cloud as it is.
+const NO_MAPPED_STROKES: &str =
+    "a cloud whose transform is no similarity is drawn as points instead of strokes";
+
+/// Returns why there are no strokes, though they are wanted.
+fn lacks_strokes(settings: &RenderSettings, resident: &Resident) -> Option<&'static str> {
+    let wanted = settings.effects.strokes.switch == Switch::On;
+    match (resident.shown.strokes(), resident.map().is_identity()) {
+        (None, _) if wanted => Some(NO_STROKES),
+        (_, false) if wanted => Some(NO_MAPPED_STROKES),
+        _ => None,
+    }
 }
 
-/// Returns the configuration of a picture. Points that were loaded without strokes are drawn as
-/// points.
+/// Returns the configuration of a picture. Points without strokes are drawn as points.
 pub(super) fn config(settings: &RenderSettings, view: &View, resident: &Resident) -> FrameConfig {
-    if !lacks_strokes(settings, resident) {
+    let Some(why) = lacks_strokes(settings, resident) else {
         return FrameConfig::new(settings, view, resident);
-    }
+    };
     let mut without = settings.clone();
     without.effects.strokes.switch = Switch::Off;
     let mut config = FrameConfig::new(&without, view, resident);
-    config.decisions.explain(Effect::Strokes, NO_STROKES);
+    config.decisions.explain(Effect::Strokes, why);
     config
 }
 
@@ -103,7 +110,7 @@ pub(super) struct Drawing<'d> {
     pub frame: u64,
     pub view: View,
     pub form: Depth,
-    pub transform: DMat4,
+    pub transform: Transform,
     /// Picks and their pixels.
     pub picks: Vec<(PickId, [u32; 2])>,
     pub settings: &'d RenderSettings,
@@ -135,11 +142,11 @@ impl Drawing<'_> {
         if same.is_some_and(|same| if same.waits { same.frame > completed } else { !settled }) {
             return Ok(None);
         }
-        if lacks_strokes(self.settings, resident) {
-            report.errors.push(NO_STROKES.into());
-        }
+        report.errors.extend(lacks_strokes(self.settings, resident).map(String::from));
         let mut answers = same.map(|same| same.answers.clone()).unwrap_or_default();
-        let mut config = config(self.settings, &view, resident);
+        let light = self.transform.light(self.settings.light);
+        let settings = RenderSettings { light, ..self.settings.clone() };
+        let mut config = config(&settings, &view, resident);
         if !self.key.opaque {
             // Blended over what is there.
             config.background = [0.0; 3];

@@ -1,6 +1,8 @@
 //! Views of a host: its matrices, or a camera of ours, as a [`View`] and a form of depth.
 
 use crate::error::{Error, Result};
+use crate::view::light::Light;
+use crate::view::linear_map::LinearMap;
 use crate::view::{Basis, Camera, Projection, View};
 use glam::{DMat3, DMat4, DVec3};
 
@@ -26,7 +28,7 @@ impl Matrices {
         let rotation = DMat3::from_cols(right, up, -forward).transpose();
         let from_world = DMat4::from_mat3(rotation) * DMat4::from_translation(-camera.eye);
         let [x, y] = size.map(|side| 2.0 * view.focal_px() / side as f64);
-        let Depth { a, b, .. } = Depth::of(camera.projection, near, far);
+        let Depth { a, b, .. } = Depth::of(camera.projection, near, far)?;
         let mut projection = DMat4::ZERO;
         (projection.x_axis.x, projection.y_axis.y) = (x, -y);
         match camera.projection {
@@ -71,14 +73,22 @@ impl Depth {
     /// Reversed depth of an infinite perspective.
     pub const REVERSED: Depth = Depth { a: 0.0, b: 1.0, perspective: true, reversed: true };
 
-    fn of(projection: Projection, near: f64, far: f64) -> Depth {
+    fn of(projection: Projection, near: f64, far: f64) -> Result<Depth> {
         let (perspective, reversed) = (projection == Projection::Perspective, true);
+        let (least, most) = if perspective { (0.0, f64::INFINITY) } else { (-f64::MAX, f64::MAX) };
+        let is_sound =
+            near < far && far <= most && if perspective { near > least } else { near >= least };
+        if !is_sound {
+            return refused(format!(
+                "depths from {near} to {far}; give a greater far than near, with perspective a near above 0, without it a finite far"
+            ));
+        }
         let (a, b) = match projection {
             Projection::Perspective if far.is_infinite() => (0.0, near),
             Projection::Perspective => (-near / (far - near), near * far / (far - near)),
             Projection::Orthographic => (far / (far - near), -1.0 / (far - near)),
         };
-        Depth { a, b, perspective, reversed }
+        Ok(Depth { a, b, perspective, reversed })
     }
 
     /// Returns the depth of what is infinitely far.
@@ -94,24 +104,24 @@ fn refused<T>(what: String) -> Result<T> {
     Err(Error::Request(what))
 }
 
-/// Returns the view in the coordinates of a cloud that `transform` takes to the world, and the depth
-/// that the host expects.
+/// Returns the view in the coordinates of a cloud with this transform, and the depth that the host
+/// expects.
 pub(super) fn view_of(
     camera: &ViewCamera,
-    transform: DMat4,
+    transform: &Transform,
     size: [u32; 2],
 ) -> Result<(View, Depth)> {
     match camera {
         ViewCamera::Camera { camera, near, far } => {
             let view = View::new(*camera, size)?;
-            let depth = Depth::of(camera.projection, *near, *far);
-            if transform == DMat4::IDENTITY {
+            let depth = Depth::of(camera.projection, *near, *far)?;
+            if transform.similarity == DMat4::IDENTITY {
                 return Ok((view, depth));
             }
             let matrices = Matrices::of(camera, size, *near, *far)?;
             view_of(&ViewCamera::Matrices(matrices), transform, size)
         }
-        ViewCamera::Matrices(matrices) => of_matrices(matrices, transform, size),
+        ViewCamera::Matrices(matrices) => of_matrices(matrices, transform.similarity, size),
     }
 }
 
@@ -127,7 +137,7 @@ fn of_matrices(matrices: &Matrices, transform: DMat4, size: [u32; 2]) -> Result<
     let angles = [x.dot(y), y.dot(z), z.dot(x), y.length() - 1.0, z.length() - 1.0];
     if !(scale > 0.0 && angles.iter().all(|angle| angle.abs() < TOLERANCE)) {
         return refused(
-            "the view matrix and the cloud's transform must be a rotation, a uniform scale and a translation".into(),
+            "the view matrix must be a rotation, a uniform scale and a translation".into(),
         );
     }
     let t = view.w_axis.truncate() / scale;
@@ -186,19 +196,95 @@ fn of_matrices(matrices: &Matrices, transform: DMat4, size: [u32; 2]) -> Result<
     Ok((view, depth))
 }
 
-/// Returns a similarity as a matrix; errors if it is not finite.
-pub(super) fn transform_of(columns: &[f64; 16]) -> Result<DMat4> {
-    let matrix = DMat4::from_cols_array(columns);
-    let bottom = matrix.row(3).to_array();
-    if !matrix.is_finite() || bottom != [0.0, 0.0, 0.0, 1.0] || matrix.determinant() <= 0.0 {
-        return refused("a cloud's transform must be affine, finite, and must not mirror".into());
-    }
-    Ok(matrix)
+/// Tolerance within which a transform counts as a similarity, for rotations in f32.
+const SIMILAR: f64 = 1e-6;
+
+/// An affine transform from a cloud's own coordinates to the host's world, as a linear map that the
+/// cloud is drawn through, and a similarity, by which views are brought to the cloud. A similarity
+/// needs no map; of another transform, all but the translation is the map.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(super) struct Transform {
+    pub map: LinearMap,
+    similarity: DMat4,
 }
 
-/// Returns the position in the world of a position of a cloud.
-pub(super) fn in_world(transform: &DMat4, place: DVec3) -> DVec3 {
-    if *transform == DMat4::IDENTITY { place } else { transform.transform_point3(place) }
+impl Transform {
+    /// Errors if the matrix is not affine, or has no inverse.
+    pub fn of(columns: &[f64; 16]) -> Result<Transform> {
+        let matrix = DMat4::from_cols_array(columns);
+        let is_affine = matrix.is_finite() && matrix.row(3).to_array() == [0.0, 0.0, 0.0, 1.0];
+        let linear = DMat3::from_mat4(matrix);
+        let Some(map) = LinearMap::new(linear).filter(|_| is_affine) else {
+            return refused(
+                "a cloud's transform must be affine and finite, and must not flatten it".into(),
+            );
+        };
+        let scale = linear.x_axis.length();
+        let [x, y, z] = [linear.x_axis, linear.y_axis, linear.z_axis].map(|axis| axis / scale);
+        let angles = [x.dot(y), y.dot(z), z.dot(x), y.length() - 1.0, z.length() - 1.0];
+        let is_similarity = angles.iter().all(|angle| angle.abs() < SIMILAR);
+        Ok(match is_similarity && linear.determinant() > 0.0 {
+            true => Transform { map: LinearMap::default(), similarity: matrix },
+            false => {
+                Transform { map, similarity: DMat4::from_translation(matrix.w_axis.truncate()) }
+            }
+        })
+    }
+
+    /// Returns the position in the world of a position of the cloud.
+    pub fn in_world(&self, own: DVec3) -> DVec3 {
+        self.drawn_in_world(self.map.place(own))
+    }
+
+    /// Returns the position in the world of a position in the coordinates of the cloud's views.
+    pub fn drawn_in_world(&self, drawn: DVec3) -> DVec3 {
+        match self.similarity == DMat4::IDENTITY {
+            true => drawn,
+            false => self.similarity.transform_point3(drawn),
+        }
+    }
+
+    /// Returns the length in the world of a unit in the coordinates of the cloud's views.
+    pub fn unit(&self) -> f64 {
+        self.similarity.x_axis.truncate().length()
+    }
+
+    /// Returns the axes in the world of the coordinates of the cloud's views, of length 1.
+    pub fn axes(&self) -> [DVec3; 3] {
+        let DMat4 { x_axis, y_axis, z_axis, .. } = self.similarity;
+        [x_axis, y_axis, z_axis].map(|axis| axis.truncate().normalize())
+    }
+
+    /// Returns a camera of the world in the coordinates of the cloud's views.
+    pub fn camera(&self, camera: Camera) -> Camera {
+        if self.similarity == DMat4::IDENTITY {
+            return camera;
+        }
+        let inverse = self.similarity.inverse();
+        Camera {
+            eye: inverse.transform_point3(camera.eye),
+            target: inverse.transform_point3(camera.target),
+            up: DVec3::from_array(self.axes().map(|axis| axis.dot(camera.up))),
+            ortho_height: camera.ortho_height.map(|height| height / self.unit()),
+            ..camera
+        }
+    }
+
+    /// Returns a light of the world in the coordinates of the cloud's views.
+    pub fn light(&self, light: Light) -> Light {
+        if self.similarity == DMat4::IDENTITY {
+            return light;
+        }
+        match light {
+            Light::Headlight => light,
+            Light::Direction(travels) => {
+                Light::Direction(DVec3::from_array(self.axes().map(|axis| axis.dot(travels))))
+            }
+            Light::Position(place) => {
+                Light::Position(self.similarity.inverse().transform_point3(place))
+            }
+        }
+    }
 }
 
 #[cfg(test)]
@@ -223,9 +309,13 @@ mod tests {
 
     fn agree(matrices: &Matrices, transform: DMat4, size: [u32; 2], cloud: &[DVec3]) {
         let camera = ViewCamera::Matrices(*matrices);
-        let (view, depth) = view_of(&camera, transform, size).unwrap();
+        let split = Transform::of(&transform.to_cols_array()).unwrap();
+        let (view, depth) = view_of(&camera, &split, size).unwrap();
         for &point in cloud {
-            let [x, y, z] = vulkan(matrices, in_world(&transform, point), size);
+            let place = transform.transform_point3(point);
+            assert!((split.in_world(point) - place).length() < 1e-8);
+            let [x, y, z] = vulkan(matrices, place, size);
+            let point = split.map.place(point);
             let [own_x, own_y] = view.pixel(point).unwrap();
             let planar = (point - view.camera.eye).dot(view.basis.forward);
             let own_z = if depth.perspective {
@@ -270,9 +360,14 @@ mod tests {
                 glam::DQuat::from_rotation_z(0.5),
                 DVec3::new(10.0, 20.0, 30.0),
             );
-            let own: Vec<_> =
-                points.iter().map(|&p| transform.inverse().transform_point3(p)).collect();
-            agree(&other, transform, size, &own);
+            // Sheared and stretched, about the middle; mirrored.
+            let (middle, mut sheared) = (DMat4::from_translation(camera.target), transform);
+            (sheared.y_axis.x, sheared.z_axis) = (0.4, sheared.z_axis * -3.0);
+            for transform in [transform, middle * sheared * middle.inverse()] {
+                let own: Vec<_> =
+                    points.iter().map(|&p| transform.inverse().transform_point3(p)).collect();
+                agree(&other, transform, size, &own);
+            }
         }
     }
 
@@ -284,12 +379,18 @@ mod tests {
             let mut matrices = good;
             change(&mut matrices);
             let camera = ViewCamera::Matrices(matrices);
-            view_of(&camera, DMat4::IDENTITY, [640, 480]).unwrap_err().to_string()
+            view_of(&camera, &Transform::default(), [640, 480]).unwrap_err().to_string()
         };
         assert!(wrong(|m| m.projection[0] *= 2.0).contains("not square"));
         assert!(wrong(|m| m.projection[0] *= -1.0).contains("mirror"));
         assert!(wrong(|m| m.view[0] *= 3.0).contains("uniform scale"));
         assert!(wrong(|m| m.projection[4] = 0.1).contains("neither"));
         assert!(wrong(|m| m.view[12] = f64::NAN).contains("undefined"));
+        for [near, far] in [[0.0, 1.0], [2.0, 1.0], [f64::NAN, 1.0], [1.0, f64::NAN]] {
+            assert!(Matrices::of(&camera, [640, 480], near, far).is_err(), "{near} {far}");
+        }
+        let flat = DMat4::from_scale(DVec3::new(1.0, 1.0, 0.0)).to_cols_array();
+        assert!(Transform::of(&flat).unwrap_err().to_string().contains("flatten"));
+        assert!(Transform::of(&good.projection).unwrap_err().to_string().contains("affine"));
     }
 }

@@ -13,10 +13,11 @@ impl Renderer {
     ///
     /// - `style`: `auto`, `surface`, `points`, `splats` or `strokes`, which sets all effects
     /// - `effect`: `NAME=off|on|auto[,key=value...]`
-    /// - `light`: such as `camera` or `direction:1,-2,-3`
+    /// - `light`: `headlight`, `direction:X,Y,Z` or `position:X,Y,Z`, in the host's world
     /// - `background`: `RRGGBB` in hexadecimal digits
     /// - `layer`: distance below which surfaces count as one `[m]`; 0 is automatic
-    /// - `opacity` and `clip`: rules and boxes, separated by `;`, which replace those before
+    /// - `opacity` and `clip`: rules and boxes, separated by `;`, which replace those before; boxes
+    ///   are in each cloud's own coordinates
     /// - `time`: most time of a frame's pictures such as `50ms`, and `error`: the largest such as
     ///   `0.5px` ([`Renderer::set_limit`]); `none` for neither
     ///

@@ -27,6 +27,7 @@ use crate::index::{self, Arrangement, Node, Partition, Row};
 use crate::progress::{self, Progress};
 use crate::select::clip::Clips;
 use crate::select::opacity::Opacities;
+use crate::view::linear_map::LinearMap;
 use rayon::prelude::*;
 use std::collections::VecDeque;
 use std::ops::Range;
@@ -257,6 +258,7 @@ impl CloudUpload {
                 comes_and_goes: false,
                 light: None,
                 clips: Clips::default(),
+                map: LinearMap::default(),
             }
         })
     }
@@ -293,7 +295,8 @@ impl Ready {
                 number,
                 first_page,
                 planes,
-                spacing: 0.0,
+                own_spacing: 0.0,
+                map: LinearMap::default(),
                 clumps: Arc::default(),
                 station,
             });
@@ -311,7 +314,7 @@ impl Ready {
         let done = AtomicU64::new(resident.points);
         let count = resident.pool.write(gpu, runs, |(node, range), mut pages| {
             let coarse = rows.pack(range.points.clone(), &node.frame, &mut pages);
-            node.spacing = in_metres(spacing(&coarse), &node.lattice, &node.frame);
+            node.own_spacing = in_metres(spacing(&coarse), &node.lattice, &node.frame);
             node.clumps = scatter::clumps(&coarse, node.frame.bits, node.lattice.step).into();
             let done = done.fetch_add(range.points.len() as u64, Relaxed);
             progress.tick("organising", done, 0)

@@ -15,6 +15,7 @@ use crate::index::format::spacing::spacing;
 use crate::index::format::{Index, NodeRecord, PLANES, Plane};
 use crate::select::clip::Clips;
 use crate::select::opacity::Opacities;
+use crate::view::linear_map::LinearMap;
 use rayon::prelude::*;
 use std::sync::Arc;
 
@@ -54,6 +55,7 @@ impl Resident {
             filtered: false,
             opacities: Opacities::default(),
             clips: Clips::default(),
+            map: LinearMap::default(),
             comes_and_goes: true,
             light: None,
         }
@@ -103,7 +105,8 @@ impl Resident {
                 number,
                 first_page,
                 planes,
-                spacing: 0.0,
+                own_spacing: 0.0,
+                map: LinearMap::default(),
                 clumps: Arc::default(),
                 station: None,
             });
@@ -122,7 +125,7 @@ impl Resident {
             for (plane, page) in pages.into_iter().enumerate() {
                 index.read(node, PLANES[plane].0, bytemuck::cast_slice_mut(&mut words))?;
                 if plane == 0 {
-                    held.spacing = spacing_m(index, record, &words);
+                    held.own_spacing = spacing_m(index, record, &words);
                 }
                 page[..words.len()].copy_from_slice(&words);
             }

@@ -40,6 +40,7 @@ use crate::progress::Progress;
 use crate::select::clip::{Clips, Left};
 use crate::select::opacity::{Known, Opacities};
 use crate::view::View;
+use crate::view::linear_map::LinearMap;
 use glam::DVec3;
 use pages::PAGE_BYTES;
 use pool::Pool;
@@ -59,8 +60,10 @@ pub struct ResidentNode {
     /// Resident position planes, at least one; fewer than `frame.planes` if no more are needed, or
     /// not yet loaded.
     pub planes: u32,
-    /// Point spacing `[m]`.
-    pub spacing: f64,
+    /// Point spacing in the cloud's own coordinates `[m]`; see [`ResidentNode::spacing`].
+    pub own_spacing: f64,
+    /// What it is drawn through.
+    pub map: LinearMap,
     /// How its points lie, clump by clump.
     pub clumps: Arc<[Clump]>,
     /// Station of all its points, if it is one and known.
@@ -73,8 +76,24 @@ impl ResidentNode {
         self.number * POINTS_PER_PAGE
     }
 
-    /// Returns the world corners of its box.
+    /// Returns the corners of its box, in the coordinates of views.
     pub fn bounds(&self) -> (DVec3, DVec3) {
+        self.map.bounds(self.own_bounds())
+    }
+
+    /// Returns its point spacing, in the coordinates of views `[m]`.
+    pub fn spacing(&self) -> f64 {
+        self.own_spacing * self.spread()
+    }
+
+    /// Returns by what factor points lie farther apart in the coordinates of views.
+    pub fn spread(&self) -> f64 {
+        let (min, max) = self.own_bounds();
+        self.map.spread(max - min)
+    }
+
+    /// Returns the corners of its box, in the cloud's own coordinates.
+    pub fn own_bounds(&self) -> (DVec3, DVec3) {
         let top = [0, 1, 2].map(|axis| self.frame.origin[axis] + self.frame.extent[axis] as i64);
         let (a, b) = (self.lattice.world(self.frame.origin), self.lattice.world(top));
         (a.min(b), a.max(b))
@@ -85,10 +104,16 @@ impl ResidentNode {
         let origin = self.lattice.world(self.frame.origin);
         let cell = self.lattice.step * crate::select::lod::cell_steps(&self.frame, 1);
         let clump = |clump: &Clump| {
-            view.crossed(|normal| origin.dot(normal) + clump.reach_along(normal * cell))
+            view.crossed(|normal| {
+                let normal = self.map.pulled(normal);
+                origin.dot(normal) + clump.reach_along(normal * cell)
+            })
         };
-        let (min, max) = self.bounds();
-        let by_box = view.crossed(|normal| (min * normal).max(max * normal).element_sum());
+        let (min, max) = self.own_bounds();
+        let by_box = view.crossed(|normal| {
+            let normal = self.map.pulled(normal);
+            (min * normal).max(max * normal).element_sum()
+        });
         match by_box.contains(&true) {
             true => self.clumps.iter().map(clump).fold([false; 4], either),
             false => by_box,
@@ -103,7 +128,7 @@ fn either(a: [bool; 4], b: [bool; 4]) -> [bool; 4] {
 /// Words per node in [`Resident::nodes_identity`].
 pub const IDENTITY_WORDS: usize = 15;
 
-/// Returns the world corners of a node's box from its identity.
+/// Returns the corners of a node's box, in the cloud's own coordinates, from its identity.
 pub fn bounds_of(identity: &[u64]) -> (DVec3, DVec3) {
     let place =
         |at: usize| DVec3::from_array([0, 1, 2].map(|axis| f64::from_bits(identity[at + axis])));
@@ -138,7 +163,7 @@ pub struct Resident {
     /// Points of the whole cloud.
     pub points: u64,
     pub stations: Vec<Station>,
-    /// Spacing of a cloud that is resident as a whole `[m]`.
+    /// Spacing of a cloud that is resident as a whole, in its own coordinates `[m]`.
     spacing_m: Option<f64>,
     /// Histograms of the whole cloud, if they were computed and points have kinds.
     pub counts: Option<Histograms>,
@@ -155,9 +180,11 @@ pub struct Resident {
     /// Whether nodes are streamed from an index.
     pub comes_and_goes: bool,
     /// Light of the saved shadows, if points have them.
-    pub light: Option<Box<ShadowContents>>,
-    /// Clip boxes.
+    light: Option<Box<ShadowContents>>,
+    /// Clip boxes, in the cloud's own coordinates.
     pub clips: Clips,
+    /// What the cloud is drawn through.
+    map: LinearMap,
 }
 
 /// Converts a length in cells of the coarsest plane to metres, along the widest lattice step.
@@ -318,11 +345,31 @@ impl Resident {
     /// streamed nodes the weighted median of the resident nodes; 0 if there are none.
     pub fn spacing_m(&self) -> f64 {
         if let Some(spacing_m) = self.spacing_m {
-            return spacing_m;
+            let all = self.nodes.iter().map(ResidentNode::own_bounds);
+            let all = all.reduce(|(a, b), (c, d)| (a.min(c), b.max(d)));
+            return all.map_or(spacing_m, |(min, max)| spacing_m * self.map.spread(max - min));
         }
         point_density::weighted_median(
-            self.nodes.iter().map(|node| (node.spacing, node.count as u64)).collect(),
+            self.nodes.iter().map(|node| (node.spacing(), node.count as u64)).collect(),
         )
+    }
+
+    /// Returns what the cloud is drawn through.
+    pub fn map(&self) -> &LinearMap {
+        &self.map
+    }
+
+    /// Sets what the cloud is drawn through.
+    pub fn set_map(&mut self, map: LinearMap) {
+        if self.map != map {
+            self.map = map;
+            self.nodes.iter_mut().for_each(|node| node.map = map);
+        }
+    }
+
+    /// Returns the light of the saved shadows, which are those of the cloud in its own coordinates.
+    pub fn saved_light(&self) -> Option<&ShadowContents> {
+        self.light.as_deref().filter(|_| self.map.is_identity())
     }
 
     /// Returns the nodes in view, with the least and greatest depth of each.
@@ -339,7 +386,7 @@ impl Resident {
         nodes: impl Iterator<Item = &'r ResidentNode>,
         view: &'r View,
     ) -> impl Iterator<Item = ((f64, f64), &'r ResidentNode)> {
-        let is_left = |node: &&ResidentNode| self.clips.left(node.bounds()) != Left::Nothing;
+        let is_left = |node: &&ResidentNode| self.clips.left(node.own_bounds()) != Left::Nothing;
         nodes.filter(is_left).filter_map(|node| Some((view.depths(node.bounds())?, node)))
     }
 
@@ -355,7 +402,7 @@ impl Resident {
             let lattice = [node.lattice.step, node.lattice.offset]
                 .map(|place| place.to_array().map(f64::to_bits))
                 .concat();
-            let counts = [node.count as u64, node.planes as u64, node.spacing.to_bits()];
+            let counts = [node.count as u64, node.planes as u64, node.own_spacing.to_bits()];
             [origin.map(|steps| steps as u64), extent.map(|steps| steps as u64), counts]
                 .concat()
                 .into_iter()
@@ -372,7 +419,8 @@ impl Resident {
         let left_out: Vec<u64> =
             factors.filter(|(_, factor)| *factor == 0.0).map(|(number, _)| number as u64).collect();
         let counts = [self.serial, left_out.len() as u64, self.clips.active() as u64];
-        counts.into_iter().chain(left_out).chain(self.clips.identity()).collect()
+        let all = counts.into_iter().chain(left_out).chain(self.clips.identity());
+        all.chain(self.map.identity()).collect()
     }
 
     /// Bytes of the pages in use.

@@ -90,12 +90,12 @@ impl Node {
             Projection::Perspective => (near + far) / 2.0 / view.focal_px(),
             Projection::Orthographic => 1.0 / view.focal_px(),
         };
+        let spacing = node.spacing();
         let (way, extent) = (view.basis.forward.abs(), node.bounds().1 - node.bounds().0);
         let faces =
             extent.x * extent.y * way.z + extent.y * extent.z * way.x + extent.z * extent.x * way.y;
-        let covered =
-            (node.count as f64 * node.spacing * node.spacing).min(faces) / (pixel_m * pixel_m);
-        Node { count: node.count as u64, pixel_m, apart: node.spacing / pixel_m, covered }
+        let covered = (node.count as f64 * spacing * spacing).min(faces) / (pixel_m * pixel_m);
+        Node { count: node.count as u64, pixel_m, apart: spacing / pixel_m, covered }
     }
 }
 

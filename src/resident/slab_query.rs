@@ -43,12 +43,12 @@ impl Resident {
             .nodes
             .iter()
             .filter(|node| {
-                slab.meets(node.bounds()) && self.clips.left(node.bounds()) != Left::Nothing
+                slab.meets(node.own_bounds()) && self.clips.left(node.own_bounds()) != Left::Nothing
             })
             .collect();
         let mut points = Vec::new();
         self.look_at(gpu, &met, |node, words| {
-            let whole = self.clips.left(node.bounds()) == Left::Everything;
+            let whole = self.clips.left(node.own_bounds()) == Left::Everything;
             let found = (0..node.count).into_par_iter().filter_map(|i| {
                 let place = slab.place(position(node, words, i))?;
                 let point = self.point_of(node, words, i);

@@ -40,6 +40,7 @@ use crate::select::clip::{Clips, Left};
 use crate::select::lod::{self, Cut, Detail};
 use crate::select::opacity::Opacities;
 use crate::view::View;
+use crate::view::linear_map::LinearMap;
 use std::collections::{BTreeSet, HashMap, HashSet, VecDeque};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
@@ -219,6 +220,7 @@ impl Residency {
                 .filter(|_| shown.light().is_some())
                 .map(|shadows| Box::new(shadows.contents.clone())),
             clips: Clips::default(),
+            map: LinearMap::default(),
         };
         Ok(Residency {
             resident,
@@ -495,8 +497,14 @@ impl Residency {
     fn fitting(&self, views: &[View], detail: &Detail, fall_back: bool) -> (Cut, u64) {
         let mut detail = *detail;
         loop {
-            let cut =
-                lod::choose(&self.index, views, &self.resident.clips, &detail, &self.unreadable);
+            let cut = lod::choose_through(
+                &self.resident.map,
+                &self.index,
+                views,
+                &self.resident.clips,
+                &detail,
+                &self.unreadable,
+            );
             let mut pages = Pages::new(self.resident.pool.pages.budget);
             // Fallback nodes give way, except the roots.
             let wants = self.wants(views, &detail, &cut, fall_back);
@@ -542,9 +550,10 @@ impl Residency {
             let frame = self.frame(wanted.node);
             // Clipping needs the full position.
             let (bounds, lattice) = (self.index.bounds(record), self.index.lattice(record));
+            let map = &self.resident.map;
             let planes = |view: &View| {
-                let distance = view.least_depth(bounds)?;
-                Some(detail.precision.planes(view, &lattice, &frame, distance))
+                let distance = view.least_depth(map.bounds(bounds))?;
+                Some(detail.precision.planes(view, map, &lattice, &frame, distance))
             };
             let planes = match self.resident.clips.left(bounds) {
                 Left::Some => frame.planes,
@@ -713,7 +722,7 @@ impl Residency {
         for node in &self.drawn {
             self.entries.get_mut(node).expect("resident").drawn = self.updates;
         }
-        let spacings = self.spacings();
+        let (spacings, map) = (self.spacings(), self.resident.map);
         let nodes = self.drawn.iter().enumerate().map(|(number, &node)| {
             let Run { first_page, planes, .. } = self.here(node).expect("resident");
             let record = &self.index.nodes()[node];
@@ -728,7 +737,8 @@ impl Residency {
                 number: number as u32,
                 first_page,
                 planes,
-                spacing,
+                own_spacing: spacing,
+                map,
                 clumps: clumps.clone(),
                 station,
             }
@@ -761,6 +771,7 @@ impl Residency {
         if self.index.refinement == Refinement::Adds {
             return self.here(node).map(|_| vec![node]);
         }
+        let map = &self.resident.map;
         let mut found = Vec::new();
         let mut open = vec![node];
         while let Some(node) = open.pop() {
@@ -772,7 +783,7 @@ impl Residency {
             } else {
                 open.extend(record.children().filter(|&child| {
                     let bounds = self.index.bounds(&self.index.nodes()[child]);
-                    views.iter().any(|view| view.least_depth(bounds).is_some())
+                    views.iter().any(|view| view.least_depth(map.bounds(bounds)).is_some())
                         && self.resident.clips.left(bounds) != Left::Nothing
                 }));
             }

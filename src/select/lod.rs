@@ -15,6 +15,7 @@ use crate::config::{BITS_PER_PLANE, BUDGET_LEAST, BUDGET_PER_PIXEL, LOD_PX, QUAN
 use crate::index::build::pack::Frame;
 use crate::index::format::{Index, NodeRecord, Refinement};
 use crate::select::clip::{Clips, Left};
+use crate::view::linear_map::LinearMap;
 use crate::view::{Projection, View};
 use std::cmp::Ordering;
 use std::collections::{BinaryHeap, HashSet};
@@ -94,9 +95,21 @@ pub fn choose(
     detail: &Detail,
     unreadable: &HashSet<usize>,
 ) -> Cut {
+    choose_through(&LinearMap::default(), index, views, clips, detail, unreadable)
+}
+
+/// Does the same for a cloud that is drawn through a linear map, in whose coordinates views are.
+pub fn choose_through(
+    map: &LinearMap,
+    index: &Index,
+    views: &[View],
+    clips: &Clips,
+    detail: &Detail,
+    unreadable: &HashSet<usize>,
+) -> Cut {
     let mut cut = Cut::default();
     let mut open = BinaryHeap::new();
-    let all = Seen { index, views, clips, unreadable };
+    let all = Seen { index, views, clips, unreadable, map, stretch: map.largest_stretch() };
     let roots = all.of(0..index.directory.roots as usize, f64::INFINITY);
     cut.nodes_outside += roots.outside;
     cut.nodes_clipped += roots.clipped;
@@ -157,6 +170,9 @@ struct Seen<'a> {
     views: &'a [View],
     clips: &'a Clips,
     unreadable: &'a HashSet<usize>,
+    map: &'a LinearMap,
+    /// Factor by which it lengthens errors at most.
+    stretch: f64,
 }
 
 /// The visible nodes that stand for a range of siblings.
@@ -200,13 +216,15 @@ impl Seen<'_> {
     /// Returns the least planar depth of a node in any view, and its largest projected error; `None`
     /// if no view sees it.
     fn nearest(&self, record: &NodeRecord) -> Option<(f64, f64)> {
+        let (bounds, apart) =
+            (self.map.bounds(self.index.bounds(record)), record.spacing * self.stretch);
         let seen = |view: &View| {
-            let distance = view.least_depth(self.index.bounds(record))?;
+            let distance = view.least_depth(bounds)?;
             let error_px = match view.camera.projection {
                 _ if record.is_leaf() => 0.0,
                 // Infinite if the camera may be inside the node.
-                Projection::Perspective => record.spacing * view.focal_px() / distance,
-                Projection::Orthographic => record.spacing * view.focal_px(),
+                Projection::Perspective => apart * view.focal_px() / distance,
+                Projection::Orthographic => apart * view.focal_px(),
             };
             Some((distance, error_px))
         };
@@ -227,12 +245,19 @@ pub enum Precision {
 
 impl Precision {
     /// Returns the number of planes to draw a node with, given its least depth `[m]`.
-    pub fn planes(self, view: &View, lattice: &Lattice, frame: &Frame, distance: f64) -> u32 {
+    pub fn planes(
+        self,
+        view: &View,
+        map: &LinearMap,
+        lattice: &Lattice,
+        frame: &Frame,
+        distance: f64,
+    ) -> u32 {
         match self {
             Precision::Planes(most) => most.clamp(1, frame.planes),
             Precision::Auto => (1..frame.planes)
                 .find(|&planes| {
-                    quantisation_px(view, lattice, frame, distance, planes) <= QUANTISATION_PX
+                    quantisation_px(view, map, lattice, frame, distance, planes) <= QUANTISATION_PX
                 })
                 .unwrap_or(frame.planes),
         }
@@ -250,6 +275,7 @@ pub fn cell_steps(frame: &Frame, planes: u32) -> f64 {
 /// the secant of its angle from the axis: f (dx - tan dz) / depth, by Cauchy and Schwarz.
 pub fn quantisation_px(
     view: &View,
+    map: &LinearMap,
     lattice: &Lattice,
     frame: &Frame,
     distance: f64,
@@ -258,7 +284,7 @@ pub fn quantisation_px(
     if planes >= frame.planes {
         return 0.0;
     }
-    let half_cell = 0.5 * cell_steps(frame, planes) * lattice.step.length();
+    let half_cell = 0.5 * cell_steps(frame, planes) * map.diagonal(lattice.step);
     match view.camera.projection {
         Projection::Perspective => {
             let f = view.focal_px();

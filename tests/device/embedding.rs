@@ -1,5 +1,10 @@
 //! A host draws clouds into its own images, beside its own geometry, on its own queue.
 
+mod affine;
+mod lifetimes;
+mod ownership;
+mod wrong_calls;
+
 use crate::counting::{self, allocations, heap_bytes, objects};
 use crate::files;
 use crate::gpu::division_error;
@@ -48,6 +53,8 @@ struct Application {
     said: pointillist::error::Result<()>,
     /// Time that recording the last frame took.
     recorded: std::time::Duration,
+    /// Family that owns all images between the host's work and the renderer's.
+    owner: Option<u32>,
 }
 
 struct HostImage {
@@ -90,7 +97,7 @@ impl Application {
             let needs = raw.get_buffer_memory_requirements(staging);
             let flags =
                 vk::MemoryPropertyFlags::HOST_VISIBLE | vk::MemoryPropertyFlags::HOST_COHERENT;
-            let staging_memory = allocate(&device, needs, flags);
+            let staging_memory = allocate(&device, &device.raw, needs, flags);
             raw.bind_buffer_memory(staging, staging_memory, 0).unwrap();
             let mapped =
                 raw.map_memory(staging_memory, 0, vk::WHOLE_SIZE, Default::default()).unwrap();
@@ -110,6 +117,7 @@ impl Application {
                 frame: 0,
                 said: Ok(()),
                 recorded: Default::default(),
+                owner: None,
                 device,
             }
         }
@@ -212,10 +220,12 @@ impl Application {
                     );
                 }
             }
+            self.give_up(&targets);
             let frame = Frame { number: self.frame, safe: self.frame - 1, targets, views };
             let began = std::time::Instant::now();
             let report = renderer.record(commands.as_raw(), &frame).unwrap();
             self.recorded = began.elapsed();
+            self.take_back(&targets);
             let [ids_at, normals_at] = [20 * PIXELS, 32 * PIXELS];
             let layers = [(&self.ids, ids_at as u64), (&self.normals, normals_at as u64)];
             let layers = if targets.ids.is_some() { &layers[..] } else { &[] };
@@ -327,6 +337,7 @@ impl Drop for Application {
 /// The device is alive.
 unsafe fn allocate(
     device: &Device,
+    raw: &ash::Device,
     needs: vk::MemoryRequirements,
     flags: vk::MemoryPropertyFlags,
 ) -> vk::DeviceMemory {
@@ -341,12 +352,22 @@ unsafe fn allocate(
             .unwrap();
         let info =
             vk::MemoryAllocateInfo::default().allocation_size(needs.size).memory_type_index(kind);
-        device.raw.allocate_memory(&info, None).unwrap()
+        raw.allocate_memory(&info, None).unwrap()
     }
 }
 
 impl HostImage {
     fn new(device: &Device, format: vk::Format, usage: vk::ImageUsageFlags) -> HostImage {
+        HostImage::on(device, &device.raw, format, usage)
+    }
+
+    /// Makes an image on a device of the same physical device.
+    fn on(
+        device: &Device,
+        raw: &ash::Device,
+        format: vk::Format,
+        usage: vk::ImageUsageFlags,
+    ) -> HostImage {
         let [width, height] = SIZE;
         let info = vk::ImageCreateInfo::default()
             .image_type(vk::ImageType::TYPE_2D)
@@ -358,16 +379,16 @@ impl HostImage {
             .usage(usage);
         // SAFETY: plain creations on a live device.
         unsafe {
-            let image = device.raw.create_image(&info, None).unwrap();
-            let needs = device.raw.get_image_memory_requirements(image);
-            let memory = allocate(device, needs, vk::MemoryPropertyFlags::DEVICE_LOCAL);
-            device.raw.bind_image_memory(image, memory, 0).unwrap();
+            let image = raw.create_image(&info, None).unwrap();
+            let needs = raw.get_image_memory_requirements(image);
+            let memory = allocate(device, raw, needs, vk::MemoryPropertyFlags::DEVICE_LOCAL);
+            raw.bind_image_memory(image, memory, 0).unwrap();
             let info = vk::ImageViewCreateInfo::default()
                 .image(image)
                 .view_type(vk::ImageViewType::TYPE_2D)
                 .format(format)
                 .subresource_range(range(format));
-            let view = device.raw.create_image_view(&info, None).unwrap();
+            let view = raw.create_image_view(&info, None).unwrap();
             HostImage { image, view, memory, format }
         }
     }
@@ -772,6 +793,12 @@ fn points_of_memory_are_picked_where_they_are() {
     let Picked::Point(point) = renderer.picked(pick) else { panic!("a point in the middle") };
     assert!(point.exact && point.cloud == cloud);
     assert!(places.contains(&point.position.to_array()), "{point:?}");
+    assert!(point.id.is_some() && point.class == Some(0), "{point:?}");
+    let (report, ..) = application.draw(&mut renderer, targets, &[unmoved], None);
+    let told = renderer.explain(&report);
+    for line in ["frame: settled, 90000 points", "cloud 1: ready", "effect fill: ", "pass "] {
+        assert!(told.contains(line), "{line}: {told}");
+    }
     assert_eq!(renderer.picked(nothing), Picked::Nothing);
     // Moved with the camera, nothing changes on the screen.
     renderer.set_transform(cloud, &moved).unwrap();

@@ -205,7 +205,7 @@ impl Canvas<'_> {
     /// Point spacing [m], equal for all points of the one node.
     pub fn spacing(&self) -> f64 {
         assert_eq!(self.resident.nodes.len(), 1);
-        self.resident.nodes[0].spacing
+        self.resident.nodes[0].spacing()
     }
 
     /// Spacing [m] of the splat of a point.
@@ -214,7 +214,7 @@ impl Canvas<'_> {
         node.clumps
             .get(id as usize / POINTS_PER_CLUMP)
             .map_or(0.0, |clump| clump.spacing)
-            .min(node.spacing)
+            .min(node.spacing())
     }
 
     /// Lets the points of every other clump lie on no surface.

@@ -679,7 +679,7 @@ fn the_spacing_of_a_copc_file_is_that_of_its_finest_nodes() {
         let mut residency = planted.open(gpu, HUGE);
         let spacing = |residency: &mut Residency, detail: &Detail, gpu: &mut Gpu| {
             residency.wait_until_resident(gpu, &view(1), detail, &Silent).unwrap();
-            residency.resident().nodes.iter().map(|node| node.spacing).collect::<Vec<f64>>()
+            residency.resident().nodes.iter().map(|node| node.spacing()).collect::<Vec<f64>>()
         };
         let coarse = spacing(&mut residency, &few(1), gpu);
         let fine = spacing(&mut residency, &all(), gpu);

@@ -5,6 +5,7 @@ use ash::vk::{self, Handle};
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;
 use std::ffi::{CStr, c_char, c_void};
+use std::sync::Mutex;
 use std::sync::atomic::{AtomicI64, AtomicPtr, AtomicU64, Ordering::Relaxed};
 
 /// An allocator that counts the bytes of each thread.
@@ -31,6 +32,49 @@ unsafe impl GlobalAlloc for CountingHeap {
         let _ = LIVE.try_with(|live| live.set(live.get() - layout.size() as i64));
         // SAFETY: as the caller ensures.
         unsafe { System.dealloc(at, layout) }
+    }
+}
+
+/// An image barrier that was recorded: each from and to.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct ImageBarrier {
+    pub image: vk::Image,
+    pub layouts: [vk::ImageLayout; 2],
+    pub stages: [vk::PipelineStageFlags2; 2],
+    pub access: [vk::AccessFlags2; 2],
+    pub families: [u32; 2],
+}
+
+/// Image barriers recorded through [`get_instance_proc_addr`]; None while they are not asked for.
+static BARRIERS: Mutex<Option<Vec<ImageBarrier>>> = Mutex::new(None);
+
+/// Returns the image barriers that `record` records.
+pub fn image_barriers(record: impl FnOnce()) -> Vec<ImageBarrier> {
+    *BARRIERS.lock().unwrap() = Some(Vec::new());
+    record();
+    BARRIERS.lock().unwrap().take().unwrap()
+}
+
+static BARRIER: Real = Real::new();
+
+unsafe extern "system" fn barrier(commands: vk::CommandBuffer, info: *const vk::DependencyInfo) {
+    // SAFETY: as the caller ensures.
+    unsafe {
+        if let Some(barriers) = &mut *BARRIERS.lock().unwrap() {
+            let count = (*info).image_memory_barrier_count as usize;
+            let first = (*info).p_image_memory_barriers;
+            barriers.extend((0..count).map(|i| {
+                let at = &*first.add(i);
+                ImageBarrier {
+                    image: at.image,
+                    layouts: [at.old_layout, at.new_layout],
+                    stages: [at.src_stage_mask, at.dst_stage_mask],
+                    access: [at.src_access_mask, at.dst_access_mask],
+                    families: [at.src_queue_family_index, at.dst_queue_family_index],
+                }
+            }));
+        }
+        BARRIER.get::<vk::PFN_vkCmdPipelineBarrier2>()(commands, info)
     }
 }
 
@@ -262,6 +306,13 @@ unsafe extern "system" fn counted_device_function(
             return Some(std::mem::transmute::<Destroy, unsafe extern "system" fn()>(
                 destroy_pipeline,
             ));
+        }
+        if name == "vkCmdPipelineBarrier2" {
+            BARRIER.set(found);
+            return Some(std::mem::transmute::<
+                vk::PFN_vkCmdPipelineBarrier2,
+                unsafe extern "system" fn(),
+            >(barrier));
         }
         counted(name, found).or_else(|| counted_pipelines(name, found)).or(Some(found))
     }

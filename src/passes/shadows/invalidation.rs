@@ -37,11 +37,11 @@ pub fn changed(
     let now = resident.nodes_identity();
     let old: HashMap<&[u64], u32> = before.chunks_exact(IDENTITY_WORDS).zip(0..).collect();
     let new: HashMap<&[u64], u32> = now.chunks_exact(IDENTITY_WORDS).zip(0..).collect();
-    let only = |some: &HashMap<&[u64], u32>,
-                others: &HashMap<&[u64], u32>|
-     -> Vec<(DVec3, DVec3)> {
-        some.keys().filter(|node| !others.contains_key(*node)).map(|node| bounds_of(node)).collect()
-    };
+    let only =
+        |some: &HashMap<&[u64], u32>, others: &HashMap<&[u64], u32>| -> Vec<(DVec3, DVec3)> {
+            let only = some.keys().filter(|node| !others.contains_key(*node));
+            only.map(|node| resident.map().bounds(bounds_of(node))).collect()
+        };
     let others: Vec<(DVec3, DVec3)> =
         only(&new, &old).into_iter().chain(only(&old, &new)).collect();
     let shaded = Boxes::of(views, &others, travel_px);

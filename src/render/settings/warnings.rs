@@ -124,7 +124,7 @@ impl FrameConfig {
                     .into(),
             );
         }
-        if resident.light.as_ref().is_some_and(|saved| self.light.is_written(&saved.light)) {
+        if resident.saved_light().is_some_and(|saved| self.light.is_written(&saved.light)) {
             // Except for the darkness of shadows.
             let (mut own, mut usual) =
                 (settings, shadows::Settings { ambient: settings.ambient, ..Default::default() });

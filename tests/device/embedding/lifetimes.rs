@@ -1,0 +1,72 @@
+//! Renderers side by side, and what they leave behind.
+
+use super::*;
+
+/// Returns the names of this process's threads that are ours.
+fn own_threads() -> Vec<String> {
+    let tasks = std::fs::read_dir("/proc/self/task").unwrap();
+    let names =
+        tasks.filter_map(|task| std::fs::read_to_string(task.ok()?.path().join("comm")).ok());
+    let is_own = |name: &String| name.starts_with("pointillist") || name.trim() == "loader";
+    names.filter(is_own).collect()
+}
+
+/// A renderer that is dropped while it reads files and an index ends its threads.
+#[test]
+fn no_thread_reads_after_its_renderer() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("torus.las");
+    files::scan(&path, pointillist::synth::SceneKind::Torus, 2_000_000);
+    let index = indexed(&[&path], "");
+    let (_, camera) = scan(folder.path());
+    let mut application = Application::new(COLOR);
+    let targets = application.targets();
+    let mut most = 0;
+    for frames in [0, 1, 3, 10, 40] {
+        application.frame = 0;
+        let mut renderer = application.renderer();
+        for file in [&path, &index] {
+            renderer.open(std::slice::from_ref(file), &OpenSettings::default()).unwrap();
+        }
+        for _ in 0..frames {
+            application.draw(&mut renderer, targets, &[view_of(camera)], None);
+        }
+        let reading = own_threads().len();
+        most = most.max(reading);
+        drop(renderer);
+        println!("{frames} frames, {reading} threads, then {:?}", own_threads());
+        assert_eq!(own_threads(), Vec::<String>::new(), "after {frames} frames");
+    }
+    assert!(most > 0, "nothing is read");
+}
+
+/// Two renderers on two devices, drawing at the same time in two threads, draw what each does alone.
+#[test]
+fn renderers_on_two_devices_are_independent() {
+    let folder = tempfile::tempdir().unwrap();
+    let (path, camera) = scan(folder.path());
+    let drawn = |effect: &'static str| {
+        let path = path.clone();
+        move || {
+            let mut application = Application::new(COLOR);
+            let mut renderer = application.renderer();
+            renderer.set("effect", effect).unwrap();
+            renderer.open(&[path], &OpenSettings::default()).unwrap();
+            let targets = application.targets();
+            let (_, settled, _) = application.settle(&mut renderer, targets, &[view_of(camera)]);
+            for turn in 0..8 {
+                let mut moved = camera;
+                moved.eye += DVec3::splat((turn % 7) as f64 / 20.0);
+                application.draw(&mut renderer, targets, &[view_of(moved)], None);
+            }
+            let (_, after, _) = application.settle(&mut renderer, targets, &[view_of(camera)]);
+            assert!(settled == after);
+            settled
+        }
+    };
+    let effects = ["edl=on", "fill=off"];
+    let alone = effects.map(|effect| drawn(effect)());
+    let together = effects.map(|effect| std::thread::spawn(drawn(effect)));
+    let together = together.map(|thread| thread.join().unwrap());
+    assert!(alone == together && alone[0] != alone[1]);
+}
