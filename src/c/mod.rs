@@ -1,6 +1,7 @@
 //! The interface for C, behind the feature `c`: `include/pointillist.h`.
 //!
-//! Structs begin with their size, which their `_default` function sets, so that they can grow.
+//! Structs begin with their size, so that they can grow: their `_init` functions write as many bytes as
+//! the caller's struct has, and the header's `_default` functions call them.
 //! What the caller gives as a choice is an integer, so that every value may be checked.
 //! Every function returns a [`PointillistResult`]; on failure, outputs are as they were, and the
 //! last argument, which may be null, receives a message. Panics do not cross. A renderer is used by
@@ -15,7 +16,8 @@ use crate::renderer::{
     RendererOptions, Target, Targets, ViewCamera, check, enable_features,
 };
 use std::ffi::{CStr, c_char, c_void};
-use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::ops::{Deref, DerefMut};
+use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
 use std::path::PathBuf;
 
 /// Outcome of a function.
@@ -47,6 +49,31 @@ pub struct PointillistRenderer {
     renderer: Renderer,
     /// What the last frame shows.
     report: FrameReport,
+    /// Whether a call ended in a panic, which may have left it halfway.
+    faulty: bool,
+}
+
+/// A renderer during a call.
+struct Borrowed<'r>(&'r mut PointillistRenderer);
+
+impl Deref for Borrowed<'_> {
+    type Target = PointillistRenderer;
+
+    fn deref(&self) -> &PointillistRenderer {
+        self.0
+    }
+}
+
+impl DerefMut for Borrowed<'_> {
+    fn deref_mut(&mut self) -> &mut PointillistRenderer {
+        self.0
+    }
+}
+
+impl Drop for Borrowed<'_> {
+    fn drop(&mut self) {
+        self.0.faulty |= std::thread::panicking();
+    }
 }
 
 /// The host's Vulkan objects; handles are cast to integers.
@@ -271,6 +298,24 @@ fn guarded(error: *mut PointillistError, work: impl FnOnce() -> Result<()>) -> P
     result
 }
 
+/// Writes the default of a struct of a caller's size: members that it does not know are left out, and
+/// members that only it knows are 0.
+///
+/// # Safety
+/// `to` is null or has `size` bytes.
+unsafe fn init<T: Copy + Default>(to: *mut T, size: usize) {
+    if to.is_null() || size < size_of::<usize>() {
+        return;
+    }
+    let (value, bytes) = (T::default(), size.min(size_of::<T>()));
+    // SAFETY: as the caller ensures; every such struct begins with its size.
+    unsafe {
+        to.cast::<u8>().write_bytes(0, size);
+        std::ptr::copy_nonoverlapping((&raw const value).cast::<u8>(), to.cast::<u8>(), bytes);
+        to.cast::<usize>().write_unaligned(size);
+    }
+}
+
 /// Copies text, as much as there is room for, and ends it with 0.
 fn copy(text: &str, to: &mut [c_char]) {
     let Some(most) = to.len().checked_sub(1) else { return };
@@ -359,11 +404,17 @@ fn preset(value: i32) -> Result<Preset> {
     })
 }
 
+/// Returns the renderer for one call; ends the call as a panic does if an earlier one ended so.
+///
 /// # Safety
 /// `renderer` is null, or from [`pointillist_new`] and not freed.
-unsafe fn renderer<'r>(renderer: *mut PointillistRenderer) -> Result<&'r mut PointillistRenderer> {
+unsafe fn renderer<'r>(renderer: *mut PointillistRenderer) -> Result<Borrowed<'r>> {
     // SAFETY: as the caller ensures.
-    unsafe { renderer.as_mut() }.map_or_else(|| null("renderer"), Ok)
+    let renderer = unsafe { renderer.as_mut() }.map_or_else(|| null("renderer"), Ok)?;
+    if renderer.faulty {
+        resume_unwind(Box::new("an earlier call ended in a panic"));
+    }
+    Ok(Borrowed(renderer))
 }
 
 /// # Safety
@@ -414,105 +465,154 @@ pub extern "C" fn pointillist_version() -> u32 {
     POINTILLIST_VERSION
 }
 
-/// Returns a host without handles.
-#[unsafe(no_mangle)]
-pub extern "C" fn pointillist_host_default() -> PointillistHost {
-    PointillistHost {
-        size: size_of::<PointillistHost>(),
-        get_instance_proc_addr: std::ptr::null(),
-        instance: 0,
-        physical_device: 0,
-        device: 0,
-        queue_family: 0,
-        has_int64_atomics: 0,
-        has_debug_utils: 0,
-        memory_budget: 0,
-        point_budget: 0,
-        allocation_callbacks: std::ptr::null(),
-        allocate_memory: std::ptr::null(),
-        free_memory: std::ptr::null(),
+impl Default for PointillistHost {
+    fn default() -> PointillistHost {
+        PointillistHost {
+            size: size_of::<PointillistHost>(),
+            get_instance_proc_addr: std::ptr::null(),
+            instance: 0,
+            physical_device: 0,
+            device: 0,
+            queue_family: 0,
+            has_int64_atomics: 0,
+            has_debug_utils: 0,
+            memory_budget: 0,
+            point_budget: 0,
+            allocation_callbacks: std::ptr::null(),
+            allocate_memory: std::ptr::null(),
+            free_memory: std::ptr::null(),
+        }
     }
 }
 
-/// Returns a target without an image, of one sample.
+/// Writes a host without handles.
 #[unsafe(no_mangle)]
-pub extern "C" fn pointillist_target_default() -> PointillistTarget {
-    TARGET
+pub unsafe extern "C" fn pointillist_host_init(to: *mut PointillistHost, size: usize) {
+    // SAFETY: null, or of this size, as the caller ensures.
+    unsafe { init(to, size) }
 }
 
-/// Returns a view with unit matrices and no area.
-#[unsafe(no_mangle)]
-pub extern "C" fn pointillist_view_default() -> PointillistView {
-    let unit = glam::DMat4::IDENTITY.to_cols_array();
-    PointillistView {
-        size: size_of::<PointillistView>(),
-        view: unit,
-        projection: unit,
-        x: 0,
-        y: 0,
-        width: 0,
-        height: 0,
+impl Default for PointillistTarget {
+    fn default() -> PointillistTarget {
+        TARGET
     }
 }
 
-/// Returns a frame without targets and views, which writes depth.
+/// Writes a target without an image, of one sample.
 #[unsafe(no_mangle)]
-pub extern "C" fn pointillist_frame_default() -> PointillistFrame {
-    PointillistFrame {
-        size: size_of::<PointillistFrame>(),
-        number: 0,
-        safe: 0,
-        color: std::ptr::null(),
-        depth: std::ptr::null(),
-        writes_depth: 1,
-        linear: 0,
-        views: std::ptr::null(),
-        view_count: 0,
-        ids: std::ptr::null(),
-        normals: std::ptr::null(),
+pub unsafe extern "C" fn pointillist_target_init(to: *mut PointillistTarget, size: usize) {
+    // SAFETY: null, or of this size, as the caller ensures.
+    unsafe { init(to, size) }
+}
+
+impl Default for PointillistView {
+    fn default() -> PointillistView {
+        let unit = glam::DMat4::IDENTITY.to_cols_array();
+        PointillistView {
+            size: size_of::<PointillistView>(),
+            view: unit,
+            projection: unit,
+            x: 0,
+            y: 0,
+            width: 0,
+            height: 0,
+        }
     }
 }
 
-/// Returns an empty report.
+/// Writes a view with unit matrices and no area.
 #[unsafe(no_mangle)]
-pub extern "C" fn pointillist_report_default() -> PointillistReport {
-    let size = size_of::<PointillistReport>();
-    PointillistReport { size, points: 0, missing: 0, errors: 0, settled: false }
+pub unsafe extern "C" fn pointillist_view_init(to: *mut PointillistView, size: usize) {
+    // SAFETY: null, or of this size, as the caller ensures.
+    unsafe { init(to, size) }
 }
 
-/// Returns no points.
-#[unsafe(no_mangle)]
-pub extern "C" fn pointillist_points_default() -> PointillistPoints {
-    PointillistPoints {
-        size: size_of::<PointillistPoints>(),
-        count: 0,
-        positions_f64: std::ptr::null(),
-        positions_f32: std::ptr::null(),
-        colors: std::ptr::null(),
-        intensities: std::ptr::null(),
-        classes: std::ptr::null(),
-        steps: std::ptr::null(),
-        scale: [1.0; 3],
-        offset: [0.0; 3],
+impl Default for PointillistFrame {
+    fn default() -> PointillistFrame {
+        PointillistFrame {
+            size: size_of::<PointillistFrame>(),
+            number: 0,
+            safe: 0,
+            color: std::ptr::null(),
+            depth: std::ptr::null(),
+            writes_depth: 1,
+            linear: 0,
+            views: std::ptr::null(),
+            view_count: 0,
+            ids: std::ptr::null(),
+            normals: std::ptr::null(),
+        }
     }
 }
 
-/// Returns an answer that is not there yet.
+/// Writes a frame without targets and views, which writes depth.
 #[unsafe(no_mangle)]
-pub extern "C" fn pointillist_picked_default() -> PointillistPicked {
-    PointillistPicked {
-        size: size_of::<PointillistPicked>(),
-        answered: false,
-        met: false,
-        exact: false,
-        cloud: 0,
-        world: [0.0; 3],
-        position: [0.0; 3],
-        id: u32::MAX,
-        class_code: -1,
-        return_number: -1,
-        station: [0; 256],
+pub unsafe extern "C" fn pointillist_frame_init(to: *mut PointillistFrame, size: usize) {
+    // SAFETY: null, or of this size, as the caller ensures.
+    unsafe { init(to, size) }
+}
+
+impl Default for PointillistReport {
+    fn default() -> PointillistReport {
+        let size = size_of::<PointillistReport>();
+        PointillistReport { size, points: 0, missing: 0, errors: 0, settled: false }
     }
+}
+
+/// Writes an empty report.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn pointillist_report_init(to: *mut PointillistReport, size: usize) {
+    // SAFETY: null, or of this size, as the caller ensures.
+    unsafe { init(to, size) }
+}
+
+impl Default for PointillistPoints {
+    fn default() -> PointillistPoints {
+        PointillistPoints {
+            size: size_of::<PointillistPoints>(),
+            count: 0,
+            positions_f64: std::ptr::null(),
+            positions_f32: std::ptr::null(),
+            colors: std::ptr::null(),
+            intensities: std::ptr::null(),
+            classes: std::ptr::null(),
+            steps: std::ptr::null(),
+            scale: [1.0; 3],
+            offset: [0.0; 3],
+        }
+    }
+}
+
+/// Writes no points.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn pointillist_points_init(to: *mut PointillistPoints, size: usize) {
+    // SAFETY: null, or of this size, as the caller ensures.
+    unsafe { init(to, size) }
+}
+
+impl Default for PointillistPicked {
+    fn default() -> PointillistPicked {
+        PointillistPicked {
+            size: size_of::<PointillistPicked>(),
+            answered: false,
+            met: false,
+            exact: false,
+            cloud: 0,
+            world: [0.0; 3],
+            position: [0.0; 3],
+            id: u32::MAX,
+            class_code: -1,
+            return_number: -1,
+            station: [0; 256],
+        }
+    }
+}
+
+/// Writes an answer that is not there yet.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn pointillist_picked_init(to: *mut PointillistPicked, size: usize) {
+    // SAFETY: null, or of this size, as the caller ensures.
+    unsafe { init(to, size) }
 }
 
 /// Checks a physical device, before the host creates its device.
@@ -553,7 +653,7 @@ pub unsafe extern "C" fn pointillist_new(
         }
         // SAFETY: the pointers and handles are valid, as the caller ensures.
         unsafe {
-            let host = sized(host, pointillist_host_default(), "host")?;
+            let host = sized(host, PointillistHost::default(), "host")?;
             let usual = RendererOptions::default();
             let options = RendererOptions {
                 memory_budget: match host.memory_budget {
@@ -579,6 +679,7 @@ pub unsafe extern "C" fn pointillist_new(
             *out = Box::into_raw(Box::new(PointillistRenderer {
                 renderer,
                 report: FrameReport::default(),
+                faulty: false,
             }));
         }
         Ok(())
@@ -611,7 +712,7 @@ pub unsafe extern "C" fn pointillist_open(
     guarded(error, || {
         // SAFETY: the pointers are valid, as the caller ensures.
         unsafe {
-            let own = self::renderer(renderer)?;
+            let mut own = self::renderer(renderer)?;
             let names = array(files, file_count)?.map_or_else(|| null("files"), Ok)?;
             let path = |&name: &*const c_char| words(name, "a file").map(PathBuf::from);
             let paths = names.iter().map(path).collect::<Result<Vec<_>>>()?;
@@ -639,8 +740,8 @@ pub unsafe extern "C" fn pointillist_add_points(
     guarded(error, || {
         // SAFETY: the pointers are valid and have `count` points, as the caller ensures.
         unsafe {
-            let own = self::renderer(renderer)?;
-            let points = sized(points, pointillist_points_default(), "points")?;
+            let mut own = self::renderer(renderer)?;
+            let points = sized(points, PointillistPoints::default(), "points")?;
             if cloud.is_null() {
                 return null("cloud");
             }
@@ -667,12 +768,22 @@ pub unsafe extern "C" fn pointillist_add_points(
     })
 }
 
-/// Returns a buffer without points.
+impl Default for PointillistPointBuffer {
+    fn default() -> PointillistPointBuffer {
+        let size = size_of::<PointillistPointBuffer>();
+        let (buffer, offset, stride, count) = (0, 0, 12, 0);
+        PointillistPointBuffer { size, buffer, offset, stride, count, color_offset: u32::MAX }
+    }
+}
+
+/// Writes a buffer without points.
 #[unsafe(no_mangle)]
-pub extern "C" fn pointillist_point_buffer_default() -> PointillistPointBuffer {
-    let size = size_of::<PointillistPointBuffer>();
-    let (buffer, offset, stride, count) = (0, 0, 12, 0);
-    PointillistPointBuffer { size, buffer, offset, stride, count, color_offset: u32::MAX }
+pub unsafe extern "C" fn pointillist_point_buffer_init(
+    to: *mut PointillistPointBuffer,
+    size: usize,
+) {
+    // SAFETY: null, or of this size, as the caller ensures.
+    unsafe { init(to, size) }
 }
 
 /// Adds points of a buffer of the host's device as a cloud. The next frame copies them; the buffer is
@@ -687,8 +798,8 @@ pub unsafe extern "C" fn pointillist_add_buffer(
     guarded(error, || {
         // SAFETY: pointers and buffer are valid, as the caller ensures.
         unsafe {
-            let own = self::renderer(renderer)?;
-            let points = sized(points, pointillist_point_buffer_default(), "points")?;
+            let mut own = self::renderer(renderer)?;
+            let points = sized(points, PointillistPointBuffer::default(), "points")?;
             if cloud.is_null() {
                 return null("cloud");
             }
@@ -744,7 +855,7 @@ pub unsafe extern "C" fn pointillist_set_transform(
     guarded(error, || {
         // SAFETY: as the caller ensures.
         unsafe {
-            let own = self::renderer(renderer)?;
+            let mut own = self::renderer(renderer)?;
             let columns = columns.cast::<[f64; 16]>().as_ref();
             let columns = columns.map_or_else(|| null("columns"), Ok)?;
             own.renderer.set_transform(CloudId(cloud), columns)
@@ -798,7 +909,7 @@ pub unsafe extern "C" fn pointillist_set(
     guarded(error, || {
         // SAFETY: as the caller ensures.
         unsafe {
-            let own = self::renderer(renderer)?;
+            let mut own = self::renderer(renderer)?;
             own.renderer.set(words(name, "name")?, words(value, "value")?)
         }
     })
@@ -819,7 +930,7 @@ pub unsafe extern "C" fn pointillist_frame_clouds(
         // SAFETY: as the caller ensures.
         unsafe {
             let own = self::renderer(renderer)?;
-            let mut found = sized(view, pointillist_view_default(), "view")?;
+            let mut found = sized(view, PointillistView::default(), "view")?;
             let preset = self::preset(preset)?;
             let size = [found.width, found.height];
             if size.contains(&0) {
@@ -866,8 +977,8 @@ pub unsafe extern "C" fn pointillist_record(
     guarded(error, || {
         // SAFETY: the pointers and handles are valid, as the caller ensures.
         unsafe {
-            let own = self::renderer(renderer)?;
-            let frame = sized(frame, pointillist_frame_default(), "frame")?;
+            let mut own = self::renderer(renderer)?;
+            let frame = sized(frame, PointillistFrame::default(), "frame")?;
             if command_buffer == 0 {
                 return null("command_buffer");
             }
@@ -876,7 +987,7 @@ pub unsafe extern "C" fn pointillist_record(
                 let first = frame.views.cast::<u8>();
                 let apart = *first.cast::<usize>();
                 let view = first.add(number * apart).cast::<PointillistView>();
-                let view = sized(view, pointillist_view_default(), "a view")?;
+                let view = sized(view, PointillistView::default(), "a view")?;
                 let matrices = Matrices { view: view.view, projection: view.projection };
                 Ok(FrameView {
                     camera: ViewCamera::Matrices(matrices),
@@ -910,7 +1021,7 @@ pub unsafe extern "C" fn pointillist_record(
                     missing: found.missing as u64,
                     errors: found.errors.len() as u64,
                     settled: found.settled,
-                    ..pointillist_report_default()
+                    ..PointillistReport::default()
                 };
                 give(given, report, "report")?;
             }
@@ -963,7 +1074,7 @@ pub unsafe extern "C" fn pointillist_pick(
 ) -> PointillistResult {
     guarded(error, || {
         // SAFETY: as the caller ensures.
-        let (own, pick) = unsafe { (self::renderer(renderer)?, pick.as_mut()) };
+        let (mut own, pick) = unsafe { (self::renderer(renderer)?, pick.as_mut()) };
         let pick = pick.map_or_else(|| null("pick"), Ok)?;
         *pick = own.renderer.pick([x, y]).0;
         Ok(())
@@ -980,10 +1091,10 @@ pub unsafe extern "C" fn pointillist_picked(
 ) -> PointillistResult {
     guarded(error, || {
         // SAFETY: as the caller ensures.
-        let own = unsafe { self::renderer(renderer)? };
+        let mut own = unsafe { self::renderer(renderer)? };
         let found = match own.renderer.picked(PickId(pick)) {
-            Picked::Pending => pointillist_picked_default(),
-            Picked::Nothing => PointillistPicked { answered: true, ..pointillist_picked_default() },
+            Picked::Pending => PointillistPicked::default(),
+            Picked::Nothing => PointillistPicked { answered: true, ..PointillistPicked::default() },
             Picked::Point(point) => PointillistPicked {
                 answered: true,
                 met: true,
@@ -999,7 +1110,7 @@ pub unsafe extern "C" fn pointillist_picked(
                     copy(point.station.as_deref().unwrap_or_default(), &mut station);
                     station
                 },
-                ..pointillist_picked_default()
+                ..PointillistPicked::default()
             },
         };
         // SAFETY: as the caller ensures.
@@ -1026,12 +1137,12 @@ mod tests {
         let (mut cloud, mut pick) = (7, 7);
         let (name, value) = (c"style".as_ptr(), c"points".as_ptr());
         let file = [c"scan.laz".as_ptr()];
-        let points = pointillist_points_default();
-        let (buffer, unit) = (pointillist_point_buffer_default(), [0.0; 16]);
-        let (mut view, frame) = (pointillist_view_default(), pointillist_frame_default());
+        let points = PointillistPoints::default();
+        let (buffer, unit) = (PointillistPointBuffer::default(), [0.0; 16]);
+        let (mut view, frame) = (PointillistView::default(), PointillistFrame::default());
         let mut state = PointillistCloudState::Failed;
-        let mut picked = pointillist_picked_default();
-        let (host, mut made) = (pointillist_host_default(), none);
+        let mut picked = PointillistPicked::default();
+        let (host, mut made) = (PointillistHost::default(), none);
         let null = std::ptr::null::<u8>();
         let (to_cloud, to_pick, to_made) = (&raw mut cloud, &raw mut pick, &raw mut made);
         let (to_view, to_state, to_picked) = (&raw mut view, &raw mut state, &raw mut picked);
@@ -1077,11 +1188,11 @@ mod tests {
     #[test]
     fn sizes_are_read_as_far_as_they_go() {
         let of_size =
-            |size: usize| PointillistPoints { size, count: 5, ..pointillist_points_default() };
+            |size: usize| PointillistPoints { size, count: 5, ..PointillistPoints::default() };
         let read = |size: usize| {
             let points = of_size(size);
             // SAFETY: no more than the struct is read.
-            unsafe { sized(&raw const points, pointillist_points_default(), "points") }
+            unsafe { sized(&raw const points, PointillistPoints::default(), "points") }
         };
         for size in [0, 1, size_of::<usize>() - 1, (1 << 16) + 1, usize::MAX] {
             let refused = read(size).err().expect("a wrong size").to_string();
@@ -1090,6 +1201,29 @@ mod tests {
         // A caller that knows the size alone, and one that knows more than we do.
         assert_eq!(read(size_of::<usize>()).unwrap().count, 0);
         assert_eq!(read(size_of::<PointillistPoints>() + 64).unwrap().count, 5);
+    }
+
+    /// A caller of an older header, and one of a newer.
+    #[test]
+    fn defaults_are_as_large_as_the_caller_says() {
+        const LARGEST: usize = size_of::<PointillistView>() + 32;
+        for size in [0, 4, size_of::<usize>(), 40, size_of::<PointillistView>(), LARGEST] {
+            let mut memory = [0xAAu8; LARGEST + 8];
+            // SAFETY: the memory has more bytes than that.
+            unsafe { pointillist_view_init(memory.as_mut_ptr().cast(), size) };
+            let written = if size < size_of::<usize>() { 0 } else { size };
+            assert!(memory[written..].iter().all(|byte| *byte == 0xAA), "{size}");
+            if written > 0 {
+                assert_eq!(memory[..size_of::<usize>()], size.to_ne_bytes());
+            }
+            if size == LARGEST {
+                assert!(
+                    memory[size_of::<PointillistView>()..LARGEST].iter().all(|byte| *byte == 0)
+                );
+            }
+        }
+        // SAFETY: null is left alone.
+        unsafe { pointillist_view_init(std::ptr::null_mut(), LARGEST) };
     }
 
     #[test]
@@ -1103,7 +1237,7 @@ mod tests {
         // SAFETY: refused before anything is read.
         let said = refused(|error| unsafe { pointillist_enable_features(null, 2, error) });
         assert_eq!(said, "optional is 2; give 0 or 1");
-        let host = PointillistHost { has_debug_utils: 255, ..pointillist_host_default() };
+        let host = PointillistHost { has_debug_utils: 255, ..PointillistHost::default() };
         let mut made = std::ptr::null_mut();
         // SAFETY: as above.
         let said =

@@ -14,9 +14,10 @@ fn header() -> String {
         documentation_style: cbindgen::DocumentationStyle::C99,
         line_length: 100,
         header: Some(
-            "// Point clouds drawn into a Vulkan application's images: docs in the guide, \"embedding\".\n//\n// Structs begin with their size, which their _default function sets. Every function returns a\n// PointillistResult; on failure, outputs are as they were, and `error`, which may be NULL, has a\n// message. Handles are cast to uint64_t. A renderer is used by one thread at a time."
+            "// Point clouds drawn into a Vulkan application's images: docs in the guide, \"embedding\".\n//\n// Structs begin with their size, which their _default function sets: as many bytes as this header\n// knows, so that older hosts run with newer libraries. Every function returns a PointillistResult; on\n// failure, outputs are as they were, and `error`, which may be NULL, has a message. Handles are cast\n// to uint64_t. A renderer is used by one thread at a time."
                 .into(),
         ),
+        trailer: Some(defaults()),
         ..cbindgen::Config::default()
     };
     // Functions take its numbers as integers.
@@ -32,6 +33,25 @@ fn header() -> String {
         .expect("src/c is what cbindgen understands")
         .write(&mut text);
     String::from_utf8(text).expect("text")
+}
+
+/// Returns functions of the header, which give a struct as the caller knows it, whatever the size that
+/// the library knows.
+fn defaults() -> String {
+    let source = include_str!("../../src/c/mod.rs");
+    let names = source.match_indices("_init(to: *mut ").map(|(at, found)| {
+        let name = source[..at].rsplit("pointillist_").next().expect("a name");
+        let kind = source[at + found.len()..].split(',').next().expect("a type");
+        format!(
+            "static inline {kind} pointillist_{name}_default(void) {{\n  {kind} value;\n  \
+             pointillist_{name}_init(&value, sizeof value);\n  return value;\n}}\n"
+        )
+    });
+    let functions: Vec<String> = names.collect();
+    format!(
+        "#ifndef POINTILLIST_DEFAULTS\n#define POINTILLIST_DEFAULTS\n\n{}\n#endif",
+        functions.join("\n")
+    )
 }
 
 #[test]
