@@ -1,8 +1,9 @@
 // Point clouds drawn into a Vulkan application's images: docs in the guide, "embedding".
 //
-// Structs begin with their size, which their _default function sets. Every function returns a
-// PointillistResult; on failure, outputs are as they were, and `error`, which may be NULL, has a
-// message. Handles are cast to uint64_t. A renderer is used by one thread at a time.
+// Structs begin with their size, which their _default function sets: as many bytes as this header
+// knows, so that older hosts run with newer libraries. Every function returns a PointillistResult; on
+// failure, outputs are as they were, and `error`, which may be NULL, has a message. Handles are cast
+// to uint64_t. A renderer is used by one thread at a time.
 
 #ifndef POINTILLIST_H
 #define POINTILLIST_H
@@ -231,26 +232,26 @@ extern "C" {
 // Returns the version of the library's interface, to be compared with POINTILLIST_VERSION.
 uint32_t pointillist_version(void);
 
-// Returns a host without handles.
-struct PointillistHost pointillist_host_default(void);
+// Writes a host without handles.
+void pointillist_host_init(struct PointillistHost *to, size_t size);
 
-// Returns a target without an image, of one sample.
-struct PointillistTarget pointillist_target_default(void);
+// Writes a target without an image, of one sample.
+void pointillist_target_init(struct PointillistTarget *to, size_t size);
 
-// Returns a view with unit matrices and no area.
-struct PointillistView pointillist_view_default(void);
+// Writes a view with unit matrices and no area.
+void pointillist_view_init(struct PointillistView *to, size_t size);
 
-// Returns a frame without targets and views, which writes depth.
-struct PointillistFrame pointillist_frame_default(void);
+// Writes a frame without targets and views, which writes depth.
+void pointillist_frame_init(struct PointillistFrame *to, size_t size);
 
-// Returns an empty report.
-struct PointillistReport pointillist_report_default(void);
+// Writes an empty report.
+void pointillist_report_init(struct PointillistReport *to, size_t size);
 
-// Returns no points.
-struct PointillistPoints pointillist_points_default(void);
+// Writes no points.
+void pointillist_points_init(struct PointillistPoints *to, size_t size);
 
-// Returns an answer that is not there yet.
-struct PointillistPicked pointillist_picked_default(void);
+// Writes an answer that is not there yet.
+void pointillist_picked_init(struct PointillistPicked *to, size_t size);
 
 // Checks a physical device, before the host creates its device.
 enum PointillistResult pointillist_check(const void *get_instance_proc_addr,
@@ -288,8 +289,8 @@ enum PointillistResult pointillist_add_points(struct PointillistRenderer *render
                                               uint64_t *cloud,
                                               struct PointillistError *error);
 
-// Returns a buffer without points.
-struct PointillistPointBuffer pointillist_point_buffer_default(void);
+// Writes a buffer without points.
+void pointillist_point_buffer_init(struct PointillistPointBuffer *to, size_t size);
 
 // Adds points of a buffer of the host's device as a cloud. The next frame copies them; the buffer is
 // not changed until the device has completed it.
@@ -373,3 +374,50 @@ enum PointillistResult pointillist_picked(struct PointillistRenderer *renderer,
 #endif  // __cplusplus
 
 #endif  /* POINTILLIST_H */
+
+#ifndef POINTILLIST_DEFAULTS
+#define POINTILLIST_DEFAULTS
+
+static inline PointillistHost pointillist_host_default(void) {
+  PointillistHost value;
+  pointillist_host_init(&value, sizeof value);
+  return value;
+}
+
+static inline PointillistTarget pointillist_target_default(void) {
+  PointillistTarget value;
+  pointillist_target_init(&value, sizeof value);
+  return value;
+}
+
+static inline PointillistView pointillist_view_default(void) {
+  PointillistView value;
+  pointillist_view_init(&value, sizeof value);
+  return value;
+}
+
+static inline PointillistFrame pointillist_frame_default(void) {
+  PointillistFrame value;
+  pointillist_frame_init(&value, sizeof value);
+  return value;
+}
+
+static inline PointillistReport pointillist_report_default(void) {
+  PointillistReport value;
+  pointillist_report_init(&value, sizeof value);
+  return value;
+}
+
+static inline PointillistPoints pointillist_points_default(void) {
+  PointillistPoints value;
+  pointillist_points_init(&value, sizeof value);
+  return value;
+}
+
+static inline PointillistPicked pointillist_picked_default(void) {
+  PointillistPicked value;
+  pointillist_picked_init(&value, sizeof value);
+  return value;
+}
+
+#endif
