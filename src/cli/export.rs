@@ -137,7 +137,7 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
     check_extension(output, &ENDINGS)?;
     let selection = arguments.selection()?;
     let added: Scalars = arguments.add.into_iter().collect();
-    let wanted = selection.filter.wanted();
+    let wanted = selection.wanted();
     let wanted = ColumnSet { scalars: wanted.scalars.and(added), ..wanted };
     let options = reading(&arguments.text, &arguments.colors, wanted, arguments.strict);
     let input = open(&arguments.files, &options, progress)?;

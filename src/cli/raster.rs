@@ -107,16 +107,15 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
     check_extension(output, &["tif", "tiff"])?;
     let no_data = value.no_data(arguments.no_data)?;
     let no_data_text = no_data.map(|own| own.text(*value));
-    let filter = arguments.filters.filter();
+    let (filter, clips) = (arguments.filters.filter(), arguments.clips.clips());
+    let opacities = Opacities(arguments.opacity.clone());
+    let selection = Selection { filter, clips, opacities, ..Selection::default() };
     let options = ReadOptions {
         text: arguments.text.options(),
         rgb_range: arguments.colors.rgb_range,
-        ..ReadOptions::new(filter.wanted().and(value.wanted()), arguments.strict)
+        ..ReadOptions::new(selection.wanted().and(value.wanted()), arguments.strict)
     };
     let input = export::open(&arguments.files, &options, progress)?;
-    let clips = arguments.clips.clips();
-    let opacities = Opacities(arguments.opacity.clone());
-    let selection = Selection { filter, clips, opacities, ..Selection::default() };
     // The points' own bounds, since headers may be wrong.
     let counted = count(&input, &selection, progress)?;
     counted.notes.iter().for_each(streams::note);

@@ -18,6 +18,7 @@ pub mod raster;
 mod table;
 mod thin;
 
+use crate::cloud::ColumnSet;
 use crate::cloud::filter::{Filter, Present, grouped};
 use crate::cloud::scalar::{Scalar, Scalars};
 use crate::error::{Error, Result};
@@ -42,6 +43,14 @@ pub struct Selection {
 }
 
 impl Selection {
+    /// Returns the columns that tell which points are left.
+    pub fn wanted(&self) -> ColumnSet {
+        let kind = self.opacities.needs_kinds();
+        let of_kinds =
+            ColumnSet { class: kind, returns: kind, source: kind, ..ColumnSet::default() };
+        self.filter.wanted().and(of_kinds)
+    }
+
     /// Returns the options that leave points out, as on the command line.
     fn words(&self) -> String {
         let mut words = Vec::new();

@@ -148,7 +148,7 @@ fn parts_have_the_rows_and_the_frames_of_the_whole() {
             .map(|name| std::fs::read(place.at(&format!("{name}-000{frame}.png"))).unwrap());
         assert!(whole == part, "frame {frame}");
     }
-    let said = failed(&place.render("street.las", "no.png", "--size 64x48 --part 2/2"), 1);
+    let said = failed(&place.render("street.las", "no.png", "--size 64x48 --part 1/2"), 1);
     assert!(said.contains("has none of the 48 rows"), "{said}");
     let said = failed(&turn("turn.mp4", "--part 1/2"), 1);
     assert!(said.contains("--part is for numbered frames"), "{said}");
