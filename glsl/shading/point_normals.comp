@@ -26,7 +26,7 @@ layout(scalar) readonly buffer Facings { uvec2 page[]; } facings;
 layout(rgba32f) writeonly uniform image2D facing;
 
 layout(constant_id = 0) const bool PERSPECTIVE = true;
-// Whether a linear map has changed lengths.
+// True if a linear map has changed lengths.
 layout(constant_id = 1) const bool MAPPED = false;
 
 layout(push_constant, scalar) uniform Push {

@@ -47,9 +47,9 @@ pub struct PointillistError {
 /// A renderer.
 pub struct PointillistRenderer {
     renderer: Renderer,
-    /// What the last frame shows.
+    /// Report of the last frame.
     report: FrameReport,
-    /// Whether a call ended in a panic, which may have left it halfway.
+    /// True after a call that ended in a panic, which may have left it halfway.
     faulty: bool,
 }
 

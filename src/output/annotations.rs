@@ -279,7 +279,7 @@ impl Sheet<'_> {
         let label = format!("{} {unit}", number(length, length));
         let middle = format!("{label} in the middle");
         let away = format!("{middle}, {} {unit} away", number(depth, round_below(depth / 10.0)));
-        // As much is said as there is room for.
+        // Leaves out what has no room.
         let fits = |label: &String| self.width_of(label) <= inner.width();
         let label = match projection {
             Projection::Orthographic => label,

@@ -27,7 +27,7 @@ impl Part {
         (start < end).then_some(start..end)
     }
 
-    /// Returns this part of so many frames or blocks.
+    /// Returns the numbers of this part among all frames or blocks.
     pub fn range(self, total: u64) -> Range<u64> {
         (self.number - 1) * total / self.of..self.number * total / self.of
     }

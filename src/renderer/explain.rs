@@ -1,4 +1,4 @@
-//! What a frame shows, and why, as text.
+//! Text about what a frame shows, and why.
 
 use super::{CloudState, FrameReport, Renderer};
 use std::fmt::Write;

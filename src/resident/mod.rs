@@ -62,7 +62,7 @@ pub struct ResidentNode {
     pub planes: u32,
     /// Point spacing in the cloud's own coordinates `[m]`; see [`ResidentNode::spacing`].
     pub own_spacing: f64,
-    /// What it is drawn through.
+    /// Linear map of its places.
     pub map: LinearMap,
     /// How its points lie, clump by clump.
     pub clumps: Arc<[Clump]>,
@@ -183,7 +183,7 @@ pub struct Resident {
     light: Option<Box<ShadowContents>>,
     /// Clip boxes, in the cloud's own coordinates.
     pub clips: Clips,
-    /// What the cloud is drawn through.
+    /// Linear map of the cloud's places.
     map: LinearMap,
 }
 

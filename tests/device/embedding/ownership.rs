@@ -1,7 +1,7 @@
 //! Images that another queue family owns before and after a frame.
 //!
-//! Of software drivers none has two families. So the other one is that of another device or process,
-//! to which images are given and from which they are taken in the same way.
+//! Software drivers have one family each. The other one is therefore that of another device or
+//! process, to which images are given and from which they are taken in the same way.
 
 use super::*;
 use crate::counting::{ImageBarrier, image_barriers};
