@@ -7,7 +7,7 @@
 //!   ([`crate::tune::governor`]), and as it was asked for once it has stopped; again while nodes
 //!   of an index arrive, and while a picture at rest is refined ([`FrameConfig::progressive`]).
 //! - It uploads a loaded cloud, a few milliseconds at a time, while the old one is still drawn.
-//! - It saves pictures, tile by tile, when there is nothing to draw.
+//! - It saves pictures, piece by piece, when there is nothing to draw.
 //!
 //! Otherwise it sleeps until a message comes. A frame that is superseded is not finished.
 //!
@@ -169,7 +169,7 @@ impl Inbox {
         Superseded { posted: &self.urgent, handled: self.urgent_handled }
     }
 
-    /// Interrupts saving: by changes of the picture alone, since a tile that is begun again at every
+    /// Interrupts saving: by changes of the picture alone, since a piece that is begun again at every
     /// answer of the panel would never be done.
     fn picture_superseded(&self) -> Superseded<'_> {
         Superseded { posted: &self.posted, handled: self.handled }

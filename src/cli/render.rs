@@ -50,7 +50,7 @@ Examples:
   pointillist render scan.laz -o out.png --time 50ms         the most accurate picture in this time; see `tune`
   pointillist render scan.laz -o out.png --error 0.5px       the fastest with this error against the finest; or 0.2% of depth
   pointillist render scan.laz -o map.png --view top --color elevation --legend --scale-bar --axes
-  pointillist render scan.laz -o poster.png --size 40000x20000    in tiles, without seams
+  pointillist render scan.laz -o poster.png --size 40000x20000    in pieces, without seams
   pointillist render scan.laz -o out.png --scene scene.json  a scene saved by the window
   pointillist render scan.laz -o tour.png --path tour.json   tour-0001.png and so on, along a camera path
   pointillist render scan.laz -o tour.mp4 --path tour.json   the same as a film; needs ffmpeg
@@ -94,9 +94,6 @@ pub struct Arguments {
     /// and the device's largest image]
     #[arg(long, value_name = "PIXELS", value_parser = clap::value_parser!(u32).range(8..), conflicts_with_all = ["path", "turntable"])]
     pub piece: Option<u32>,
-    /// Draw in tiles of at most this many pixels a side, as the window saves pictures; for tests
-    #[arg(long, hide = true, value_name = "PIXELS", value_parser = clap::value_parser!(u32).range(8..), conflicts_with_all = ["path", "turntable"])]
-    pub tile: Option<u32>,
     /// Draw a map with --view top, north up, of pixels of this size, in the files' unit; metres for
     /// coordinates in degrees. Edges of pixels are multiples of it. `pointillist raster` writes
     /// heights, intensities and counts
@@ -260,7 +257,6 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
     let rows = arguments.rows(view.size)?;
     if placed.is_some()
         || arguments.part.is_some()
-        || arguments.tile.is_some()
         || tiled::needs_pieces(&renderer.gpu, view.size, arguments.piece)
     {
         let mut lod = picture.detail.lod();
@@ -271,8 +267,8 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
             streams::note(chosen.line(None));
             lod = chosen.cut;
         }
-        let Arguments { piece, tile, .. } = *arguments;
-        let wanted = PictureRequest { view, lod, rows, piece, tile, over };
+        let piece = arguments.piece;
+        let wanted = PictureRequest { view, lod, rows, piece, over };
         return in_pieces(arguments, wanted, placed, &mut renderer, cloud, progress);
     }
     let chosen = match limit.zip(index) {

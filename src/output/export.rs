@@ -1,7 +1,7 @@
 //! Export of a frame: picture and layers as PNG and EXR.
 
 use crate::error::{Error, Result};
-use crate::graph::{Buffer, CompletedSubmission, Graph};
+use crate::graph::{Buffer, CompletedSubmission, Graph, Pause};
 use crate::output::image_io::{self, Samples};
 use crate::output::overlay::Overlay;
 use crate::output::tiled::{self, PictureRequest};
@@ -76,6 +76,7 @@ pub fn write(
     request: &PictureRequest,
     path: &Path,
     progress: &dyn Progress,
+    pause: Option<&mut Pause>,
 ) -> Result<Vec<String>> {
     let PictureRequest { view, lod, .. } = request;
     if tiled::needs_pieces(&renderer.gpu, view.size, None) {
@@ -86,7 +87,7 @@ pub fn write(
     }
     let taken = renderer.load(cloud, view, &lod.of(view.size), progress)?;
     let config = renderer.config(cloud, view)?;
-    let done = renderer.draw(cloud, view, &config, progress, |g, outcome| {
+    let done = renderer.draw_pausing(cloud, view, &config, progress, pause, |g, outcome| {
         Downloads::ask(g, outcome, false, true)
     })?;
     done.asked.write(&done.frame, view.size, None, Some(path), Overlay::default())?;

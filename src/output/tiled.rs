@@ -9,13 +9,12 @@
 //! pieces therefore meet without a seam, bit by bit (`tests/program/tiled.rs`). One row of pieces is
 //! in memory at a time.
 //!
-//! A window draws smaller tiles, one at a time, between its other work ([`TiledPicture`]). Nodes
-//! are still loaded for whole pieces, so the picture does not depend on tiles.
+//! A window draws pieces one at a time, between its other work ([`TiledPicture`]).
 
 use crate::atomic_file::{AtomicFile, finish_together};
 use crate::config::WHOLE_PIXELS;
 use crate::error::{Error, Result};
-use crate::graph::Gpu;
+use crate::graph::{Gpu, Pause};
 use crate::output::image_io::PngRows;
 use crate::output::overlay::Overlay;
 use crate::passes::{LEAST_BLOCK_PX, encode, visibility};
@@ -131,9 +130,6 @@ pub struct PictureRequest {
     pub rows: Range<u32>,
     /// Most pixels per side of a piece.
     pub piece: Option<u32>,
-    /// Most pixels per side of a tile, to return to the caller between tiles. The picture stays the
-    /// same, bit by bit.
-    pub tile: Option<u32>,
     /// Drawn over the picture.
     pub over: Overlay,
 }
@@ -150,29 +146,17 @@ pub struct TiledPicture {
 struct Drawing {
     request: PictureRequest,
     plan: Option<Plan>,
-    /// The pixels of one row of tiles.
+    /// The pixels of one row of pieces.
     pixels: Vec<u8>,
     /// Warnings: unreadable parts, and settings without effect.
     notes: Vec<String>,
 }
 
-/// The configuration and the tiles to draw.
+/// The configuration and the pieces to draw.
 struct Plan {
     config: FrameConfig,
-    tiles: Vec<Tile>,
+    pieces: Vec<Piece>,
     done: usize,
-}
-
-/// A tile, and the piece for which nodes are loaded.
-#[derive(Clone, Copy)]
-struct Tile {
-    part: Piece,
-    /// The window of the piece.
-    loaded: View,
-    /// First row of pixels and number of rows of this row of tiles or pieces.
-    row: [u32; 2],
-    /// Whether this tile completes its row.
-    is_last: bool,
 }
 
 impl TiledPicture {
@@ -187,20 +171,21 @@ impl TiledPicture {
         &self.path
     }
 
-    /// Returns the number of drawn tiles and of all tiles; `None` before the first.
+    /// Returns the number of drawn pieces and of all pieces; `None` before the first.
     pub fn so_far(&self) -> Option<(usize, usize)> {
-        self.drawing.plan.as_ref().map(|plan| (plan.done, plan.tiles.len()))
+        self.drawing.plan.as_ref().map(|plan| (plan.done, plan.pieces.len()))
     }
 
-    /// Draws one more tile. Returns whether it was the last. If `progress` cancels it, the call has
-    /// no effect.
+    /// Draws one more piece. Returns whether it was the last. If `progress` or `pause` cancels it,
+    /// the call has no effect.
     pub fn step(
         &mut self,
         renderer: &mut Renderer,
         cloud: CloudId,
         progress: &dyn Progress,
+        pause: Option<&mut Pause>,
     ) -> Result<bool> {
-        self.drawing.step(renderer, cloud, progress, &mut |pixels| self.rows.write(pixels))
+        self.drawing.step(renderer, cloud, progress, pause, &mut |pixels| self.rows.write(pixels))
     }
 
     /// Completes the file and returns the warnings.
@@ -223,14 +208,15 @@ impl Drawing {
         renderer: &mut Renderer,
         cloud: CloudId,
         progress: &dyn Progress,
+        pause: Option<&mut Pause>,
         put: &mut Put,
     ) -> Result<bool> {
         let mut plan = match self.plan.take() {
             Some(plan) => plan,
             None => self.plan(renderer, cloud, progress)?,
         };
-        let drawn = self.draw_next(&mut plan, renderer, cloud, progress, put);
-        let is_whole = plan.done == plan.tiles.len();
+        let drawn = self.draw_next(&mut plan, renderer, cloud, progress, pause, put);
+        let is_whole = plan.done == plan.pieces.len();
         self.plan = Some(plan);
         drawn.map(|()| is_whole)
     }
@@ -241,7 +227,7 @@ impl Drawing {
         cloud: CloudId,
         progress: &dyn Progress,
     ) -> Result<Plan> {
-        let PictureRequest { view, lod, piece, tile, rows, .. } = self.request.clone();
+        let PictureRequest { view, lod, piece, rows, .. } = self.request.clone();
         // For a picture in pieces, effects are decided by as much of the cloud as shows the whole
         // picture on a screen.
         let overview =
@@ -251,13 +237,7 @@ impl Drawing {
         let config = renderer.config(cloud, &view)?;
         self.note(config.warnings(renderer.cloud(cloud)?.1.resident()));
         let pieces = Pieces::of(&renderer.gpu, &view, &config, piece, rows)?;
-        let block = config.block_px();
-        let side_and_border = tile
-            .zip(config.reach_px(&view))
-            .map(|(side, reach)| [side.max(1), reach].map(|px| px.next_multiple_of(block)).into());
-        let tiles =
-            pieces.rows().flat_map(|row| row_of_tiles(&view, &row, side_and_border)).collect();
-        Ok(Plan { config, tiles, done: 0 })
+        Ok(Plan { config, pieces: pieces.rows().flatten().collect(), done: 0 })
     }
 
     fn draw_next(
@@ -266,28 +246,30 @@ impl Drawing {
         renderer: &mut Renderer,
         cloud: CloudId,
         progress: &dyn Progress,
+        pause: Option<&mut Pause>,
         put: &mut Put,
     ) -> Result<()> {
-        let Tile { part, loaded, row: [top, height], is_last } = plan.tiles[plan.done];
+        let part = plan.pieces[plan.done];
         let PictureRequest { view, lod, .. } = &self.request;
         let (done, total, width) =
-            (plan.done as u64, plan.tiles.len() as u64, view.size[0] as usize);
+            (plan.done as u64, plan.pieces.len() as u64, view.size[0] as usize);
         let whole = Whole { progress, doing: "drawing pieces", done, total };
+        let window = view.window(part.window_corner.map(|at| at as i32), part.window_size);
         let taken = renderer.load(
             cloud,
-            &loaded,
-            &lod.of(loaded.size),
+            &window,
+            &lod.of(window.size),
             if total > 1 { &whole } else { progress },
         )?;
-        let window = view.window(part.window_corner.map(|at| at as i32), part.window_size);
-        self.pixels.resize(3 * width * height as usize, 0);
-        let done = renderer.draw(cloud, &window, &plan.config, &whole, |g, outcome| {
-            encode::download(g, &outcome.picture)
-        })?;
-        cut_out(&done.asked.read(&done.frame), &part, top, width, &mut self.pixels);
+        self.pixels.resize(3 * width * part.size[1] as usize, 0);
+        let done =
+            renderer.draw_pausing(cloud, &window, &plan.config, &whole, pause, |g, outcome| {
+                encode::download(g, &outcome.picture)
+            })?;
+        cut_out(&done.asked.read(&done.frame), &part, width, &mut self.pixels);
         self.note(notes_of(taken));
         self.note(done.notes);
-        if is_last {
+        if part.corner[0] as usize + part.size[0] as usize == width {
             put(&self.pixels)?;
             self.pixels.clear();
         }
@@ -308,43 +290,6 @@ fn notes_of(taken: Option<SelectionReport>) -> Vec<String> {
     taken.map_or(Vec::new(), |taken| taken.notes)
 }
 
-/// Divides a row of pieces into tiles of this side with these borders; keeps it as it is if `None`.
-fn row_of_tiles(view: &View, row: &[Piece], side_and_border: Option<(u32, u32)>) -> Vec<Tile> {
-    let loaded =
-        |piece: &Piece| view.window(piece.window_corner.map(|at| at as i32), piece.window_size);
-    let Some(first) = row.first() else { return Vec::new() };
-    let whole_row = [first.corner[1], first.size[1]];
-    let mut tiles = Vec::new();
-    for piece in row {
-        let Some((side, border)) = side_and_border else {
-            tiles.push(Tile {
-                part: *piece,
-                loaded: loaded(piece),
-                row: whole_row,
-                is_last: false,
-            });
-            continue;
-        };
-        let [right, bottom] = [0, 1].map(|axis| piece.corner[axis] + piece.size[axis]);
-        for y in (piece.corner[1]..bottom).step_by(side as usize) {
-            // Pieces side by side complete their row with the last of them.
-            let row_of_tiles = if row.len() == 1 { [y, side.min(bottom - y)] } else { whole_row };
-            for x in (piece.corner[0]..right).step_by(side as usize) {
-                let end = [(x + side).min(right), (y + side).min(bottom)];
-                let is_last = row.len() == 1 && end[0] == right;
-                tiles.push(Tile {
-                    part: Piece::around([x, y], end, border, view.size),
-                    loaded: loaded(piece),
-                    row: row_of_tiles,
-                    is_last,
-                });
-            }
-        }
-    }
-    tiles.last_mut().into_iter().for_each(|tile| tile.is_last = true);
-    tiles
-}
-
 /// Draws a picture, 8-bit RGB, and gives its rows to `put`. Returns warnings.
 pub fn draw(
     renderer: &mut Renderer,
@@ -363,7 +308,7 @@ pub fn draw(
         rows += pixels.len() / (3 * width);
         put(&blended)
     };
-    while !drawing.step(renderer, cloud, progress, &mut put)? {}
+    while !drawing.step(renderer, cloud, progress, None, &mut put)? {}
     Ok(drawing.notes)
 }
 
@@ -376,7 +321,7 @@ pub fn write(
     progress: &dyn Progress,
 ) -> Result<Vec<String>> {
     let mut picture = TiledPicture::begin(request, path)?;
-    while !picture.step(renderer, cloud, progress)? {}
+    while !picture.step(renderer, cloud, progress, None)? {}
     picture.finish()
 }
 
@@ -390,20 +335,19 @@ pub fn write_map(
     progress: &dyn Progress,
 ) -> Result<Vec<String>> {
     let mut picture = TiledPicture::begin(request, path)?;
-    while !picture.step(renderer, cloud, progress)? {}
+    while !picture.step(renderer, cloud, progress, None)? {}
     finish_together([world, picture.rows.complete()?])?;
     Ok(picture.drawing.notes)
 }
 
-/// Copies the middle of a window to its place in `pixels`, whose first row is `first_row` and which
-/// are `width` pixels wide.
-fn cut_out(bytes: &[&[u8]], part: &Piece, first_row: u32, width: usize, pixels: &mut [u8]) {
+/// Copies the middle of a window to its place in `pixels`, a row of pieces that is `width` pixels
+/// wide.
+fn cut_out(bytes: &[&[u8]], part: &Piece, width: usize, pixels: &mut [u8]) {
     let rows = bytes.iter().flat_map(|strip| strip.chunks_exact(3 * part.window_size[0] as usize));
     let [left, top] = [0, 1].map(|axis| (part.corner[axis] - part.window_corner[axis]) as usize);
     let [across, down] = part.size.map(|side| side as usize);
     for (y, row) in rows.skip(top).take(down).enumerate() {
-        let at =
-            3 * (((part.corner[1] - first_row) as usize + y) * width + part.corner[0] as usize);
+        let at = 3 * (y * width + part.corner[0] as usize);
         pixels[at..at + 3 * across].copy_from_slice(&row[3 * left..3 * (left + across)]);
     }
 }

@@ -8,7 +8,7 @@ use super::{Camera, CloudId, CloudState, Renderer, RendererOptions, picture};
 use crate::cloud::attribute::DisplayAttribute;
 use crate::error::{Error, Result};
 use crate::gpu::DeviceOptions;
-use crate::graph::{CompletedSubmission, Gpu, Graph};
+use crate::graph::{CompletedSubmission, Gpu, Graph, Pause};
 use crate::passes::{encode, tile_stats};
 use crate::progress::{Progress, Silent};
 use crate::render::frame::{self, Outcome};
@@ -176,12 +176,30 @@ impl Renderer {
         progress: &dyn Progress,
         ask: impl FnOnce(&mut Graph, &Outcome) -> Result<T>,
     ) -> Result<Done<T>> {
+        self.draw_pausing(id, view, config, progress, None, ask)
+    }
+
+    /// Draws as [`Renderer::draw`]. A software device calls `pause` every few milliseconds; its error
+    /// ends the call.
+    pub fn draw_pausing<T>(
+        &mut self,
+        id: CloudId,
+        view: &View,
+        config: &FrameConfig,
+        progress: &dyn Progress,
+        pause: Option<&mut Pause>,
+        ask: impl FnOnce(&mut Graph, &Outcome) -> Result<T>,
+    ) -> Result<Done<T>> {
         let (gpu, cloud) = self.cloud(id)?;
         let mut g = Graph::new(gpu).with_progress(progress);
         let outcome = frame::record(&mut g, view, cloud.resident(), config)?;
         let asked = ask(&mut g, &outcome)?;
         let warned = tile_stats::Warned::ask(&mut g, &config.effects, &outcome.gbuffer);
-        let frame = g.submit_and_wait(&[])?;
+        let submitted = match pause {
+            Some(pause) => g.submit_pausing(&[], pause)?,
+            None => g.submit_async(&[])?,
+        };
+        let frame = submitted.finish(gpu)?;
         let strokes = outcome.strokes.and_then(|painted| painted.facts.note());
         let notes = warned.note(&frame).into_iter().chain(strokes).collect();
         Ok(Done { frame, asked, notes })

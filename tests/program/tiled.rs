@@ -55,14 +55,6 @@ fn no_seam_shows_whatever_is_drawn() {
         let drawn = whole.pixels.iter().filter(|pixel| **pixel != whole.pixels[0]).count();
         assert!(drawn > 5000, "{look}: {drawn} pixels are drawn");
         assert_eq!(differ, 0, "{look}");
-        // Windows save pictures in tiles.
-        succeeded(&place.render("street.las", "tiles.png", &format!("{size} {look} --tile 72")));
-        assert!(read_png(&place.at("tiles.png")).pixels == whole.pixels, "{look}");
-        assert!(
-            std::fs::read(place.at("tiles.png")).unwrap()
-                == std::fs::read(place.at("whole.png")).unwrap(),
-            "{look}"
-        );
     }
 }
 
@@ -85,36 +77,6 @@ fn samples_of_an_index_meet_without_a_seam_that_could_be_seen() {
     let off = |(a, b): (&[u8; 3], &[u8; 3])| (0..3).map(|c| a[c].abs_diff(b[c])).max().unwrap() > 2;
     let differ = whole.pixels.iter().zip(&pieces.pixels).filter(|pair| off(*pair)).count();
     assert!(differ * 500 < whole.pixels.len(), "{differ} pixels differ");
-}
-
-/// Nodes are loaded for the whole picture, or for its pieces.
-#[test]
-fn what_is_drawn_in_tiles_is_the_same_to_the_bit_whatever_it_is_drawn_from() {
-    let place = Place::new(100_000);
-    succeeded(
-        &pointillist()
-            .arg("index")
-            .arg(place.at("street.las"))
-            .arg("-o")
-            .arg(place.at("street.pnti"))
-            .output()
-            .unwrap(),
-    );
-    for (file, look) in [
-        ("street.las", "--style strokes --effect strokes=largest=0.03"),
-        ("street.las", "--effect fill=method=pullpush"),
-        ("street.pnti", "--lod 2"),
-        ("street.pnti", "--lod 3 --point-budget 20000"),
-        ("street.pnti", "--lod 2 --piece 96"),
-    ] {
-        succeeded(&place.render(file, "whole.png", &format!("--size 256x160 {look}")));
-        succeeded(&place.render(file, "tiles.png", &format!("--size 256x160 {look} --tile 40")));
-        assert!(
-            std::fs::read(place.at("tiles.png")).unwrap()
-                == std::fs::read(place.at("whole.png")).unwrap(),
-            "{file} {look}"
-        );
-    }
 }
 
 #[test]

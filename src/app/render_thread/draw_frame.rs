@@ -61,7 +61,7 @@ impl Moved {
 }
 
 /// Time between two panels while a frame is drawn, so that panels do not take all of it.
-const PANEL_EVERY: Duration = Duration::from_millis(25);
+pub(super) const PANEL_EVERY: Duration = Duration::from_millis(25);
 
 /// Longest time of casting samples of the light between two frames.
 const REFINE_BUDGET: Duration = Duration::from_millis(100);
@@ -108,7 +108,7 @@ fn refine_shadows(
 impl Inbox {
     /// Shows the last frame under a panel that has come while another frame is drawn. Other messages
     /// wait until that is done.
-    fn show_panel(
+    pub(super) fn show_panel(
         &mut self,
         gpu: &mut Gpu,
         present: &mut Present,

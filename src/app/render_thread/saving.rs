@@ -1,15 +1,17 @@
-//! Saving of pictures while the window goes on: tile by tile, when there is nothing to draw.
+//! Saving of pictures while the window goes on: piece by piece, when there is nothing to draw.
 //!
 //! A request keeps the view, settings and filters of its time; its file has the bytes that `render`
-//! writes. Messages are handled between tiles, and on a software device, where a tile takes long,
-//! also interrupt one. Files that are dropped meanwhile load at once; the cloud that is being saved
+//! writes. Messages are handled between pieces. On a software device, where a piece takes long, the
+//! panel is shown meanwhile, and a change of the picture interrupts it. Files that are dropped meanwhile load at once; the cloud that is being saved
 //! stays resident until its pictures are written. A picture no larger than the window is saved at
 //! once, unless nodes are arriving. Pictures that are unfinished when the window closes are
 //! reported and not written.
 
+use super::draw_frame::{PANEL_EVERY, Superseded};
 use super::{Redraw, RenderEvent, RenderLoop};
 use crate::app::warn;
 use crate::error::{Error, Result};
+use crate::graph::{Gpu, Pause};
 use crate::output::export;
 use crate::output::overlay::Overlay;
 use crate::output::tiled::{self, TiledPicture};
@@ -20,10 +22,7 @@ use crate::renderer::CloudId;
 use crate::view::View;
 use std::collections::VecDeque;
 use std::path::{Path, PathBuf};
-
-/// Width of a tile `[px]`: several times the borders on either side that surfaces need and that are
-/// drawn, too.
-const TILE: u32 = 2048;
+use std::time::Instant;
 
 /// Pictures to save, in order.
 #[derive(Default)]
@@ -86,7 +85,6 @@ impl RenderLoop {
             lod: scene.lod,
             rows: 0..size[1],
             piece: None,
-            tile: Some(TILE),
             over,
         };
         // If the window shows everything, there is nothing to wait for.
@@ -117,28 +115,39 @@ impl RenderLoop {
         self.present.as_ref().map_or(0, |present| present.size().map(u64::from).iter().product())
     }
 
-    /// Saves one more tile, if there is a picture to save.
+    /// Saves one more piece, if there is a picture to save.
     pub(super) fn save_step(&mut self) -> Result<()> {
         if self.saves.queue.is_empty() { Ok(()) } else { self.continue_save(true) }
     }
 
-    /// Saves one more tile of the first picture; a newer message interrupts it if `interruptible`.
+    /// Saves one more piece of the first picture; a newer message interrupts it if `interruptible`.
     fn continue_save(&mut self, interruptible: bool) -> Result<()> {
         let Some(saving) = self.saves.queue.front_mut() else { return Ok(()) };
         let (renderer, cloud) = (&mut self.renderer, saving.cloud);
         renderer.set_scene(&saving.scene);
         self.saves.scene_replaced = true;
-        let newer = self.inbox.picture_superseded();
+        let (inbox, schedule, present) = (&mut self.inbox, &mut self.schedule, &mut self.present);
+        let posted = inbox.posted.clone();
+        let newer = Superseded { posted: &posted, handled: inbox.handled };
         let progress = if interruptible { &newer as &dyn Progress } else { &Silent };
+        let mut shown = Instant::now();
+        let mut pause = |gpu: &mut Gpu| {
+            if let (true, Some(present)) = (shown.elapsed() >= PANEL_EVERY, present.as_mut()) {
+                inbox.show_panel(gpu, present, &mut schedule.show_due)?;
+                shown = Instant::now();
+            }
+            progress.tick("", 0, 0)
+        };
+        let pause = Some(&mut pause as &mut Pause);
         let written = match &mut saving.target {
             SaveTarget::Layers(wanted, path) => {
-                export::write(renderer, cloud, wanted, path, progress)
+                export::write(renderer, cloud, wanted, path, progress, pause)
             }
-            SaveTarget::Picture(picture) => match picture.step(renderer, cloud, progress) {
+            SaveTarget::Picture(picture) => match picture.step(renderer, cloud, progress, pause) {
                 Ok(false) => {
                     let (done, total) = picture.so_far().unwrap_or((0, 1));
                     (self.report)(RenderEvent::Status(format!(
-                        "saving {}: {done} of {total} tiles",
+                        "saving {}: {done} of {total} pieces",
                         picture.path().display()
                     )));
                     return Ok(());
