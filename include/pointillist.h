@@ -25,7 +25,7 @@ typedef enum PointillistResult {
   POINTILLIST_RESULT_FILE = 2,
   // The device lacks something, or its memory is exhausted.
   POINTILLIST_RESULT_DEVICE = 3,
-  // The device is lost; the renderer can only be freed.
+  // The device is lost; the renderer can only be restored on another one, or freed.
   POINTILLIST_RESULT_DEVICE_LOST = 4,
   // A fault of pointillist; the renderer can only be freed.
   POINTILLIST_RESULT_PANIC = 5,
@@ -50,6 +50,24 @@ typedef enum PointillistPreset {
 
 // A renderer.
 typedef struct PointillistRenderer PointillistRenderer;
+
+// A device feature that drawing needs, or uses if it is enabled. Text is UTF-8 and ends with 0.
+typedef struct PointillistRequirement {
+  size_t size;
+  // Whether nothing works without it.
+  bool required;
+  // Vulkan structure that has the member.
+  char structure[64];
+  // Name of the member, such as synchronization2.
+  char feature[64];
+  // What it is for.
+  char purpose[256];
+} PointillistRequirement;
+
+// Message of a failure: UTF-8, ends with 0.
+typedef struct PointillistError {
+  char message[1024];
+} PointillistError;
 
 // The host's Vulkan objects; handles are cast to integers.
 typedef struct PointillistHost {
@@ -78,6 +96,52 @@ typedef struct PointillistHost {
   const void *allocate_memory;
   const void *free_memory;
 } PointillistHost;
+
+// Points of the host's memory; arrays that are null are absent.
+typedef struct PointillistPoints {
+  size_t size;
+  size_t count;
+  // x, y, z of each point; give these, those in f32, or steps.
+  const double *positions_f64;
+  const float *positions_f32;
+  // Red, green, blue of each point, sRGB.
+  const uint8_t *colors;
+  const float *intensities;
+  const uint8_t *classes;
+  // x, y, z of each point as steps of a lattice, kept as they are: offset + scale * step.
+  const int32_t *steps;
+  // Width of a step along each axis.
+  double scale[3];
+  // Position of step 0.
+  double offset[3];
+} PointillistPoints;
+
+// Points in a buffer of the host's device; see `pointillist_add_buffer`.
+typedef struct PointillistPointBuffer {
+  size_t size;
+  // VkBuffer, with VK_BUFFER_USAGE_TRANSFER_SRC_BIT.
+  uint64_t buffer;
+  // Byte of the first point, a multiple of 4.
+  uint64_t offset;
+  // Bytes from point to point, a multiple of 4. A point begins with x, y and z, f32.
+  uint32_t stride;
+  uint32_t count;
+  // Byte of red, green and blue within a point, sRGB; UINT32_MAX if there are no colours.
+  uint32_t color_offset;
+} PointillistPointBuffer;
+
+// A view: matrices column by column, in Vulkan's clip space, and its area in the targets.
+typedef struct PointillistView {
+  size_t size;
+  // From the world to the view.
+  double view[16];
+  // From the view to clip space.
+  double projection[16];
+  int32_t x;
+  int32_t y;
+  uint32_t width;
+  uint32_t height;
+} PointillistView;
 
 // How an image was used, or will be: Vulkan's numbers. With a transfer of ownership between queue
 // families, the host records the other half of each barrier: before the frame a release from
@@ -113,19 +177,6 @@ typedef struct PointillistTarget {
   // Whether the area is cleared first: colour to the background, depth to what is farthest.
   uint8_t clear;
 } PointillistTarget;
-
-// A view: matrices column by column, in Vulkan's clip space, and its area in the targets.
-typedef struct PointillistView {
-  size_t size;
-  // From the world to the view.
-  double view[16];
-  // From the view to clip space.
-  double projection[16];
-  int32_t x;
-  int32_t y;
-  uint32_t width;
-  uint32_t height;
-} PointillistView;
 
 // A frame.
 typedef struct PointillistFrame {
@@ -163,25 +214,6 @@ typedef struct PointillistReport {
   bool settled;
 } PointillistReport;
 
-// Points of the host's memory; arrays that are null are absent.
-typedef struct PointillistPoints {
-  size_t size;
-  size_t count;
-  // x, y, z of each point; give these, those in f32, or steps.
-  const double *positions_f64;
-  const float *positions_f32;
-  // Red, green, blue of each point, sRGB.
-  const uint8_t *colors;
-  const float *intensities;
-  const uint8_t *classes;
-  // x, y, z of each point as steps of a lattice, kept as they are: offset + scale * step.
-  const int32_t *steps;
-  // Width of a step along each axis.
-  double scale[3];
-  // Position of step 0.
-  double offset[3];
-} PointillistPoints;
-
 // Answer to a pick.
 typedef struct PointillistPicked {
   size_t size;
@@ -204,26 +236,13 @@ typedef struct PointillistPicked {
   int32_t return_number;
   // Name of the file or station that it is from: UTF-8, ends with 0, cut if longer.
   char station[256];
+  // Colour that it is drawn with before lighting and exposure: 8-bit sRGB, and 255; all 0 if there
+  // is no single point.
+  uint8_t color[4];
+  // Number that it is coloured by: its intensity, class or source as in the file; its elevation
+  // `[m]`, time `[s]` or scalar within 1/65,535 of the cloud's range. NaN if there is none.
+  double value;
 } PointillistPicked;
-
-// Message of a failure: UTF-8, ends with 0.
-typedef struct PointillistError {
-  char message[1024];
-} PointillistError;
-
-// Points in a buffer of the host's device; see `pointillist_add_buffer`.
-typedef struct PointillistPointBuffer {
-  size_t size;
-  // VkBuffer, with VK_BUFFER_USAGE_TRANSFER_SRC_BIT.
-  uint64_t buffer;
-  // Byte of the first point, a multiple of 4.
-  uint64_t offset;
-  // Bytes from point to point, a multiple of 4. A point begins with x, y and z, f32.
-  uint32_t stride;
-  uint32_t count;
-  // Byte of red, green and blue within a point, sRGB; UINT32_MAX if there are no colours.
-  uint32_t color_offset;
-} PointillistPointBuffer;
 
 #ifdef __cplusplus
 extern "C" {
@@ -232,26 +251,14 @@ extern "C" {
 // Returns the version of the library's interface, to be compared with POINTILLIST_VERSION.
 uint32_t pointillist_version(void);
 
-// Writes a host without handles.
-void pointillist_host_init(struct PointillistHost *to, size_t size);
+// Returns the number of requirements.
+uint32_t pointillist_requirement_count(void);
 
-// Writes a target without an image, of one sample.
-void pointillist_target_init(struct PointillistTarget *to, size_t size);
-
-// Writes a view with unit matrices and no area.
-void pointillist_view_init(struct PointillistView *to, size_t size);
-
-// Writes a frame without targets and views, which writes depth.
-void pointillist_frame_init(struct PointillistFrame *to, size_t size);
-
-// Writes an empty report.
-void pointillist_report_init(struct PointillistReport *to, size_t size);
-
-// Writes no points.
-void pointillist_points_init(struct PointillistPoints *to, size_t size);
-
-// Writes an answer that is not there yet.
-void pointillist_picked_init(struct PointillistPicked *to, size_t size);
+// Returns a feature that a device must have, or that makes it faster, from 0 on. No extension is
+// needed beside Vulkan 1.3.
+enum PointillistResult pointillist_requirement(uint32_t number,
+                                               struct PointillistRequirement *out,
+                                               struct PointillistError *error);
 
 // Checks a physical device, before the host creates its device.
 enum PointillistResult pointillist_check(const void *get_instance_proc_addr,
@@ -271,6 +278,15 @@ enum PointillistResult pointillist_new(const struct PointillistHost *host,
                                        struct PointillistRenderer **out,
                                        struct PointillistError *error);
 
+// Returns in `out` a renderer on another device, such as after the loss of one, with the clouds,
+// settings and filters of `renderer`. Ids of clouds stay the same. Files are read again; clouds of
+// the host's points have failed, to be removed and added again. The former renderer is to be freed
+// before its device is destroyed.
+enum PointillistResult pointillist_restore(struct PointillistRenderer *renderer,
+                                           const struct PointillistHost *host,
+                                           struct PointillistRenderer **out,
+                                           struct PointillistError *error);
+
 // Frees a renderer, which may be null. The device must have completed all frames.
 void pointillist_free(struct PointillistRenderer *renderer);
 
@@ -288,9 +304,6 @@ enum PointillistResult pointillist_add_points(struct PointillistRenderer *render
                                               const struct PointillistPoints *points,
                                               uint64_t *cloud,
                                               struct PointillistError *error);
-
-// Writes a buffer without points.
-void pointillist_point_buffer_init(struct PointillistPointBuffer *to, size_t size);
 
 // Adds points of a buffer of the host's device as a cloud. The next frame copies them; the buffer is
 // not changed until the device has completed it.
@@ -368,6 +381,60 @@ enum PointillistResult pointillist_picked(struct PointillistRenderer *renderer,
                                           uint64_t pick,
                                           struct PointillistPicked *picked,
                                           struct PointillistError *error);
+
+// Writes a host without handles.
+void pointillist_host_init(struct PointillistHost *to, size_t size);
+
+// Writes an empty requirement.
+void pointillist_requirement_init(struct PointillistRequirement *to, size_t size);
+
+// Writes a target without an image, of one sample.
+void pointillist_target_init(struct PointillistTarget *to, size_t size);
+
+// Writes a view with unit matrices and no area.
+void pointillist_view_init(struct PointillistView *to, size_t size);
+
+// Writes a frame without targets and views, which writes depth.
+void pointillist_frame_init(struct PointillistFrame *to, size_t size);
+
+// Writes an empty report.
+void pointillist_report_init(struct PointillistReport *to, size_t size);
+
+// Writes no points.
+void pointillist_points_init(struct PointillistPoints *to, size_t size);
+
+// Writes an answer that is not there yet.
+void pointillist_picked_init(struct PointillistPicked *to, size_t size);
+
+// Writes a buffer without points.
+void pointillist_point_buffer_init(struct PointillistPointBuffer *to, size_t size);
+
+// Writes a host without handles.
+void pointillist_host_init(struct PointillistHost *to, size_t size);
+
+// Writes an empty requirement.
+void pointillist_requirement_init(struct PointillistRequirement *to, size_t size);
+
+// Writes a target without an image, of one sample.
+void pointillist_target_init(struct PointillistTarget *to, size_t size);
+
+// Writes a view with unit matrices and no area.
+void pointillist_view_init(struct PointillistView *to, size_t size);
+
+// Writes a frame without targets and views, which writes depth.
+void pointillist_frame_init(struct PointillistFrame *to, size_t size);
+
+// Writes an empty report.
+void pointillist_report_init(struct PointillistReport *to, size_t size);
+
+// Writes no points.
+void pointillist_points_init(struct PointillistPoints *to, size_t size);
+
+// Writes an answer that is not there yet.
+void pointillist_picked_init(struct PointillistPicked *to, size_t size);
+
+// Writes a buffer without points.
+void pointillist_point_buffer_init(struct PointillistPointBuffer *to, size_t size);
 
 #ifdef __cplusplus
 }  // extern "C"

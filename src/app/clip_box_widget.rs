@@ -199,6 +199,8 @@ mod tests {
             measure.points.push(Picked::new(Point {
                 position: DVec3::from_array(p),
                 exact: true,
+                color: [0; 3],
+                value: None,
                 kind: None,
             }));
         }

@@ -285,6 +285,8 @@ mod tests {
         let point = |&p: &[f64; 3]| Point {
             position: ORIGIN + DVec3::from_array(p),
             exact: true,
+            color: [0; 3],
+            value: None,
             kind: Some(6 | 2 << 8 | 1 << 16),
         };
         Measure {

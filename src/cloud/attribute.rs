@@ -466,6 +466,21 @@ impl DisplayAttribute {
         }
     }
 
+    /// Returns the number of a displayed word: of numbers that are spread, the middle of those with
+    /// this word. `None` of colours and normals.
+    pub fn number(&self, word: u32) -> Option<f64> {
+        let [lo, hi] = self.ends;
+        match self.attribute {
+            Attribute::Intensity => Some((word & ((1 << CODE_SHIFT) - 1)) as f64),
+            label if label.is_label() => Some(word as f64),
+            spread if spread.is_spread() => {
+                let place = (word as f64 + 0.5).min(ELEVATION_LEVELS) / ELEVATION_LEVELS;
+                Some(lo + (hi - lo) * place)
+            }
+            _ => None,
+        }
+    }
+
     /// Returns the values at the ends of the ramp, if any: heights `[m]`, times `[s]`, 16-bit
     /// intensities or scalars.
     pub fn ends(&self) -> Option<[f64; 2]> {

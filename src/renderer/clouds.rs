@@ -51,6 +51,14 @@ struct Loaded {
     notes: Vec<String>,
 }
 
+/// Where a cloud is from.
+enum Origin {
+    /// Files, which can be read again.
+    Files(Vec<PathBuf>, OpenSettings),
+    /// Points that are on the device alone.
+    Device,
+}
+
 enum Stage {
     /// Points on the device, to be copied by the next frame.
     OnDevice(PointBuffer),
@@ -71,6 +79,7 @@ pub(super) struct Entry {
     pub notes: Vec<String>,
     /// Whether the points can be drawn as strokes.
     strokes: bool,
+    origin: Origin,
     /// Nodes that the views call for, and that are missing or coarser.
     pub missing: usize,
     stage: Stage,
@@ -180,7 +189,7 @@ fn prepare(
 }
 
 impl Entry {
-    fn new(id: CloudId, stage: Stage, strokes: bool) -> Entry {
+    fn new(id: CloudId, origin: Origin, stage: Stage, strokes: bool) -> Entry {
         Entry {
             id,
             visible: true,
@@ -189,6 +198,7 @@ impl Entry {
             notes: Vec::new(),
             missing: 0,
             strokes,
+            origin,
             stage,
         }
     }
@@ -217,31 +227,48 @@ impl Entry {
             shadows: None,
             fault: None,
         };
+        let origin = Origin::Files(files.clone(), settings.clone());
         let load = move |progress: &dyn Progress| {
             prepare(Source::open(&files, &opening, progress)?, color, strokes, progress)
         };
-        Ok(Entry::new(id, Stage::Loading(Loading::start(load)?), strokes))
+        Ok(Entry::new(id, origin, Stage::Loading(Loading::start(load)?), strokes))
+    }
+
+    /// Returns the cloud for another device: of files, which are read again.
+    pub fn again(&self) -> Result<Entry> {
+        let (id, strokes) = (self.id, self.strokes);
+        let lost = || {
+            let why =
+                "its points were in the memory of another device; remove it, and add them again";
+            Entry::new(id, Origin::Device, Stage::Failed(why.into()), strokes)
+        };
+        let entry = match &self.origin {
+            Origin::Files(files, settings) => Entry::open(id, files.clone(), settings, strokes)?,
+            Origin::Device => lost(),
+        };
+        Ok(Entry { visible: self.visible, transform: self.transform, ..entry })
     }
 
     /// Takes points of the host's memory, which are copied; they are prepared on a thread.
     pub fn of_points(id: CloudId, points: &Points, strokes: bool) -> Result<Entry> {
-        Ok(Entry::new(id, Stage::Loading(Loading::of_points(points, strokes)?), strokes))
+        let stage = Stage::Loading(Loading::of_points(points, strokes)?);
+        Ok(Entry::new(id, Origin::Device, stage, strokes))
     }
 
     /// Takes a cloud that is on the device.
     pub fn of_cloud(id: CloudId, cloud: GpuCloud) -> Entry {
-        Entry::new(id, Stage::Ready(cloud), false)
+        Entry::new(id, Origin::Device, Stage::Ready(cloud), false)
     }
 
     /// Takes a prepared cloud.
     pub fn of_prepared(id: CloudId, prepared: PreparedCloud) -> Entry {
-        Entry::new(id, Stage::Uploading(prepared), false)
+        Entry::new(id, Origin::Device, Stage::Uploading(prepared), false)
     }
 
     /// Takes points of a buffer of the host's device, which the next frame copies.
     pub fn of_buffer(id: CloudId, points: PointBuffer, strokes: bool) -> Result<Entry> {
         points.check()?;
-        Ok(Entry::new(id, Stage::OnDevice(points), strokes))
+        Ok(Entry::new(id, Origin::Device, Stage::OnDevice(points), strokes))
     }
 
     /// Uploads some of what is loaded.

@@ -29,6 +29,7 @@ mod host;
 mod own_queue;
 mod picture;
 mod projection;
+mod restored;
 mod words;
 
 pub use clouds::{CloudId, CloudState, OpenSettings};
@@ -133,6 +134,12 @@ pub struct PickedPoint {
     pub return_number: Option<u8>,
     /// Name of the file or station that it is from.
     pub station: Option<String>,
+    /// Colour that it is drawn with before lighting and exposure, 8-bit sRGB.
+    pub color: Option<[u8; 3]>,
+    /// Number that it is coloured by: its intensity, class, or source as in the file; its elevation
+    /// `[m]`, time `[s]` or scalar within 1/65,535 of the cloud's range. `None` of colours and
+    /// normals.
+    pub value: Option<f64>,
     /// Planar depth `[m]`: in the cloud's units, or in the world's if its transform is no similarity.
     pub depth: f64,
 }
@@ -716,6 +723,8 @@ impl Renderer {
             class: kind.map(|kind| kind as u8),
             return_number: kind.map(|kind| (kind >> 8 & 15) as u8),
             station: kind.and_then(station),
+            color: own.map(|own| own.color),
+            value: own.and_then(|own| own.value),
             depth: depth as f64,
         })
     }

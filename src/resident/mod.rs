@@ -25,6 +25,7 @@ pub use station_overlap::StationOverlap;
 pub use streaming::Residency;
 
 use crate::cloud::attribute::DisplayAttribute;
+use crate::cloud::colormap::color_of;
 use crate::cloud::histograms::Histograms;
 use crate::cloud::{Cloud, Lattice, Station};
 use crate::config::{BITS_PER_PLANE, NO_POINT, POINTS_PER_PAGE};
@@ -147,6 +148,10 @@ pub struct Point {
     pub position: DVec3,
     /// Whether the position is the file's own, not the centre of a cell.
     pub exact: bool,
+    /// Colour without shading, 8-bit sRGB.
+    pub color: [u8; 3],
+    /// Displayed number ([`DisplayAttribute::number`]).
+    pub value: Option<f64>,
     /// Kind as packed by [`crate::cloud::attribute::kind`], if points have it.
     pub kind: Option<u32>,
 }
@@ -315,6 +320,8 @@ impl Resident {
         Point {
             position: position(node, words, i),
             exact: node.planes == node.frame.planes,
+            color: color_of(&self.shown, word(0)),
+            value: self.shown.number(word(0)),
             kind: self.shown.kind().map(word),
         }
     }

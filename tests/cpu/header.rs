@@ -28,6 +28,7 @@ fn header() -> String {
     let mut text = Vec::new();
     cbindgen::Builder::new()
         .with_src(root.join("src/c/mod.rs"))
+        .with_src(root.join("src/c/structs.rs"))
         .with_config(config)
         .generate()
         .expect("src/c is what cbindgen understands")
@@ -38,7 +39,7 @@ fn header() -> String {
 /// Returns functions of the header, which give a struct as the caller knows it, whatever the size that
 /// the library knows.
 fn defaults() -> String {
-    let source = include_str!("../../src/c/mod.rs");
+    let source = include_str!("../../src/c/structs.rs");
     let names = source.match_indices("_init(to: *mut ").map(|(at, found)| {
         let name = source[..at].rsplit("pointillist_").next().expect("a name");
         let kind = source[at + found.len()..].split(',').next().expect("a type");

@@ -33,7 +33,7 @@ const EDGES: &[(&str, &[&str])] = &[
             "tune", "view",
         ],
     ),
-    ("c", &["renderer"]),
+    ("c", &["gpu", "renderer"]),
     ("prices", &["passes", "render", "renderer", "view"]),
     ("output", &["cloud", "graph", "passes", "render", "renderer", "select", "view"]),
     (

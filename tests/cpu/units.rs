@@ -174,8 +174,11 @@ fn units_are_those_of_text_and_of_keys() {
 
 /// Returns two points as the window picks them.
 fn picked(source: &Source, places: [DVec3; 2]) -> Measure {
-    let points =
-        places.map(|position| Picked::new(Point { position, exact: true, kind: None })).to_vec();
+    let points = places
+        .map(|position| {
+            Picked::new(Point { position, exact: true, color: [0; 3], value: None, kind: None })
+        })
+        .to_vec();
     Measure { points, reference: source.reference() }
 }
 

@@ -3,6 +3,7 @@
 mod affine;
 mod lifetimes;
 mod ownership;
+mod picks;
 mod wrong_calls;
 
 use crate::counting::{self, allocations, heap_bytes, objects};
@@ -11,6 +12,7 @@ use crate::gpu::division_error;
 use crate::index_file::indexed;
 use ash::vk::{self, Handle};
 use glam::DVec3;
+use pointillist::cloud::colormap::linear_to_srgb;
 use pointillist::gpu::{Device, DeviceOptions, TestOverrides};
 use pointillist::graph::Graph;
 use pointillist::passes::{Effects, Switch, encode};
@@ -19,8 +21,8 @@ use pointillist::render::frame;
 use pointillist::render::settings::{FrameConfig, RenderSettings, Style};
 use pointillist::render::source::{OpenOptions, Source};
 use pointillist::renderer::{
-    Access, Area, Camera, CloudState, Frame, FrameReport, FrameView, Host, Limit, Matrices,
-    NO_POINT, OpenSettings, Picked, PointBuffer, Points, Positions, Preset, Renderer,
+    Access, Area, Camera, CloudState, Encoding, Frame, FrameReport, FrameView, Host, Limit,
+    Matrices, NO_POINT, OpenSettings, Picked, PointBuffer, Points, Positions, Preset, Renderer,
     RendererOptions, Target, Targets, ViewCamera,
 };
 use pointillist::resident::Resident;
@@ -704,6 +706,66 @@ fn a_host_that_encodes_gets_the_same_codes() {
     assert!(without_alpha(&pictures[0]) == without_alpha(&pictures[1]));
 }
 
+/// Formats of more bits, and of another order, have the same colours.
+#[test]
+fn colours_are_those_of_eight_bits_in_every_format() {
+    let folder = tempfile::tempdir().unwrap();
+    let (path, camera) = scan(folder.path());
+    let draw = |format, encoding| {
+        let mut application = Application::new(format);
+        let mut renderer = application.renderer();
+        renderer.open(std::slice::from_ref(&path), &OpenSettings::default()).unwrap();
+        let mut targets = application.targets();
+        targets.encoding = encoding;
+        application.settle(&mut renderer, targets, &[view_of(camera)]).1
+    };
+    let eight = draw(COLOR, Encoding::Srgb);
+    // Codes 0..=1 of red, green and blue.
+    let ten_bits = |texel: &[u8]| {
+        let word = u32::from_le_bytes(texel.try_into().unwrap());
+        [0, 10, 20].map(|shift| (word >> shift & 1023) as f64 / 1023.0)
+    };
+    let half = |texel: &[u8]| {
+        [0, 2, 4].map(|at| half::f16::from_le_bytes([texel[at], texel[at + 1]]).to_f64())
+    };
+    let encoded = |texel: &[u8]| half(texel).map(linear_to_srgb);
+    let swapped = |texel: &[u8]| [2, 1, 0].map(|at| texel[at] as f64 / 255.0);
+    type Codes<'c> = &'c dyn Fn(&[u8]) -> [f64; 3];
+    let (srgb, linear) = (Encoding::Srgb, Encoding::Linear);
+    // Devices may round a stored value either way (Vulkan 1.3, "Conversion From Floating-Point to
+    // Normalized Fixed-Point").
+    let cases: [(_, _, Codes, f64); 4] = [
+        (vk::Format::B8G8R8A8_UNORM, srgb, &swapped, 0.0),
+        (vk::Format::A2B10G10R10_UNORM_PACK32, srgb, &ten_bits, 1.0 / 1023.0),
+        (vk::Format::R16G16B16A16_SFLOAT, srgb, &half, 1.0 / 2048.0),
+        // The steps of halves, encoded.
+        (vk::Format::R16G16B16A16_SFLOAT, linear, &encoded, 1.0 / 2048.0),
+    ];
+    for (format, encoding, codes, step) in cases {
+        let picture = draw(format, encoding);
+        let texels = picture.chunks_exact(picture.len() / PIXELS).zip(eight.chunks_exact(4));
+        let (mut most, mut opaque) = (0.0f64, 0);
+        for (texel, eight) in texels {
+            // Eight bits are rounded before and after they are multiplied by the coverage.
+            let roundings = if eight[3] == 255 { 0.5 } else { 1.0 };
+            if encoding == Encoding::Linear && eight[3] < 255 {
+                continue;
+            }
+            opaque += (eight[3] == 255) as usize;
+            let codes = codes(texel);
+            let off = [0, 1, 2].map(|c| (codes[c] - eight[c] as f64 / 255.0).abs());
+            most = off.into_iter().fold(most, |most, off| most.max(off - roundings / 255.0));
+        }
+        println!("{format:?} {encoding:?}: {most} beside rounding, of {step}");
+        assert!(most <= step && opaque > 10_000, "{format:?} {encoding:?}: {most} {opaque}");
+        // Eight bits are not what it was made from.
+        let distinct: std::collections::HashSet<&[u8]> =
+            picture.chunks_exact(picture.len() / PIXELS).collect();
+        let of_eight: std::collections::HashSet<&[u8]> = eight.chunks_exact(4).collect();
+        assert!(distinct.len() >= of_eight.len(), "{} {}", distinct.len(), of_eight.len());
+    }
+}
+
 #[test]
 fn host_geometry_and_points_hide_each_other() {
     let folder = tempfile::tempdir().unwrap();
@@ -794,6 +856,8 @@ fn points_of_memory_are_picked_where_they_are() {
     assert!(point.exact && point.cloud == cloud);
     assert!(places.contains(&point.position.to_array()), "{point:?}");
     assert!(point.id.is_some() && point.class == Some(0), "{point:?}");
+    let own = places.iter().position(|place| *place == point.position.to_array()).unwrap();
+    assert!(point.color == Some(colors[own]) && point.value.is_none(), "{point:?}");
     let (report, ..) = application.draw(&mut renderer, targets, &[unmoved], None);
     let told = renderer.explain(&report);
     for line in ["frame: settled, 90000 points", "cloud 1: ready", "effect fill: ", "pass "] {

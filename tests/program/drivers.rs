@@ -9,6 +9,15 @@ use std::process::Command;
 
 const SWIFTSHADER: &str = "/usr/lib/chromium/vk_swiftshader_icd.json";
 
+/// Returns the second driver, if it is installed.
+pub fn swiftshader() -> Option<&'static str> {
+    let is_there = Path::new(SWIFTSHADER).exists();
+    if !is_there {
+        skip(&format!("no driver at {SWIFTSHADER} (in Debian's package chromium)"));
+    }
+    is_there.then_some(SWIFTSHADER)
+}
+
 fn run(arguments: &[&str], driver: Option<&str>) {
     let mut command = Command::new(env!("CARGO_BIN_EXE_pointillist"));
     command.args(arguments);
@@ -21,17 +30,14 @@ fn run(arguments: &[&str], driver: Option<&str>) {
 
 #[test]
 fn swiftshader_draws_the_same_bytes() {
-    if !Path::new(SWIFTSHADER).exists() {
-        skip(&format!("no driver at {SWIFTSHADER} (in Debian's package chromium)"));
-        return;
-    }
+    let Some(driver) = swiftshader() else { return };
     let folder = tempfile::tempdir().unwrap();
     let path = |name: &str| -> PathBuf { folder.path().join(name) };
     let text = |path: PathBuf| path.to_str().unwrap().to_string();
     let scan = text(path("street.las"));
     let camera = text(path("camera.json"));
     run(&["synth", "street", "-o", &scan, "--points", "200000", "--camera-out", &camera], None);
-    for (name, driver) in [("default", None), ("swiftshader", Some(SWIFTSHADER))] {
+    for (name, driver) in [("default", None), ("swiftshader", Some(driver))] {
         for style in ["surface", "points"] {
             let (png, exr) = (
                 text(path(&format!("{name}.{style}.png"))),

@@ -1,6 +1,7 @@
 //! Hosts that draw clouds into their own pictures: `tools/embed.rs`, `tools/embed_wgpu.rs` and
 //! `tools/embed.c`.
 
+use crate::drivers::swiftshader;
 use crate::files::scan;
 use crate::program::{succeeded, text};
 use crate::skip::skip;
@@ -90,6 +91,25 @@ fn a_host_in_wgpu_draws_the_picture_of_the_one_in_vulkan() {
     let differ = expected.iter().zip(&drawn.1).filter(|(a, b)| a != b).count();
     check(drawn);
     // The compilers of shaders may round the corners differently: pixels at edges.
+    assert!(differ <= expected.len() / 1000, "{differ} pixels differ");
+}
+
+/// Kernels and host commands are within what both drivers take.
+#[test]
+fn a_host_on_another_driver_draws_the_same() {
+    let (Some(host), Some(driver)) = (example("embed"), swiftshader()) else { return };
+    let folder = tempfile::tempdir().unwrap();
+    let (_, expected) = pixels(&mut Command::new(&host), &folder.path().join("usual.png"));
+    let mut other = Command::new(&host);
+    other.env("VK_INSTANCE_LAYERS", "VK_LAYER_KHRONOS_validation");
+    other.env("VK_ICD_FILENAMES", driver).env("VK_DRIVER_FILES", driver);
+    let drawn = pixels(&mut other, &folder.path().join("other.png"));
+    let said = text(&drawn.0.stdout) + &text(&drawn.0.stderr);
+    assert!(!said.contains("Validation") && !said.contains("VUID"), "{said}");
+    let differ = expected.iter().zip(&drawn.1).filter(|(a, b)| a != b).count();
+    check(drawn);
+    // The drivers may round the triangle's corners differently.
+    println!("{differ} pixels differ");
     assert!(differ <= expected.len() / 1000, "{differ} pixels differ");
 }
 

@@ -70,3 +70,44 @@ fn renderers_on_two_devices_are_independent() {
     let together = together.map(|thread| thread.join().unwrap());
     assert!(alone == together && alone[0] != alone[1]);
 }
+
+/// The next device after a lost one shows what the lost one did.
+#[test]
+fn a_restored_renderer_draws_the_same_on_another_device() {
+    let folder = tempfile::tempdir().unwrap();
+    let (path, camera) = scan(folder.path());
+    let mut application = Application::new(COLOR);
+    let mut renderer = application.renderer();
+    let cloud = renderer.open(std::slice::from_ref(&path), &OpenSettings::default()).unwrap();
+    let hidden = renderer.open(&[path], &OpenSettings::default()).unwrap();
+    renderer.set_visible(hidden, false).unwrap();
+    let turned = glam::DMat4::from_translation(camera.target)
+        * glam::DMat4::from_rotation_z(0.3)
+        * glam::DMat4::from_translation(-camera.target);
+    renderer.set_transform(cloud, &turned.to_cols_array()).unwrap();
+    renderer.set("style", "surface").unwrap();
+    renderer.set("effect", "edl=on").unwrap();
+    renderer.set("background", "1e3c5a").unwrap();
+    let targets = application.targets();
+    let (_, before, depth) = application.settle(&mut renderer, targets, &[view_of(camera)]);
+    let points = renderer.add_points(&Points::new(Positions::F32(&[[0.0; 3]; 9]))).unwrap();
+    let pick = renderer.pick([5, 5]);
+
+    let mut other = Application::new(COLOR);
+    // SAFETY: the renderer is dropped before the application.
+    let mut next = unsafe { renderer.restored(&other.host()) }.unwrap();
+    drop(renderer);
+    drop(application);
+    let pictures = [Picked::Nothing, Picked::Nothing];
+    assert_eq!([next.picked(pick), next.picked(pick)], pictures);
+    let CloudState::Failed(why) = next.state(points).unwrap() else { panic!("points of memory") };
+    assert!(why.contains("add them again"), "{why}");
+    next.remove(points).unwrap();
+    let targets = other.targets();
+    let (_, after, depths) = other.settle(&mut next, targets, &[view_of(camera)]);
+    assert!(before == after && depth == depths);
+    assert!(
+        next.open(&[folder.path().join("scan.las")], &OpenSettings::default()).unwrap() > points
+    );
+    drop(next);
+}
