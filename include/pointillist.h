@@ -208,6 +208,8 @@ typedef struct PointillistReport {
   uint64_t points;
   // Nodes that are missing, or coarser than the views call for.
   uint64_t missing;
+  // Data of nodes of indexes that have come since the last frame, in bytes.
+  uint64_t streamed;
   // Number of clouds or nodes that could not be drawn.
   uint64_t errors;
   // Whether everything that the views call for is drawn.

@@ -544,6 +544,7 @@ pub unsafe extern "C" fn pointillist_record(
                 let given = PointillistReport {
                     points: found.points,
                     missing: found.missing as u64,
+                    streamed: found.streamed,
                     errors: found.errors.len() as u64,
                     settled: found.settled,
                     ..PointillistReport::default()

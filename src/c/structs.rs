@@ -136,6 +136,8 @@ pub struct PointillistReport {
     pub points: u64,
     /// Nodes that are missing, or coarser than the views call for.
     pub missing: u64,
+    /// Data of nodes of indexes that have come since the last frame, in bytes.
+    pub streamed: u64,
     /// Number of clouds or nodes that could not be drawn.
     pub errors: u64,
     /// Whether everything that the views call for is drawn.
@@ -378,7 +380,7 @@ pub unsafe extern "C" fn pointillist_frame_init(to: *mut PointillistFrame, size:
 impl Default for PointillistReport {
     fn default() -> PointillistReport {
         let size = size_of::<PointillistReport>();
-        PointillistReport { size, points: 0, missing: 0, errors: 0, settled: false }
+        PointillistReport { size, points: 0, missing: 0, streamed: 0, errors: 0, settled: false }
     }
 }
 

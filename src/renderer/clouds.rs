@@ -82,6 +82,8 @@ pub(super) struct Entry {
     origin: Origin,
     /// Nodes that the views call for, and that are missing or coarser.
     pub missing: usize,
+    /// Data of nodes that the last update has brought `[bytes]`.
+    pub streamed: u64,
     stage: Stage,
 }
 
@@ -197,6 +199,7 @@ impl Entry {
             core_points: Vec::new(),
             notes: Vec::new(),
             missing: 0,
+            streamed: 0,
             strokes,
             origin,
             stage,
@@ -344,6 +347,7 @@ impl Entry {
         views: &[View],
         limits: &impl Fn([u32; 2]) -> LodOptions,
     ) -> Result<Vec<String>> {
+        self.streamed = 0;
         let Stage::Ready(GpuCloud::Parts(residency)) = &mut self.stage else {
             return Ok(Vec::new());
         };
@@ -354,6 +358,7 @@ impl Entry {
         };
         let update = residency.update_views(gpu, views, &detail)?;
         self.missing = update.missing + update.coarse;
+        self.streamed = update.bytes_read;
         Ok(update.errors)
     }
 

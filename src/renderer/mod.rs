@@ -98,6 +98,9 @@ pub struct FrameReport {
     pub points: u64,
     /// Nodes of indexes that are missing, or coarser than the views call for.
     pub missing: usize,
+    /// Data of nodes of indexes that have come since the last frame `[bytes]`: of each index at most
+    /// 32 MiB, for all views together.
+    pub streamed: u64,
     /// Whether each effect runs, and why, for the first view of the first cloud.
     pub effects: Vec<EffectReport>,
     /// Problems that left something out: unreadable nodes, a cloud that could not be drawn.
@@ -528,6 +531,7 @@ impl Renderer {
                 Err(error) => return Err(error),
             }
             report.missing += cloud.missing;
+            report.streamed += cloud.streamed;
         }
         Ok(())
     }

@@ -111,3 +111,39 @@ fn a_restored_renderer_draws_the_same_on_another_device() {
     );
     drop(next);
 }
+
+/// Four views of an index share one cut and what is read for it.
+#[test]
+fn views_share_what_is_read_and_a_frame_takes_no_more_than_its_share() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("street.las");
+    files::scan(&path, pointillist::synth::SceneKind::Street, 3_000_000);
+    let index = indexed(&[&path], "");
+    let settings = OpenSettings::default();
+    let [(alone, largest), (four, largest_of_four)] = [1, 4].map(|count| {
+        let mut application = Application::new(COLOR);
+        let mut renderer = application.renderer();
+        renderer.open(std::slice::from_ref(&index), &settings).unwrap();
+        let targets = application.targets();
+        let mut views = Vec::new();
+        let (mut sum, mut largest, mut settled) = (0, 0, false);
+        for _ in 0..2000 {
+            if let (true, Some(camera)) = (views.is_empty(), renderer.framing(Preset::Fit, SIZE)) {
+                views = vec![view_of(camera); count];
+            }
+            let (report, ..) = application.draw(&mut renderer, targets, &views, None);
+            (sum, largest) = (sum + report.streamed, report.streamed.max(largest));
+            settled = report.settled && !views.is_empty();
+            if settled {
+                break;
+            }
+            std::thread::sleep(std::time::Duration::from_millis(2));
+        }
+        assert!(settled);
+        (sum, largest)
+    });
+    println!("{alone} bytes, at most {largest} a frame; four views {four}, {largest_of_four}");
+    assert!(alone > 1 << 20 && largest.max(largest_of_four) <= pointillist::config::UPLOAD_BYTES);
+    // The budgets of the views add up, so that each has its points.
+    assert!(four >= alone && four <= 2 * alone, "{four} {alone}");
+}
