@@ -28,6 +28,7 @@ mod saving;
 
 use super::load_thread::{CloudInfo, ProgressReporter};
 use super::profile::Profile;
+use super::viewport::Viewport;
 use crate::error::{Error, Result};
 use crate::graph::Graph;
 use crate::passes::{count_visible, project};
@@ -38,7 +39,6 @@ use crate::render::scene::Scene;
 use crate::render::settings::FrameConfig;
 use crate::renderer::{CloudId, Renderer};
 use crate::tune::Governor;
-use crate::view::View;
 use draw_frame::{Moved, Superseded};
 pub use messages::{
     FrameReport, FrameTimes, Loading, Measured, Message, Moving, RenderEvent, Upload,
@@ -75,7 +75,7 @@ impl RenderThread {
         let thread = RenderLoop {
             renderer,
             present: Some(present),
-            window: [0, 0],
+            viewport: Viewport::new([0, 0], 0.0),
             inbox: Inbox {
                 messages,
                 waiting: VecDeque::new(),
@@ -222,8 +222,8 @@ struct RenderLoop {
     renderer: Renderer,
     /// None once the thread has ended.
     present: Option<Present>,
-    /// Size of the window `[px]`, as last reported.
-    window: [u32; 2],
+    /// The window, as last reported.
+    viewport: Viewport,
     inbox: Inbox,
     report: Arc<dyn Fn(RenderEvent) + Send + Sync>,
     uploading: Option<Uploading>,
@@ -320,8 +320,8 @@ impl RenderLoop {
                     self.schedule.change(asked);
                 }
             }
-            Message::Exposed(size) => {
-                self.window = size;
+            Message::Exposed(viewport) => {
+                self.viewport = viewport;
                 self.schedule.change(Instant::now());
             }
             Message::Limit(limit) => self.governor.set_limit(limit),
@@ -382,7 +382,7 @@ impl RenderLoop {
         else {
             return Ok(());
         };
-        let view = View::new(scene.camera, present.size())?;
+        let view = self.viewport.view_of(scene.camera, present.size())?;
         let config = self.renderer.config(cloud, &view)?;
         let newer = self.inbox.picture_superseded();
         match prices::of(&mut self.renderer, cloud, &view, &config, &newer) {
@@ -466,7 +466,7 @@ impl RenderLoop {
         else {
             return Ok(());
         };
-        let view = View::new(scene.camera, present.size())?;
+        let view = self.viewport.view_of(scene.camera, present.size())?;
         let (gpu, cloud) = self.renderer.cloud(cloud)?;
         let mut g = Graph::new(gpu);
         let Ok(points) = project::draw(&mut g, &view, cloud.resident(), scene.settings.precision)

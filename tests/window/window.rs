@@ -10,6 +10,7 @@ use crate::files::{names, scan};
 use crate::png_file::{Png, read_png};
 use crate::program::{failed, pointillist, render, succeeded, text};
 use glam::DVec3;
+use pointillist::app::viewport::Viewport;
 use pointillist::cloud::attribute::Attribute;
 use pointillist::cloud::colormap::code_color;
 use pointillist::cloud::digits::Digits;
@@ -501,10 +502,10 @@ fn is_there(viewer: &Viewer) -> bool {
 fn panel_switches_an_effect_off() {
     let place = Place::new();
     let cloud = place.street(60_000);
-    let line = "--size 640x900 --style points --effect exposure=off --effect edl=on";
+    let line = "--size 700x900 --style points --effect exposure=off --effect edl=on";
     let mut viewer = place.view_with_panel(
         &[&cloud],
-        [640, 900],
+        [700, 900],
         "--style points --effect exposure=off --effect edl=on",
     );
     let on = place.picture(&[&cloud], "on.png", line);
@@ -524,7 +525,7 @@ fn panel_switches_an_effect_off() {
     viewer.shows(&place.picture(
         &[&cloud],
         "off.png",
-        "--size 640x900 --style points --effect exposure=off --effect edl=off",
+        "--size 700x900 --style points --effect exposure=off --effect edl=off",
     ));
     let saved = place.saved(&mut viewer, "F8", "pointillist-1.json");
     assert!(std::fs::read_to_string(&saved).unwrap().contains("edl=off"));
@@ -540,11 +541,11 @@ fn panel_hides_and_shows_a_class() {
     succeeded(&pointillist().arg("index").arg(&file).arg("-o").arg(&index).output().unwrap());
     // Buildings, and what else there is.
     const CLASS: u8 = 6;
-    let size = "--size 640x700 --color class";
+    let size = "--size 700x700 --color class";
     for cloud in [&file, &index] {
         let mut viewer = place.view_with_panel(
             &[cloud],
-            [640, 700],
+            [700, 700],
             "--color class --effect shape=off --effect edl=off",
         );
         let [all, without] =
@@ -587,21 +588,21 @@ fn a_clip_box_is_added_around_a_picked_point_and_its_face_dragged() {
     let place = Place::new();
     let cloud = place.street(60_000);
     // Wide enough for the box to be beside the panel.
-    let (size, line) = ([640, 400], "--size 640x400");
+    let (size, line) = ([720, 400], "--size 720x400");
     let mut viewer = place.view_with_panel(&[&cloud], size, "--view top");
     let pixel = |picture: &Png, x: i64, y: i64| picture.pixels[(y * size[0] as i64 + x) as usize];
-    let panel = |viewer: &Viewer| pixel(&viewer.photograph(), 20, 20);
-    viewer.until("panel", |viewer| panel(viewer) != pointillist::config::BACKGROUND);
+    viewer.until("panel", |viewer| is_there(viewer));
     viewer.key("n");
     viewer.shows(&place.picture(&[&cloud], "top.png", &format!("{line} --view top")));
-    pick(&place, &mut viewer, &[[308, 187]]);
-    // A view that was moved stays as it is when the panel comes.
+    pick(&place, &mut viewer, &[[348, 187]]);
+    // The camera of a view that was moved stays as it is when the panel comes.
     place.display.xdotool("click 5 key b Delete");
     let before = place.shows_its_scene(&mut viewer, &[&cloud], 1, line);
     let camera: Camera = serde_json::from_value(before["camera"].clone()).unwrap();
     let [x0, y0, z0, x1, y1, z1]: [f64; 6] = faces(&before).try_into().unwrap();
-    // The handle of the face in the east.
-    let [x, y] = View::new(camera, size)
+    // The handle of the face in the east, beside the panel.
+    let [x, y] = Viewport::new(size, PANEL as f64)
+        .view(camera)
         .unwrap()
         .pixel(DVec3::new(x1, (y0 + y1) / 2.0, (z0 + z1) / 2.0))
         .unwrap();

@@ -137,7 +137,7 @@ impl RenderLoop {
     pub(super) fn show_again(&mut self) -> Result<()> {
         self.schedule.show_due = false;
         let present = self.present.as_mut().expect("taken at the end");
-        if !present.fit(&mut self.renderer.gpu, self.window)?
+        if !present.fit(&mut self.renderer.gpu, self.viewport.reported)?
             || !present.show(&self.renderer.gpu)?
         {
             self.schedule.change(Instant::now());
@@ -149,7 +149,7 @@ impl RenderLoop {
     pub(super) fn draw(&mut self) -> Result<bool> {
         let present = self.present.as_mut().expect("taken at the end");
         let (mut times, fitting) = (FrameTimes::default(), Instant::now());
-        if !present.fit(&mut self.renderer.gpu, self.window)? {
+        if !present.fit(&mut self.renderer.gpu, self.viewport.reported)? {
             // A message comes when the window is uncovered.
             (self.schedule.redraw, self.schedule.show_due) = (Redraw::Nothing, false);
             return Ok(false);
@@ -169,7 +169,7 @@ impl RenderLoop {
         let expected_ms = known.then(|| self.governor.expected(place));
         let size = divided(present.size(), divisor);
         let (settings, lod) = tuning.applied(&scene.settings, scene.lod, size);
-        let view = View::new(scene.camera, size)?;
+        let view = self.viewport.view_of(scene.camera, size)?;
         let (mut loading, taking_in) = (None, Instant::now());
         let (gpu, cloud) = self.renderer.cloud(id)?;
         if let GpuCloud::Parts(residency) = cloud {
@@ -207,7 +207,7 @@ impl RenderLoop {
         let interruptible = !moves;
         // Effects are decided for the full size: a smaller picture has more points per pixel, and
         // would call for others.
-        let full = View::new(scene.camera, present.size())?;
+        let full = self.viewport.view_of(scene.camera, present.size())?;
         let mut config = self.renderer.config(id, &full)?;
         self.renderer.set_settings(settings);
         let tuned = self.renderer.config(id, &full)?;

@@ -4,6 +4,7 @@ use crate::app::cancel::CancelToken;
 use crate::app::load_thread::{CloudInfo, ProgressReporter};
 use crate::app::pick_buffer::PickBuffer;
 use crate::app::profile::Profile;
+use crate::app::viewport::Viewport;
 use crate::error::Error;
 use crate::output::overlay as triangles;
 use crate::passes::EffectDecisions;
@@ -34,8 +35,8 @@ pub enum Message {
         /// Time of the input that changed it.
         asked: Instant,
     },
-    /// The window has another size `[px]`, or was uncovered.
-    Exposed([u32; 2]),
+    /// The window has another size or panel, or was uncovered.
+    Exposed(Viewport),
     /// Sets what moving pictures keep.
     Limit(Limit),
     /// Sets what is drawn over the picture.
