@@ -3,7 +3,7 @@
 use super::App;
 use super::keys::{self, Binding};
 use super::navigation::{Button, Input, Modifiers};
-use super::render_thread::Message;
+use super::render_thread::{Message, PickRequest};
 use super::viewport::Viewport;
 use crate::output::annotations::Shown;
 use crate::view::{Covered, Preset};
@@ -29,8 +29,8 @@ pub(super) struct Mouse {
     pub last_click: Option<(Instant, DVec2)>,
     /// Where the left button was pressed.
     pub pressed: Option<DVec2>,
-    /// A pick that the next frame answers, and whether it adds a point.
-    pub pending_pick: Option<(DVec2, bool)>,
+    /// Clicks on a sample of the files, which wait for all points.
+    pub early_picks: Vec<PickRequest>,
 }
 
 impl App {
@@ -90,20 +90,41 @@ impl App {
             .and_then(|buffer| buffer.place(self.mouse.cursor, self.viewport.size()))
     }
 
-    /// Picks the point at a pixel; it replaces the picked points, or with `adds` joins them.
+    /// Picks the point at a pixel of what is seen; it replaces the picked points, or with `adds` joins
+    /// them.
     pub(super) fn pick(&mut self, at: DVec2, adds: bool) {
-        match &self.pick_buffer {
-            Some(buffer) if !buffer.moves => match buffer.point(at, self.viewport.size()) {
-                Some(id) => self.post(Message::Pick { id, at, adds }),
-                // Only a click with shift surely meant a point.
-                None if adds => {
-                    self.ui.doing = Some("there is no point to pick".into());
-                    self.title();
-                }
-                None => {}
-            },
-            // The next frame at rest answers.
-            _ => self.mouse.pending_pick = Some((at, adds)),
+        let Some(buffer) = &self.pick_buffer else { return };
+        let is_exact = buffer.is_exact && !self.shows_sample();
+        let id = if is_exact { buffer.point(at, self.viewport.size()) } else { None };
+        // The camera may be ahead of the picture.
+        let Ok(view) = self.viewport.view(buffer.view.camera) else { return };
+        if is_exact && id.is_none() {
+            return self.nothing_picked(adds);
+        }
+        self.mouse.early_picks.push(PickRequest { view, at, id, adds });
+        self.post_picks();
+    }
+
+    /// Returns whether a sample of the files is seen while the others are read.
+    fn shows_sample(&self) -> bool {
+        self.load.active && self.load.displayed.is_none()
+    }
+
+    /// Sends clicks on, unless all points are still to come.
+    pub(super) fn post_picks(&mut self) {
+        if self.shows_sample() {
+            return;
+        }
+        for pick in std::mem::take(&mut self.mouse.early_picks) {
+            self.post(Message::Pick(Box::new(pick)));
+        }
+    }
+
+    /// Says that there is no point; only a click with shift surely meant one.
+    pub(super) fn nothing_picked(&mut self, adds: bool) {
+        if adds {
+            self.ui.doing = Some("there is no point to pick".into());
+            self.title();
         }
     }
 

@@ -295,3 +295,33 @@ impl LegendText {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::cloud::attribute::{Attribute, class_name};
+    use crate::resident::Point;
+    use glam::DVec3;
+
+    #[test]
+    fn a_legend_has_the_classes_of_the_profile_alone() {
+        let slab = Slab::new(DVec3::ZERO, DVec3::X, 0.5).unwrap();
+        let point = |class: u32| SlabPoint {
+            point: Point { position: DVec3::ZERO, exact: true, kind: Some(class | 1 << 8) },
+            shown: class,
+            place: DVec2::ZERO,
+        };
+        let points = [6, 2, 6].map(point).to_vec();
+        let section = SlabPoints { points, ..SlabPoints::default() };
+        let shown = DisplayAttribute::indexed(Attribute::Class, [0.0; 2], [0, 255]);
+        let profile = Profile::new(slab, section, shown);
+        let Some(Legend::Labels(rows)) = profile.legend(&Reference::default(), &[]) else {
+            panic!("no labels");
+        };
+        let found: Vec<([u8; 3], Option<&str>)> =
+            rows.iter().map(|row| (row.color, Some(&row.name[..]))).collect();
+        let wanted =
+            [2, 6].map(|class| (colormap::color_of(&shown, class.into()), class_name(class)));
+        assert_eq!(found, wanted);
+    }
+}

@@ -280,11 +280,12 @@ impl RenderLoop {
         let took = began.elapsed();
         let reading_back = Instant::now();
         present.set_picture_size(&mut self.renderer.gpu, size)?;
+        let is_whole = divisor == 1 && lod == scene.lod;
         let pick_buffer = Arc::new(PickBuffer {
             view,
             depth: frame.read(&depth).to_vec(),
             index: frame.read(&index).to_vec(),
-            moves,
+            is_exact: is_whole && drawn.effects == config.effects && complete,
         });
         let passes = frame.passes.clone();
         let unordered = outcome.strokes.as_ref().and_then(|painted| painted.unordered.as_ref());
@@ -304,7 +305,6 @@ impl RenderLoop {
             .light_visibility
             .as_ref()
             .is_none_or(|visibility| visibility.facts.cast == visibility.facts.samples);
-        let is_whole = divisor == 1 && lod == scene.lod;
         let finest = is_whole && drawn.effects == config.effects && lit && ordered;
         let shown = Moved { pick_buffer: pick_buffer.clone(), screen: frame.read(&words).to_vec() };
         let mut moving = None;
