@@ -396,6 +396,7 @@ impl RenderLoop {
                 if let Some(old) = self.cloud.replace(upload.cloud) {
                     self.remove_unused(old)?;
                 }
+                self.governor.restart();
                 (self.report)(RenderEvent::Uploaded(Box::new(upload.info), upload.watch.token));
                 self.schedule.change(Instant::now());
             }
