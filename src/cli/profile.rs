@@ -330,6 +330,9 @@ fn points(
     batch.left.iter().filter_map(point).collect()
 }
 
+/// Height, intensity, and time or scalar of a point.
+type Numbers = (f64, u16, f64);
+
 /// Returns the class of a point, its return number and its source.
 fn labels(batch: &Batch, i: usize) -> [u16; 3] {
     let byte = |column: &Option<Vec<u8>>| column.as_ref().map_or(0, |column| column[i]);
@@ -385,7 +388,7 @@ fn ranges(
         let labels = batch.left.iter().map(|&i| labels(batch, i as usize)).collect::<Vec<_>>();
         Ok((points, labels, batch.left.iter().any(has_color)))
     };
-    let mut take = |(points, labels, has_colors): (Vec<(f64, u16, f64)>, Vec<[u16; 3]>, bool)| {
+    let mut take = |(points, labels, has_colors): (Vec<Numbers>, Vec<[u16; 3]>, bool)| {
         ranges.has_colors |= has_colors;
         for of_point in labels {
             let counts = ranges.labels.iter_mut().zip(of_point);
