@@ -60,17 +60,23 @@ pub enum Action {
     Help,
     /// Shows or hides the panel.
     Panel,
+    /// Folds the panel to a button, or unfolds it.
+    FoldPanel,
 }
 
 impl App {
     /// Lays the panel out, and performs the actions chosen there.
     pub(super) fn lay_out(&mut self) {
+        // The panel may have been enlarged.
+        let viewport = self.fitting(self.viewport.reported);
+        if viewport != self.viewport {
+            self.set_viewport(viewport);
+        }
         let (Some(window), Some(panel)) = (&self.window, &mut self.panel) else { return };
         let before = self.scene.clone();
         (self.ui.mode, self.ui.style) = (self.navigation.mode, self.navigation.style);
         self.ui.steps = self.history.steps();
-        let view = View::new(self.scene.camera, self.size.map(|side| side.max(1))).ok();
-        let laid_out = panel.lay_out(window, &mut self.ui, view.as_ref(), &mut self.scene);
+        let laid_out = panel.lay_out(window, &mut self.ui, &self.viewport, &mut self.scene);
         self.panel_due = laid_out.repaint_in.and_then(|wait| Instant::now().checked_add(wait));
         let answers = std::mem::take(&mut self.answers);
         self.post(Message::Panel { overlay: Box::new(laid_out.overlay), answers });
@@ -142,10 +148,14 @@ impl App {
             Action::Redo => self.step_in_history(History::redo),
             Action::CloseAnyway => self.closes = true,
             Action::Help => self.ui.help = !self.ui.help,
+            // Room that the panel takes or leaves changes a view that is still as it was framed.
             Action::Panel => {
-                self.ui.hidden = !self.ui.hidden;
-                // Room that the panel takes or leaves changes a view that is still as it was framed.
-                self.frame_again();
+                self.ui.panel.toggle();
+                self.set_viewport(self.viewport_of(self.viewport.reported));
+            }
+            Action::FoldPanel => {
+                self.ui.panel.fold();
+                self.set_viewport(self.viewport_of(self.viewport.reported));
             }
         }
         self.title();
@@ -187,7 +197,7 @@ impl App {
             .find(|path| !self.pending_saves.contains(path))
             .expect("numbers do not end");
         self.pending_saves.push(path.clone());
-        let size = self.ui.save_size.of(self.size());
+        let size = self.ui.save_size.of(self.viewport.size());
         let view = View::new(self.navigation.camera, size).ok();
         let over = view
             .zip(self.ui.named(&self.scene))

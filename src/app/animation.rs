@@ -4,7 +4,6 @@
 
 use super::App;
 use super::navigation::{Direction, Input};
-use crate::view::View;
 use std::time::{Duration, Instant};
 
 /// Duration of a flight's first step, before any frame time is known.
@@ -68,7 +67,7 @@ impl App {
             self.animation.path_time += by;
             let camera = self.ui.path.camera(self.animation.path_time.as_secs_f64());
             // Between two keys, eye and target may coincide.
-            if View::new(camera, self.size()).is_ok() {
+            if self.viewport.view(camera).is_ok() {
                 self.navigation.camera = camera;
             }
             if self.animation.path_time.as_secs_f64() >= self.ui.path.duration() {

@@ -174,7 +174,7 @@ impl ApplicationHandler<Event> for App {
                 size.into_iter().for_each(|size| self.resized(size));
             }
             WindowEvent::RedrawRequested => self.lay_out(),
-            WindowEvent::Occluded(false) => self.post(Message::Exposed(self.size)),
+            WindowEvent::Occluded(false) => self.post(Message::Exposed(self.viewport)),
             WindowEvent::CursorMoved { position: PhysicalPosition { x, y }, .. } => {
                 self.mouse.cursor = DVec2::new(x, y);
                 if self.navigation.is_dragging() {

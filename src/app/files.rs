@@ -151,6 +151,7 @@ impl App {
     /// Reports a failed load, and returns to what was open before.
     pub(super) fn load_failed(&mut self, error: &Error) {
         (self.load.active, self.ui.doing) = (false, None);
+        self.post_picks();
         let failed = self.load_request();
         if self.paints_later() && self.load.displayed.as_ref() == Some(&failed) {
             return self.not_painted(error);
@@ -265,6 +266,7 @@ impl App {
             .filter(|note| !self.ui.notes.contains(note))
             .for_each(|note| warn(&format!("note: {note}")));
         self.ui.notes = notes;
+        self.post_picks();
         if let Err(error) = self.find_strokes() {
             self.report_error(&error);
         }
@@ -273,6 +275,7 @@ impl App {
     /// Reports a failed upload; the picture stays as it is.
     pub(super) fn upload_failed(&mut self, error: &Error) {
         (self.load.active, self.ui.doing) = (false, None);
+        self.post_picks();
         if self.paints_later() && self.load.displayed.as_ref() == Some(&self.load_request()) {
             return self.not_painted(error);
         }

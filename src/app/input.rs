@@ -3,9 +3,10 @@
 use super::App;
 use super::keys::{self, Binding};
 use super::navigation::{Button, Input, Modifiers};
-use super::render_thread::Message;
+use super::render_thread::{Message, PickRequest};
+use super::viewport::Viewport;
 use crate::output::annotations::Shown;
-use crate::view::{Covered, Preset, View};
+use crate::view::{Covered, Preset};
 use glam::DVec2;
 use std::time::{Duration, Instant};
 use winit::dpi::PhysicalSize;
@@ -28,31 +29,49 @@ pub(super) struct Mouse {
     pub last_click: Option<(Instant, DVec2)>,
     /// Where the left button was pressed.
     pub pressed: Option<DVec2>,
-    /// A pick that the next frame answers, and whether it adds a point.
-    pub pending_pick: Option<(DVec2, bool)>,
+    /// Clicks on a sample of the files, which wait for all points.
+    pub early_picks: Vec<PickRequest>,
 }
 
 impl App {
     pub(super) fn resized(&mut self, size: PhysicalSize<u32>) {
-        self.size = [size.width, size.height];
-        self.navigation.set_size(self.size());
-        self.post(Message::Exposed(self.size));
+        let viewport = self.fitting(size.into());
+        self.set_viewport(viewport);
+    }
+
+    /// Folds or unfolds the panel as a window of this size `[px]` asks for. Returns what it leaves.
+    pub(super) fn fitting(&mut self, size: [u32; 2]) -> Viewport {
+        self.ui.panel.fit(self.panel_px() / f64::from(size[0].max(1)));
+        self.viewport_of(size)
+    }
+
+    /// Returns the width of the panel while it is shown `[px]`.
+    fn panel_px(&self) -> f64 {
+        let shown = self.window.as_deref().zip(self.panel.as_ref());
+        shown.map_or(0.0, |(window, panel)| panel.width_px(window))
+    }
+
+    /// Returns what the panel leaves of a window of this size `[px]`.
+    pub(super) fn viewport_of(&self, size: [u32; 2]) -> Viewport {
+        Viewport::new(size, if self.ui.panel.is_shown() { self.panel_px() } else { 0.0 })
+    }
+
+    pub(super) fn set_viewport(&mut self, viewport: Viewport) {
+        self.viewport = viewport;
+        self.navigation.set_viewport(viewport);
+        self.post(Message::Exposed(viewport));
         self.frame_again();
     }
 
-    /// Frames what clip boxes leave, beside the panel and annotations of what is `named`.
+    /// Frames what clip boxes leave, beside annotations of what is `named`.
     pub(super) fn look(&mut self, from: Preset, named: Option<&Shown>) {
         self.navigation.clips = self.scene.clips.clone();
-        let shown = self.window.as_deref().zip(self.panel.as_ref()).filter(|_| !self.ui.hidden);
-        let panel_px = shown.map_or(0.0, |(window, panel)| panel.width_px(window));
-        let left = panel_px / f64::from(self.size()[0]);
-        self.navigation.covered = Covered { left, ..Covered::default() };
+        self.navigation.covered = Covered::default();
         self.navigation.handle(Input::Look { from });
         let Some(named) = named.filter(|_| !self.scene.annotations.is_empty()) else { return };
         // Coordinates along the edges are those of the view.
-        if let Ok(view) = View::new(self.navigation.camera, self.size()) {
-            let annotations = &self.scene.annotations;
-            self.navigation.covered = annotations.covered(panel_px as f32, &view, named);
+        if let Ok(view) = self.viewport.free_view(self.navigation.camera) {
+            self.navigation.covered = self.scene.annotations.covered(&view, named);
             self.navigation.handle(Input::Look { from });
         }
     }
@@ -66,23 +85,46 @@ impl App {
 
     /// Returns the place of the surface under the cursor; None if nothing is there.
     pub(super) fn under_cursor(&self) -> Option<glam::DVec3> {
-        self.pick_buffer.as_ref().and_then(|buffer| buffer.place(self.mouse.cursor, self.size()))
+        self.pick_buffer
+            .as_ref()
+            .and_then(|buffer| buffer.place(self.mouse.cursor, self.viewport.size()))
     }
 
-    /// Picks the point at a pixel; it replaces the picked points, or with `adds` joins them.
+    /// Picks the point at a pixel of what is seen; it replaces the picked points, or with `adds` joins
+    /// them.
     pub(super) fn pick(&mut self, at: DVec2, adds: bool) {
-        match &self.pick_buffer {
-            Some(buffer) if !buffer.moves => match buffer.point(at, self.size()) {
-                Some(id) => self.post(Message::Pick { id, at, adds }),
-                // Only a click with shift surely meant a point.
-                None if adds => {
-                    self.ui.doing = Some("there is no point to pick".into());
-                    self.title();
-                }
-                None => {}
-            },
-            // The next frame at rest answers.
-            _ => self.mouse.pending_pick = Some((at, adds)),
+        let Some(buffer) = &self.pick_buffer else { return };
+        let is_exact = buffer.is_exact && !self.shows_sample();
+        let id = if is_exact { buffer.point(at, self.viewport.size()) } else { None };
+        // The camera may be ahead of the picture.
+        let Ok(view) = self.viewport.view(buffer.view.camera) else { return };
+        if is_exact && id.is_none() {
+            return self.nothing_picked(adds);
+        }
+        self.mouse.early_picks.push(PickRequest { view, at, id, adds });
+        self.post_picks();
+    }
+
+    /// Returns whether a sample of the files is seen while the others are read.
+    fn shows_sample(&self) -> bool {
+        self.load.active && self.load.displayed.is_none()
+    }
+
+    /// Sends clicks on, unless all points are still to come.
+    pub(super) fn post_picks(&mut self) {
+        if self.shows_sample() {
+            return;
+        }
+        for pick in std::mem::take(&mut self.mouse.early_picks) {
+            self.post(Message::Pick(Box::new(pick)));
+        }
+    }
+
+    /// Says that there is no point; only a click with shift surely meant one.
+    pub(super) fn nothing_picked(&mut self, adds: bool) {
+        if adds {
+            self.ui.doing = Some("there is no point to pick".into());
+            self.title();
         }
     }
 
@@ -110,7 +152,7 @@ impl App {
             // A click only changes what the camera turns about.
             self.framing.sample_camera = Some(self.navigation.camera);
         }
-        if View::new(self.navigation.camera, self.size()).is_err() {
+        if self.viewport.view(self.navigation.camera).is_err() {
             // The camera would be beyond what f64 can express.
             self.navigation.camera = before;
         }

@@ -32,6 +32,7 @@ mod render_events;
 pub mod render_thread;
 pub mod scripted_flight;
 mod unsaved;
+pub mod viewport;
 
 use crate::cloud::point_lookup::Record;
 use crate::error::{Error, Result};
@@ -58,6 +59,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Instant;
 use unsaved::Saved;
+use viewport::Viewport;
 use winit::error::EventLoopError;
 use winit::event_loop::{EventLoop, EventLoopProxy};
 use winit::window::Window;
@@ -108,7 +110,7 @@ pub fn run(options: Options, progress: &dyn Progress) -> Result<Summary> {
         closes: false,
         is_choosing: false,
         window: None,
-        size: options.size,
+        viewport: Viewport::new(options.size, 0.0),
         render_thread: None,
         pick_buffer: None,
         mouse: Mouse::default(),
@@ -129,9 +131,9 @@ struct App {
     options: Options,
     events: EventLoopProxy<Event>,
     window: Option<Arc<Window>>,
-    /// Size of the window `[px]`, as last reported: asking a window that another program has
-    /// destroyed would end this one.
-    size: [u32; 2],
+    /// The window, as last reported: asking a window that another program has destroyed would end
+    /// this one.
+    viewport: Viewport,
     render_thread: Option<RenderThread>,
     navigation: Navigation,
     scene: Scene,
@@ -221,11 +223,6 @@ impl App {
         ProgressReporter::new(token, move |text| {
             drop(events.send_event(Event::Progress(text, of.clone())))
         })
-    }
-
-    /// Returns the window's size `[px]`, at least 1 x 1.
-    fn size(&self) -> [u32; 2] {
-        self.size.map(|side| side.max(1))
     }
 
     /// Prints an error, and adds it to those that the panel shows.

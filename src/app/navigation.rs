@@ -10,6 +10,7 @@
 //!
 //! The keys W A S D, Q and E fly in all modes.
 
+use super::viewport::Viewport;
 use crate::select::clip::Clips;
 use crate::view::{Basis, Camera, Covered, Preset, Projection, View};
 use glam::{DQuat, DVec2, DVec3};
@@ -104,7 +105,7 @@ pub enum Input {
         direction: Direction,
         pressed: bool,
     },
-    /// Frames the subject, beside the part of the window that is covered.
+    /// Frames the subject, beside what covers the picture.
     Look {
         from: Preset,
     },
@@ -206,9 +207,8 @@ pub struct Navigation {
     subject: Subject,
     /// Boxes that leave the points to frame.
     pub clips: Clips,
-    /// Size of the window `[px]`.
-    size: [u32; 2],
-    /// What covers the edges of the window.
+    viewport: Viewport,
+    /// What covers the edges of the viewport's free part.
     pub covered: Covered,
     /// The view that was framed, and its camera, until the camera moves.
     framed: Option<(Preset, Camera)>,
@@ -223,6 +223,7 @@ impl Navigation {
     pub fn new(style: NavigationStyle, size: [u32; 2]) -> Navigation {
         let subject = Subject::of(Vec::new(), DVec3::Z);
         let camera = Camera::framing(Preset::Fit, &[], size);
+        let viewport = Viewport::new(size, 0.0);
         Navigation {
             camera,
             mode: Mode::default(),
@@ -230,7 +231,7 @@ impl Navigation {
             speed: SPEED * subject.radius,
             subject,
             clips: Clips::default(),
-            size,
+            viewport,
             covered: Covered::default(),
             framed: None,
             drag: None,
@@ -245,8 +246,8 @@ impl Navigation {
         self.subject = subject;
     }
 
-    pub fn set_size(&mut self, size: [u32; 2]) {
-        self.size = size.map(|side| side.max(1));
+    pub fn set_viewport(&mut self, viewport: Viewport) {
+        self.viewport = viewport;
     }
 
     /// Returns the view that was framed last, unless the camera has moved since.
@@ -312,7 +313,8 @@ impl Navigation {
                     kept = self.clips.corners(*bounds);
                 }
                 let framed = if kept.is_empty() { &**core } else { &kept };
-                self.camera = Camera::framing_beside(from, framed, self.size, self.covered, *up);
+                self.camera =
+                    Camera::framing_beside(from, framed, self.viewport.free(), self.covered, *up);
             }
             Input::Project { onto } => self.project(onto),
             Input::OtherProjection => self.project(match self.camera.projection {
@@ -392,7 +394,7 @@ impl Navigation {
         let Some(drag) = self.drag else { return };
         let by = to - drag.last;
         self.drag = Some(Drag { last: to, ..drag });
-        let across = by / self.size[1] as f64;
+        let across = by / self.viewport.size()[1] as f64;
         match drag.action {
             DragAction::Turn(about) => self.turn(about, -across.x * PI, -across.y * PI),
             DragAction::Look => {
@@ -432,7 +434,7 @@ impl Navigation {
     }
 
     fn view(&self) -> View {
-        View::new(self.camera, self.size).expect("navigation keeps the camera valid")
+        self.viewport.view(self.camera).expect("navigation keeps the camera valid")
     }
 
     fn basis(&self) -> Basis {

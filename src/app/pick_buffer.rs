@@ -11,12 +11,13 @@ pub struct PickBuffer {
     pub depth: Vec<f32>,
     /// Point ids; none where a surface hides the point.
     pub index: Vec<u32>,
-    /// Mark of a moving picture, whose surfaces hide less.
-    pub moves: bool,
+    /// Mark of a picture in the window's size with all points and effects; others are coarse, and
+    /// their surfaces hide less.
+    pub is_exact: bool,
 }
 
 /// Largest distance from the cursor to a picked pixel `[px]`.
-const MISS_PX: i64 = 6;
+pub const MISS_PX: i64 = 6;
 
 impl PickBuffer {
     /// Returns the place on the surface at or near a pixel of a window of this size (world); None
@@ -78,7 +79,7 @@ mod tests {
         (depth[10 * 40 + 15], index[10 * 40 + 15]) = (7.5, 42);
         depth[10 * 40 + 16] = 8.5;
         depth[0] = f32::NEG_INFINITY;
-        let buffer = PickBuffer { view, depth, index, moves: false };
+        let buffer = PickBuffer { view, depth, index, is_exact: true };
         // The window is twice as large as the picture.
         let at = |x: f64, y: f64| DVec2::new(2.0 * x, 2.0 * y);
         assert_eq!(buffer.point(at(15.5, 10.5), [80, 40]), Some(42));

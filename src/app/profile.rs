@@ -3,18 +3,22 @@
 
 use super::actions::Action;
 use super::measure;
+use crate::cloud::Station;
 use crate::cloud::attribute::DisplayAttribute;
 use crate::cloud::colormap;
 use crate::cloud::crs::Reference;
+use crate::cloud::histograms::Histograms;
+use crate::output::legend::{self, Legend};
 use crate::output::section::{self, Axes, Canvas, FINER, SectionPoint};
 use crate::resident::slab_query::{SlabPoint, SlabPoints};
 use crate::select::slab::Slab;
 use egui::epaint::TextShape;
 use egui::{
     Align2, Color32, ColorImage, FontId, Painter, Pos2, Rect, RichText, Sense, Stroke, StrokeKind,
-    TextureHandle, TextureOptions, Ui, pos2, vec2,
+    TextureHandle, TextureOptions, Ui, Vec2, pos2, vec2,
 };
 use glam::DVec2;
+use std::collections::BTreeMap;
 use std::f32::consts::FRAC_PI_2;
 
 /// Largest size of the field of points `[points]`.
@@ -22,6 +26,16 @@ const SIZE: DVec2 = DVec2::new(560.0, 240.0);
 
 /// Room for the axes at its left, top, right and bottom `[points]`.
 const AROUND: [f32; 4] = [64.0, 8.0, 16.0, 40.0];
+
+/// Size of letters at the axes and of the legend `[points]`.
+const LETTERS: f32 = 11.0;
+
+/// Distance of the legend from the points, and the most of its height that a ramp takes `[points]`.
+const BESIDE: f32 = 16.0;
+const RAMP: f32 = 160.0;
+
+/// Colours in a ramp.
+const PARTS: u32 = 64;
 
 /// Side of a point `[points]`.
 const POINT: usize = 2;
@@ -39,6 +53,8 @@ pub struct Profile {
     shown: DisplayAttribute,
     /// Lowest and highest point.
     heights: [f64; 2],
+    /// Points of each class, of each return number and of each station.
+    labels: [BTreeMap<u32, u64>; 3],
     /// Axes and picture, made when first shown.
     drawn: Option<(Axes, TextureHandle)>,
 }
@@ -49,7 +65,12 @@ impl Profile {
         let (lo, hi) =
             (heights().fold(f64::INFINITY, f64::min), heights().fold(f64::NEG_INFINITY, f64::max));
         let heights = if lo <= hi { [lo, hi] } else { [0.0; 2] };
-        Profile { slab, section, shown, heights, drawn: None }
+        let mut labels = [(); 3].map(|()| BTreeMap::<u32, u64>::new());
+        for own in section.points.iter().filter_map(|found| measure::kind(&found.point)) {
+            let counted = labels.iter_mut().zip(own);
+            counted.for_each(|(counts, label)| *counts.entry(label).or_default() += 1);
+        }
+        Profile { slab, section, shown, heights, labels, drawn: None }
     }
 
     fn point(&self, found: &SlabPoint) -> SectionPoint {
@@ -98,7 +119,27 @@ impl Profile {
         format!("profile: {} points{part}, {length} long, {width} wide", points.len())
     }
 
-    pub fn show(&mut self, ui: &mut Ui, reference: &Reference, actions: &mut Vec<Action>) {
+    /// Returns the legend of what its points show.
+    pub fn legend(&self, reference: &Reference, stations: &[Station]) -> Option<Legend> {
+        let [classes, returns, of_stations] = &self.labels;
+        let bytes = |counts: &BTreeMap<u32, u64>| {
+            counts.iter().map(|(&label, &points)| (label as u8, points)).collect()
+        };
+        let counts = Histograms { classes: bytes(classes), returns: bytes(returns) };
+        let station = |(at, &points): (&u32, &u64)| {
+            Some(Station { points, ..stations.get(*at as usize)?.clone() })
+        };
+        let stations: Vec<Station> = of_stations.iter().filter_map(station).collect();
+        Legend::of(&self.shown, reference, &counts, &stations)
+    }
+
+    pub fn show(
+        &mut self,
+        ui: &mut Ui,
+        reference: &Reference,
+        legend: Option<&Legend>,
+        actions: &mut Vec<Action>,
+    ) {
         let drawn = self.drawn.take();
         let (axes, texture) = drawn.unwrap_or_else(|| {
             let axes = Axes::fitting(self.slab.length, self.heights, None, SIZE, reference);
@@ -107,10 +148,17 @@ impl Profile {
         });
         let [left, top, right, bottom] = AROUND;
         let size = vec2(axes.size.x as f32, axes.size.y as f32);
-        let whole = size + vec2(left + right, top + bottom);
+        let legend = legend.map(|legend| LegendText::of(legend, ui.painter()));
+        let aside = legend.as_ref().map_or(vec2(0.0, 0.0), |legend| legend.size);
+        // A legend may reach below the axes of a flat profile.
+        let high = (size.y + bottom).max(aside.y);
+        let whole = vec2(left + size.x + right + aside.x, top + high);
         let (all, response) = ui.allocate_exact_size(whole, Sense::hover());
         let field = Rect::from_min_size(all.min + vec2(left, top), size);
         draw(ui.painter(), &axes, field);
+        if let Some(legend) = &legend {
+            legend.draw(ui.painter(), field.right_top() + vec2(BESIDE, 0.0));
+        }
         let all_of_it = Rect::from_min_max(Pos2::ZERO, pos2(1.0, 1.0));
         ui.painter().image(texture.id(), field, all_of_it, Color32::WHITE);
         let here = response.hover_pos().filter(|at| field.contains(*at));
@@ -141,7 +189,6 @@ impl Profile {
 /// Draws the ticks and names of the axes around a field, and lines across it.
 fn draw(painter: &Painter, axes: &Axes, field: Rect) {
     const TICK: f32 = 4.0;
-    const LETTERS: f32 = 11.0;
     painter.rect_filled(field, 0.0, Color32::from_gray(8));
     let ink = painter.ctx().global_style().visuals.text_color();
     let (font, fine) = (FontId::proportional(LETTERS), Stroke::new(1.0, Color32::from_gray(45)));
@@ -173,4 +220,108 @@ fn draw(painter: &Painter, axes: &Axes, field: Rect) {
     let upwards = pos2(field.left() - AROUND[0], field.center().y + galley.size().x / 2.0);
     let turned = TextShape::new(upwards, galley, ink).with_angle(-FRAC_PI_2);
     painter.add(turned);
+}
+
+/// A legend, as it is written beside a profile.
+struct LegendText {
+    /// Title of a ramp.
+    heading: String,
+    /// Colours from the bottom to the top of a ramp; none of labels.
+    ramp: Vec<[u8; 3]>,
+    /// Numbers at their heights in a ramp, from 0 to 1; or labels, with their colours.
+    rows: Vec<(f64, Option<[u8; 3]>, String)>,
+    /// Room that it takes at the right of the points `[points]`.
+    size: Vec2,
+}
+
+impl LegendText {
+    fn of(legend: &Legend, painter: &Painter) -> LegendText {
+        let (heading, ramp, rows, height) = match legend {
+            Legend::Ramp { heading, ends, shown } => {
+                let ticks = legend::ticks(*ends, 5.0).into_iter();
+                let rows: Vec<_> = ticks.map(|(share, label)| (share, None, label)).collect();
+                let colors = legend::colors(shown, PARTS).collect();
+                (heading.clone(), colors, rows, 1.8 * LETTERS + RAMP)
+            }
+            Legend::Labels(all) => {
+                let (kept, left_out) = legend::most_frequent(all, all.len());
+                let row = |row: legend::Row| (0.0, Some(row.color), row.name);
+                let mut rows: Vec<_> = kept.into_iter().map(row).collect();
+                if left_out > 0 {
+                    rows.push((0.0, None, format!("and {left_out} more")));
+                }
+                let height = 1.4 * LETTERS * rows.len() as f32;
+                (String::new(), Vec::new(), rows, height)
+            }
+        };
+        let width_of = |text: &str| {
+            let font = FontId::proportional(LETTERS);
+            painter.layout_no_wrap(text.to_owned(), font, Color32::WHITE).size().x
+        };
+        let widest = rows.iter().map(|(_, _, text)| width_of(text)).fold(0.0, f32::max);
+        let width = width_of(&heading).max(2.4 * LETTERS + widest);
+        LegendText { heading, ramp, rows, size: vec2(BESIDE + width, height) }
+    }
+
+    /// Draws it with its top left corner at a place.
+    fn draw(&self, painter: &Painter, at: Pos2) {
+        let ink = painter.ctx().global_style().visuals.text_color();
+        let text = |at: Pos2, anchor: Align2, text: &str| {
+            painter.text(at, anchor, text, FontId::proportional(LETTERS), ink);
+        };
+        text(at, Align2::LEFT_TOP, &self.heading);
+        let bar = Rect::from_min_size(at + vec2(0.0, 1.8 * LETTERS), vec2(1.4 * LETTERS, RAMP));
+        let part = RAMP / self.ramp.len().max(1) as f32;
+        for (k, [r, g, b]) in self.ramp.iter().enumerate() {
+            let top = bar.bottom() - part * (k + 1) as f32;
+            let part = Rect::from_min_size(pos2(bar.left(), top), vec2(bar.width(), part));
+            painter.rect_filled(part, 0.0, Color32::from_rgb(*r, *g, *b));
+        }
+        for (k, (share, color, label)) in self.rows.iter().enumerate() {
+            let row = at + vec2(0.0, 1.4 * LETTERS * (k as f32 + 0.5));
+            let beside = if self.ramp.is_empty() {
+                row + vec2(1.5 * LETTERS, 0.0)
+            } else {
+                let y = bar.bottom() - bar.height() * *share as f32;
+                painter.hline(bar.right()..=bar.right() + 4.0, y, Stroke::new(1.0, ink));
+                pos2(bar.right() + 7.0, y)
+            };
+            if let Some([r, g, b]) = color {
+                let middle = row + vec2(0.5 * LETTERS, 0.0);
+                let square = Rect::from_center_size(middle, Vec2::splat(LETTERS));
+                painter.rect_filled(square, 0.0, Color32::from_rgb(*r, *g, *b));
+            }
+            text(beside, Align2::LEFT_CENTER, label);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::cloud::attribute::{Attribute, class_name};
+    use crate::resident::Point;
+    use glam::DVec3;
+
+    #[test]
+    fn a_legend_has_the_classes_of_the_profile_alone() {
+        let slab = Slab::new(DVec3::ZERO, DVec3::X, 0.5).unwrap();
+        let point = |class: u32| SlabPoint {
+            point: Point { position: DVec3::ZERO, exact: true, kind: Some(class | 1 << 8) },
+            shown: class,
+            place: DVec2::ZERO,
+        };
+        let points = [6, 2, 6].map(point).to_vec();
+        let section = SlabPoints { points, ..SlabPoints::default() };
+        let shown = DisplayAttribute::indexed(Attribute::Class, [0.0; 2], [0, 255]);
+        let profile = Profile::new(slab, section, shown);
+        let Some(Legend::Labels(rows)) = profile.legend(&Reference::default(), &[]) else {
+            panic!("no labels");
+        };
+        let found: Vec<([u8; 3], Option<&str>)> =
+            rows.iter().map(|row| (row.color, Some(&row.name[..]))).collect();
+        let wanted =
+            [2, 6].map(|class| (colormap::color_of(&shown, class.into()), class_name(class)));
+        assert_eq!(found, wanted);
+    }
 }

@@ -27,7 +27,7 @@ impl App {
             RenderEvent::Counted(points) => self.counted(points),
             RenderEvent::Uploaded(info, token) => self.uploaded(*info, &token),
             RenderEvent::Picked { point, adds } => self.picked(point, adds),
-            RenderEvent::PickLater { at, adds } => self.mouse.pending_pick = Some((at, adds)),
+            RenderEvent::NothingPicked { adds } => self.nothing_picked(adds),
             RenderEvent::Profile(profile) => {
                 print_line(&profile.summary(&self.ui.measure.reference));
                 (self.ui.profile, self.ui.error) = (Some(*profile), None);
@@ -84,9 +84,6 @@ impl App {
             .as_mut()
             .and_then(|flight| flight.frame_done(&report, rests, Instant::now()));
         self.pick_buffer = Some(report.pick_buffer);
-        if let Some((at, adds)) = self.mouse.pending_pick.take() {
-            self.pick(at, adds);
-        }
         (self.ui.drawn, self.ui.at_most) = (report.statistics.points_drawn, report.leaves_out);
         self.ui.loading = report.loading;
         if report.moving.is_some() {

@@ -7,6 +7,7 @@
 //!   ([`crate::tune::governor`]), and as it was asked for once it has stopped; again while nodes
 //!   of an index arrive, and while a picture at rest is refined ([`FrameConfig::progressive`]).
 //! - It uploads a loaded cloud, a few milliseconds at a time, while the old one is still drawn.
+//! - It answers clicks that the last picture cannot answer.
 //! - It saves pictures, piece by piece, when there is nothing to draw.
 //!
 //! Otherwise it sleeps until a message comes. A frame that is superseded is not finished.
@@ -24,10 +25,12 @@
 
 mod draw_frame;
 mod messages;
+mod picking;
 mod saving;
 
 use super::load_thread::{CloudInfo, ProgressReporter};
 use super::profile::Profile;
+use super::viewport::Viewport;
 use crate::error::{Error, Result};
 use crate::graph::Graph;
 use crate::passes::{count_visible, project};
@@ -38,11 +41,11 @@ use crate::render::scene::Scene;
 use crate::render::settings::FrameConfig;
 use crate::renderer::{CloudId, Renderer};
 use crate::tune::Governor;
-use crate::view::View;
 use draw_frame::{Moved, Superseded};
 pub use messages::{
     FrameReport, FrameTimes, Loading, Measured, Message, Moving, RenderEvent, Upload,
 };
+pub use picking::PickRequest;
 use saving::SaveQueue;
 use std::collections::VecDeque;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -75,7 +78,7 @@ impl RenderThread {
         let thread = RenderLoop {
             renderer,
             present: Some(present),
-            window: [0, 0],
+            viewport: Viewport::new([0, 0], 0.0),
             inbox: Inbox {
                 messages,
                 waiting: VecDeque::new(),
@@ -93,6 +96,7 @@ impl RenderThread {
             moved: None,
             last_drawn: Vec::new(),
             saves: SaveQueue::default(),
+            picks: VecDeque::new(),
         };
         let thread = std::thread::Builder::new().name("render".into()).spawn(move || thread.run());
         let thread = thread
@@ -222,8 +226,8 @@ struct RenderLoop {
     renderer: Renderer,
     /// None once the thread has ended.
     present: Option<Present>,
-    /// Size of the window `[px]`, as last reported.
-    window: [u32; 2],
+    /// The window, as last reported.
+    viewport: Viewport,
     inbox: Inbox,
     report: Arc<dyn Fn(RenderEvent) + Send + Sync>,
     uploading: Option<Uploading>,
@@ -236,6 +240,8 @@ struct RenderLoop {
     /// Nodes of the last frame ([`crate::resident::Resident::identity`]).
     last_drawn: Vec<u64>,
     saves: SaveQueue,
+    /// Clicks that are not answered yet.
+    picks: VecDeque<PickRequest>,
 }
 
 impl RenderLoop {
@@ -285,6 +291,7 @@ impl RenderLoop {
                 self.handle(message)?;
                 next = self.inbox.next();
             }
+            self.pick_step()?;
             self.step()?;
             self.upload_step()?;
         }
@@ -304,7 +311,7 @@ impl RenderLoop {
             Redraw::Nothing if !self.saves.queue.is_empty() => Some(Duration::ZERO),
             Redraw::Nothing => None,
         };
-        if self.schedule.show_due || self.uploading.is_some() {
+        if self.schedule.show_due || self.uploading.is_some() || !self.picks.is_empty() {
             Some(Duration::ZERO)
         } else {
             by_wanted
@@ -320,8 +327,8 @@ impl RenderLoop {
                     self.schedule.change(asked);
                 }
             }
-            Message::Exposed(size) => {
-                self.window = size;
+            Message::Exposed(viewport) => {
+                self.viewport = viewport;
                 self.schedule.change(Instant::now());
             }
             Message::Limit(limit) => self.governor.set_limit(limit),
@@ -339,25 +346,7 @@ impl RenderLoop {
                 let cloud = self.renderer.add_prepared(prepared);
                 self.uploading = Some(Uploading { cloud, info, watch });
             }
-            Message::Pick { id, at, adds } => {
-                self.restore_scene()?;
-                // Ids are those of the last frame; they are void if nodes have arrived since.
-                let point = match self.cloud {
-                    Some(cloud) => {
-                        let (gpu, cloud) = self.renderer.cloud(cloud)?;
-                        let resident = cloud.resident();
-                        let is_last = resident.identity() == self.last_drawn;
-                        is_last.then(|| resident.point(gpu, id)).transpose()?
-                    }
-                    None => None,
-                };
-                match point {
-                    Some(point) => point
-                        .into_iter()
-                        .for_each(|point| (self.report)(RenderEvent::Picked { point, adds })),
-                    None => (self.report)(RenderEvent::PickLater { at, adds }),
-                }
-            }
+            Message::Pick(pick) => self.pick(*pick)?,
             Message::Prices => self.price()?,
             Message::Section(slab) => {
                 self.restore_scene()?;
@@ -382,7 +371,7 @@ impl RenderLoop {
         else {
             return Ok(());
         };
-        let view = View::new(scene.camera, present.size())?;
+        let view = self.viewport.view_of(scene.camera, present.size())?;
         let config = self.renderer.config(cloud, &view)?;
         let newer = self.inbox.picture_superseded();
         match prices::of(&mut self.renderer, cloud, &view, &config, &newer) {
@@ -407,6 +396,7 @@ impl RenderLoop {
                 if let Some(old) = self.cloud.replace(upload.cloud) {
                     self.remove_unused(old)?;
                 }
+                self.governor.restart();
                 (self.report)(RenderEvent::Uploaded(Box::new(upload.info), upload.watch.token));
                 self.schedule.change(Instant::now());
             }
@@ -466,7 +456,7 @@ impl RenderLoop {
         else {
             return Ok(());
         };
-        let view = View::new(scene.camera, present.size())?;
+        let view = self.viewport.view_of(scene.camera, present.size())?;
         let (gpu, cloud) = self.renderer.cloud(cloud)?;
         let mut g = Graph::new(gpu);
         let Ok(points) = project::draw(&mut g, &view, cloud.resident(), scene.settings.precision)

@@ -591,7 +591,7 @@ impl PictureOptions {
         let beside = |covered| self.framing(points, up, covered);
         // Coordinates along the edges are those of the view.
         let whole = beside(Covered::default())?;
-        match self.report.annotations().covered(0.0, &whole, shown) {
+        match self.report.annotations().covered(&whole, shown) {
             covered if covered == Covered::default() => Ok(whole),
             covered => beside(covered),
         }

@@ -11,17 +11,21 @@ use super::options::{CacheOptions, ColorOptions, TextArguments};
 use super::streams;
 use super::units::{Size, note_length};
 use crate::atomic_file::AtomicFile;
-use crate::cloud::ColumnSet;
 use crate::cloud::attribute::{Attribute, DisplayAttribute, percentiles};
 use crate::cloud::colormap;
+use crate::cloud::crs::Reference;
+use crate::cloud::histograms::Histograms;
+use crate::cloud::{ColumnSet, Station};
 use crate::error::{Error, Result};
 use crate::extract::Selection;
 use crate::extract::input::{Batch, Input};
+use crate::output::legend::Legend;
 use crate::output::section::{self, AROUND, Axes, Canvas, FINER, SectionPoint};
 use crate::progress::Progress;
 use crate::select::opacity::Opacities;
 use crate::select::slab::Slab;
 use glam::{DVec2, DVec3};
+use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
@@ -30,7 +34,7 @@ const EXAMPLES: &str = "\
 Examples:
   pointillist profile scan.laz --from 500010,5000020 --to 500060,5000020 --width 1 -o p.svg
   pointillist profile scan.laz --from 0,0 --to 25,10 --width 0.2 -o p.svg -o p.csv
-  pointillist profile site.pnti --from 0,0 --to 900,0 --width 5 --exaggeration 2 --color class -o p.svg
+  pointillist profile site.pnti --from 0,0 --to 900,0 --width 5 --exaggeration 2 --color class --legend -o p.svg
   pointillist profile scan.laz --from 0,0 --to 50,0 --width 1 --only ground -o ground.csv";
 
 /// A place on the map.
@@ -90,6 +94,9 @@ pub struct Arguments {
         value_name = "rgb|intensity|elevation|class|time|nir|height-above-ground|extra:NAME|..."
     )]
     pub color: Option<Attribute>,
+    /// Colours of the numbers or labels that points show, beside the picture
+    #[arg(long)]
+    pub legend: bool,
     #[command(flatten)]
     pub filters: FilterOptions,
     #[command(flatten)]
@@ -118,6 +125,8 @@ struct Ranges {
     intensities: Vec<u64>,
     /// Whether a point has a colour other than black; a file of black points has none.
     has_colors: bool,
+    /// Points of each class, of each return number and of each source.
+    labels: [BTreeMap<u16, u64>; 3],
 }
 
 /// A file that is written.
@@ -189,6 +198,7 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
     let slab = Slab::new(from, to, arguments.width)
         .ok_or_else(|| Error::Request("--from and --to are the same place".into()))?;
     let [left, top, right, bottom] = AROUND;
+    let widest = f64::from(arguments.size.0[0]);
     let most =
         DVec2::from_array(arguments.size.0.map(f64::from)) - DVec2::new(left + right, top + bottom);
     if most.min_element() < 50.0 || most.x * most.y > PIXELS {
@@ -220,6 +230,9 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
     note_length("--width", Some(arguments.width), &reference.unit());
     let has = parts.iter().fold(ColumnSet::default(), |has, part| has.and(part.available));
     let shown = arguments.shown(has, &ranges)?;
+    let legend = if arguments.legend { ranges.legend(&shown, &reference) } else { None };
+    let aside = legend.as_ref().map_or(0.0, section::legend_width);
+    let most = (most - DVec2::new(aside, 0.0)).max(DVec2::splat(50.0));
     let axes = Axes::fitting(slab.length, ranges.heights, arguments.exaggeration, most, &reference);
     let mut canvas = (!pictures.is_empty()).then(|| Canvas::new(&axes));
     let wrote = |path: &Path| {
@@ -258,7 +271,7 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
         unit.length(slab.width, 3)
     );
     if let Some(canvas) = canvas {
-        let svg = section::svg(&axes, &said, &png(&canvas));
+        let svg = section::svg(&axes, &said, &png(&canvas), legend.as_ref(), widest);
         for Output { path, whole } in pictures {
             std::fs::write(whole.partial(), &svg).map_err(wrote(&path))?;
             whole.finish()?;
@@ -306,17 +319,44 @@ fn points(
             Attribute::Elevation => shown.place(position.z),
             _ => shown.word_of(columns, lattice, i),
         };
-        let byte = |column: &Option<Vec<u8>>| column.as_ref().map_or(0, |column| column[i]);
-        let (class, returned) = (byte(&columns.class), byte(&columns.returns) & 15);
         Some(SectionPoint {
             place: slab.place(position)?,
             position,
-            labels: Some([class.into(), returned.into(), batch.source(i).into()]),
+            labels: Some(labels(batch, i).map(u32::from)),
             numbers: numbers.iter().map(|of| number(of, i).unwrap_or(f64::NAN)).collect(),
             color: colormap::color_of(shown, word),
         })
     };
     batch.left.iter().filter_map(point).collect()
+}
+
+/// Height, intensity, and time or scalar of a point.
+type Numbers = (f64, u16, f64);
+
+/// Returns the class of a point, its return number and its source.
+fn labels(batch: &Batch, i: usize) -> [u16; 3] {
+    let byte = |column: &Option<Vec<u8>>| column.as_ref().map_or(0, |column| column[i]);
+    let columns = batch.columns;
+    [byte(&columns.class).into(), (byte(&columns.returns) & 15).into(), batch.source(i)]
+}
+
+impl Ranges {
+    /// Returns the legend of what the points show.
+    fn legend(&self, shown: &DisplayAttribute, reference: &Reference) -> Option<Legend> {
+        let [classes, returns, sources] = &self.labels;
+        let bytes = |counts: &BTreeMap<u16, u64>| {
+            counts.iter().map(|(&label, &points)| (label as u8, points)).collect()
+        };
+        let counts = Histograms { classes: bytes(classes), returns: bytes(returns) };
+        let station = |(&source, &points): (&u16, &u64)| Station {
+            part: 0,
+            source: Some(source),
+            name: format!("source {source}"),
+            points,
+        };
+        let stations: Vec<Station> = sources.iter().map(station).collect();
+        Legend::of(shown, reference, &counts, &stations)
+    }
 }
 
 fn ranges(
@@ -331,6 +371,7 @@ fn ranges(
         numbers: [f64::INFINITY, f64::NEG_INFINITY],
         intensities: vec![0; 1 << 16],
         has_colors: false,
+        labels: Default::default(),
     };
     let map = |batch: &Batch| {
         let lattice = &input.parts()[batch.part].lattice;
@@ -344,10 +385,15 @@ fn ranges(
         let colors = batch.columns.rgb.as_ref();
         let has_color = |&i: &u32| colors.is_some_and(|colors| colors[i as usize] != [0; 3]);
         let points = batch.left.iter().map(of).collect::<Vec<_>>();
-        Ok((points, batch.left.iter().any(has_color)))
+        let labels = batch.left.iter().map(|&i| labels(batch, i as usize)).collect::<Vec<_>>();
+        Ok((points, labels, batch.left.iter().any(has_color)))
     };
-    let mut take = |(points, has_colors): (Vec<(f64, u16, f64)>, bool)| {
+    let mut take = |(points, labels, has_colors): (Vec<Numbers>, Vec<[u16; 3]>, bool)| {
         ranges.has_colors |= has_colors;
+        for of_point in labels {
+            let counts = ranges.labels.iter_mut().zip(of_point);
+            counts.for_each(|(counts, label)| *counts.entry(label).or_default() += 1);
+        }
         ranges.points += points.len() as u64;
         for (height, intensity, number) in points {
             // Neither end becomes NaN.

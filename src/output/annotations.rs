@@ -1,14 +1,13 @@
 //! Draws annotations: title, legend, scale bar, north arrow and axes. The window and the files of
 //! pictures draw them alike; sizes are relative to the height of the picture.
 
+use super::legend::{self, Legend, Row};
 use super::overlay::{Corner, Overlay};
 use super::ticks::{multiples, number, round_above, round_below};
 use crate::cloud::Station;
-use crate::cloud::attribute::{Attribute, DisplayAttribute, class_name};
-use crate::cloud::colormap;
+use crate::cloud::attribute::DisplayAttribute;
 use crate::cloud::crs::Reference;
 use crate::cloud::histograms::Histograms;
-use crate::cloud::scalar::Scalar;
 use crate::cloud::up::Up;
 use crate::render::annotations::Annotations;
 use crate::view::{Covered, Projection, View};
@@ -43,8 +42,6 @@ const FIELD: f32 = 0.5;
 /// Behind what is drawn, so that it can be read on any picture.
 const BEHIND: Color32 = Color32::from_rgba_premultiplied(14, 16, 19, 190);
 const INK: Color32 = Color32::WHITE;
-/// Rows of a legend of labels at most.
-const ROWS: usize = 16;
 /// Rectangles of a ramp.
 const PARTS: u32 = 64;
 /// Widest text atlas `[px]`.
@@ -58,14 +55,10 @@ pub fn no_north(up: Up) -> Option<&'static str> {
 impl Annotations {
     /// Returns what to draw over the whole picture of a view.
     pub fn overlay(&self, view: &View, shown: &Shown) -> Overlay {
-        self.overlay_beside(0.0, view, shown)
-    }
-
-    fn overlay_beside(&self, covered: f32, view: &View, shown: &Shown) -> Overlay {
         if self.is_empty() {
             return Overlay::default();
         }
-        let (context, output, _) = self.laid_out(covered, view, shown);
+        let (context, output, _) = self.laid_out(view, shown);
         let mut overlay = Overlay::default();
         let text = output.textures_delta.set.iter().filter(|(id, _)| **id == TextureId::default());
         text.flat_map(|(_, deltas)| deltas).for_each(|delta| take(&mut overlay, delta));
@@ -85,13 +78,12 @@ impl Annotations {
         overlay
     }
 
-    /// Returns what they cover of a view, beside its left part that is `covered` `[px]`.
-    pub fn covered(&self, covered: f32, view: &View, shown: &Shown) -> Covered {
-        let left = Covered { left: (covered / view.whole[0] as f32).into(), ..Covered::default() };
-        if self.is_empty() { left } else { self.laid_out(covered, view, shown).2 }
+    /// Returns what they cover of a view.
+    pub fn covered(&self, view: &View, shown: &Shown) -> Covered {
+        if self.is_empty() { Covered::default() } else { self.laid_out(view, shown).2 }
     }
 
-    fn laid_out(&self, covered: f32, view: &View, shown: &Shown) -> (Context, FullOutput, Covered) {
+    fn laid_out(&self, view: &View, shown: &Shown) -> (Context, FullOutput, Covered) {
         let context = Context::default();
         let rect =
             Rect::from_min_size(Pos2::ZERO, vec2(view.whole[0] as f32, view.whole[1] as f32));
@@ -103,36 +95,28 @@ impl Annotations {
         let mut all = Covered::default();
         let output = context.run_ui(input, |ui| {
             let painter = ui.ctx().layer_painter(LayerId::background());
-            all = self.draw(&painter, rect, covered, view, shown);
+            all = self.draw(&painter, rect, view, shown);
         });
         (context, output, all)
     }
 
-    /// Draws into a rectangle that shows a whole view, beside its left part that is `covered`.
-    /// Returns what is covered then: the title's rows, those of the scale bar, and so on.
-    pub fn draw(
-        &self,
-        painter: &Painter,
-        rect: Rect,
-        covered: f32,
-        view: &View,
-        shown: &Shown,
-    ) -> Covered {
+    /// Draws into a rectangle that shows a whole view. Returns what is covered then: the title's
+    /// rows, those of the scale bar, and so on.
+    pub fn draw(&self, painter: &Painter, rect: Rect, view: &View, shown: &Shown) -> Covered {
         let line = (LINE * rect.height().min(1.5 * rect.width())).max(LEAST_LINE);
-        let left = rect.left() + covered;
-        let sheet = Sheet { painter, rect, left, line, view, shown };
+        let sheet = Sheet { painter, rect, line, view, shown };
         let edges = if self.axes { sheet.axes() } else { Vec2::ZERO };
         let inner = Rect::from_min_max(
-            pos2(left + edges.x + line, rect.top() + line),
+            pos2(rect.left() + edges.x + line, rect.top() + line),
             pos2(rect.right() - line, rect.bottom() - edges.y - line),
         );
         let mut free = rect;
-        free.min.x = left + edges.x;
+        free.min.x += edges.x;
         free.max.y -= edges.y;
         // What is left of the column at the right. What has no room there is left out.
         let (mut room, column) = (inner, inner.right() - TRIAD * line);
         if let Some(title) = &self.title {
-            let at = pos2((left + rect.right()) / 2.0, inner.top());
+            let at = pos2(rect.center().x, inner.top());
             let wide = sheet.width_of(title) / line;
             let size = (1.6 * line).min(inner.width() / wide.max(1.0));
             let place = sheet.text(at, Align2::CENTER_TOP, title, size, true);
@@ -203,8 +187,6 @@ fn beside(inner: Rect, room: Rect, size: Vec2) -> Rect {
 struct Sheet<'s> {
     painter: &'s Painter,
     rect: Rect,
-    /// Where what is not covered begins.
-    left: f32,
     /// Height of a line of text.
     line: f32,
     view: &'s View,
@@ -325,101 +307,54 @@ impl Sheet<'_> {
     /// Draws the ramp with round values, or the labels that occur, at the right. Returns its place,
     /// if there is one.
     fn legend(&self, inner: Rect, room: Rect) -> Option<Rect> {
-        let attribute = &self.shown.attribute;
-        match attribute.ends() {
-            Some(ends) if ends[1] > ends[0] => Some(self.ramp(inner, room, ends)),
-            _ if attribute.attribute.is_label() => Some(self.labels(inner, room)),
-            _ => None,
-        }
+        let Shown { attribute, reference, counts, stations, .. } = self.shown;
+        Some(match Legend::of(attribute, reference, counts, stations)? {
+            Legend::Ramp { heading, ends, shown } => self.ramp(inner, room, &heading, ends, &shown),
+            Legend::Labels(rows) => self.labels(inner, room, &rows),
+        })
     }
 
-    fn ramp(&self, inner: Rect, room: Rect, [lo, hi]: [f64; 2]) -> Rect {
-        let (shown, line) = (&self.shown.attribute, self.line);
-        let heading = match shown.attribute {
-            Attribute::Elevation => {
-                format!("elevation [{}]", self.shown.reference.height_unit().symbol())
-            }
-            Attribute::Time => "GPS time [s]".into(),
-            Attribute::Scalar(Scalar::HeightAboveGround) => {
-                format!("height above ground [{}]", self.shown.reference.height_unit().symbol())
-            }
-            Attribute::Scalar(scalar) => scalar.title(),
-            other => other.name(),
-        };
+    fn ramp(
+        &self,
+        inner: Rect,
+        room: Rect,
+        heading: &str,
+        ends: [f64; 2],
+        shown: &DisplayAttribute,
+    ) -> Rect {
+        let line = self.line;
         let height = (14.0 * line).min(room.height());
-        let step = round_above((hi - lo) / f64::from(6.0 * height / (14.0 * line)));
-        let ticks: Vec<f64> = multiples(step, [lo, hi]);
-        let labels: Vec<String> = ticks.iter().map(|&tick| number(tick, step)).collect();
-        let widest = labels.iter().map(|label| self.width_of(label)).fold(0.0, f32::max);
-        let width = (2.4 * line + widest).max(self.width_of(&heading));
+        let ticks = legend::ticks(ends, f64::from(6.0 * height / (14.0 * line)));
+        let widest = ticks.iter().map(|(_, label)| self.width_of(label)).fold(0.0, f32::max);
+        let width = (2.4 * line + widest).max(self.width_of(heading));
         let place = beside(inner, room, vec2(width, height));
         self.field(place);
-        self.text(place.left_top(), Align2::LEFT_TOP, &heading, line, false);
+        self.text(place.left_top(), Align2::LEFT_TOP, heading, line, false);
         let bar = Rect::from_min_max(
             place.left_top() + vec2(0.0, 1.8 * line),
             pos2(place.left() + 1.4 * line, place.bottom()),
         );
-        let [low, high] = shown.ramp_words();
-        for part in 0..PARTS {
-            let word = low + (high - low) * part as f64 / (PARTS - 1) as f64;
-            let [r, g, b] = colormap::ramp_color(shown, word);
+        for (part, [r, g, b]) in (0..).zip(legend::colors(shown, PARTS)) {
             let y = |part: u32| bar.bottom() - bar.height() * part as f32 / PARTS as f32;
             let part =
                 Rect::from_min_max(pos2(bar.left(), y(part + 1)), pos2(bar.right(), y(part)));
             self.painter.rect_filled(part, 0.0, Color32::from_rgb(r, g, b));
         }
-        for (tick, label) in ticks.iter().zip(labels) {
-            let y = bar.bottom() - bar.height() * ((tick - lo) / (hi - lo)) as f32;
-            let at = pos2(bar.right(), y);
+        for (share, label) in ticks {
+            let at = pos2(bar.right(), bar.bottom() - bar.height() * share as f32);
             self.painter.line_segment([at, at + vec2(0.5 * line, 0.0)], self.stroke());
             self.text(at + vec2(0.9 * line, 0.0), Align2::LEFT_CENTER, &label, line, false);
         }
         place
     }
 
-    fn labels(&self, inner: Rect, room: Rect) -> Rect {
-        let (attribute, line) = (self.shown.attribute.attribute, self.line);
-        let mut rows: Vec<([u8; 3], String, u64)> = match attribute {
-            Attribute::Class => self
-                .shown
-                .counts
-                .classes
-                .iter()
-                .map(|&(class, count)| {
-                    let name = class_name(class).map_or(format!("class {class}"), str::to_owned);
-                    (colormap::code_color(attribute, class), name, count)
-                })
-                .collect(),
-            Attribute::Return => self
-                .shown
-                .counts
-                .returns
-                .iter()
-                .map(|&(number, count)| {
-                    (colormap::code_color(attribute, number), format!("return {number}"), count)
-                })
-                .collect(),
-            _ => self
-                .shown
-                .stations
-                .iter()
-                .map(|station| {
-                    let code = (station.source.unwrap_or(0) & 255) as u8;
-                    (colormap::code_color(attribute, code), station.name.clone(), station.points)
-                })
-                .collect(),
-        };
-        // The most frequent, in their own order.
-        let mut counts: Vec<u64> = rows.iter().map(|row| row.2).collect();
-        counts.sort_unstable_by(|a, b| b.cmp(a));
-        let most = ROWS.min((room.height() / (1.3 * line)) as usize - 1);
-        let fewest = counts.get(most - 1).copied().unwrap_or(0);
-        let all = rows.len();
-        rows.retain(|row| row.2 >= fewest);
-        rows.truncate(most);
-        let mut texts: Vec<String> = rows.iter().map(|row| row.1.clone()).collect();
-        if all > rows.len() {
-            texts.push(format!("and {} more", all - rows.len()));
+    fn labels(&self, inner: Rect, room: Rect, rows: &[Row]) -> Rect {
+        let line = self.line;
+        let most = (room.height() / (1.3 * line)) as usize - 1;
+        let (rows, left_out) = legend::most_frequent(rows, most);
+        let mut texts: Vec<String> = rows.iter().map(|row| row.name.clone()).collect();
+        if left_out > 0 {
+            texts.push(format!("and {left_out} more"));
         }
         let widest = texts.iter().map(|text| self.width_of(text)).fold(0.0, f32::max);
         let size = vec2(1.5 * line + widest, 1.3 * line * texts.len() as f32);
@@ -427,7 +362,7 @@ impl Sheet<'_> {
         self.field(place);
         for (k, text) in texts.iter().enumerate() {
             let at = place.left_top() + vec2(0.0, 1.3 * line * (k as f32 + 0.5));
-            if let Some(([r, g, b], ..)) = rows.get(k) {
+            if let Some(Row { color: [r, g, b], .. }) = rows.get(k) {
                 let square = Rect::from_center_size(at + vec2(0.5 * line, 0.0), Vec2::splat(line));
                 self.painter.rect_filled(square, 0.0, Color32::from_rgb(*r, *g, *b));
             }
@@ -459,8 +394,8 @@ impl Sheet<'_> {
         let (right, up) = (ticks(across), ticks(upward));
         let widest = up.iter().map(|(_, label)| self.width_of(label)).fold(0.0, f32::max);
         let room = vec2(widest + 1.2 * line, 1.9 * line);
-        let corner = pos2(self.left + room.x, rect.bottom() - room.y);
-        let left = Rect::from_min_max(pos2(self.left, rect.top()), pos2(corner.x, rect.bottom()));
+        let corner = pos2(rect.left() + room.x, rect.bottom() - room.y);
+        let left = Rect::from_min_max(rect.left_top(), pos2(corner.x, rect.bottom()));
         let below = Rect::from_min_max(corner, rect.right_bottom());
         for field in [left, below] {
             self.painter.rect_filled(field, 0.0, BEHIND);
@@ -518,6 +453,7 @@ impl Sheet<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::cloud::attribute::Attribute;
     use crate::view::{Camera, Preset};
 
     #[test]
@@ -544,18 +480,9 @@ mod tests {
 
     /// Returns the picture's pixels that annotations change.
     fn changed(annotations: &Annotations, size: [u32; 2], preset: Preset) -> Vec<[u32; 2]> {
-        changed_beside(0.0, annotations, size, preset)
-    }
-
-    fn changed_beside(
-        covered: f32,
-        annotations: &Annotations,
-        size: [u32; 2],
-        preset: Preset,
-    ) -> Vec<[u32; 2]> {
         let points = [DVec3::ZERO, DVec3::new(80.0, 50.0, 30.0)];
         let view = View::new(Camera::framing(preset, &points, size), size).unwrap();
-        let overlay = annotations.overlay_beside(covered, &view, &shown(Attribute::Elevation));
+        let overlay = annotations.overlay(&view, &shown(Attribute::Elevation));
         let mut pixels = vec![128; 3 * (size[0] * size[1]) as usize];
         overlay.blend(&mut pixels, size[0] as usize, 0);
         let changed = pixels.as_chunks::<3>().0.iter().enumerate();
@@ -565,19 +492,37 @@ mod tests {
             .collect()
     }
 
+    /// Annotations of a window are drawn beside its panel.
     #[test]
-    fn nothing_is_drawn_where_the_panel_is() {
-        let scale = Annotations { scale_bar: true, ..Annotations::default() };
+    fn nothing_is_drawn_outside_of_the_rectangle() {
         let all = Annotations {
             title: Some("Title".into()),
             legend: true,
+            scale_bar: true,
             north_arrow: true,
             axes: true,
-            ..scale.clone()
         };
-        for (own, preset) in [(&scale, Preset::Fit), (&all, Preset::Fit), (&all, Preset::Top)] {
-            let drawn = changed_beside(200.0, own, [640, 480], preset);
-            assert!(!drawn.is_empty() && drawn.iter().all(|[x, _]| *x >= 200));
+        let own = shown(Attribute::Elevation);
+        let points = [DVec3::ZERO, DVec3::new(80.0, 50.0, 30.0)];
+        for preset in [Preset::Fit, Preset::Top] {
+            let view = View::new(Camera::framing(preset, &points, [440, 480]), [440, 480]).unwrap();
+            let rect = Rect::from_min_size(pos2(200.0, 0.0), vec2(440.0, 480.0));
+            let context = Context::default();
+            let output = context.run_ui(RawInput::default(), |ui| {
+                let painter = ui.ctx().layer_painter(LayerId::background());
+                all.draw(&painter, rect, &view, &own);
+            });
+            let drawn: Vec<Pos2> = context
+                .tessellate(output.shapes, 1.0)
+                .into_iter()
+                .filter_map(|clipped| match clipped.primitive {
+                    Primitive::Mesh(mesh) => Some(mesh.vertices),
+                    Primitive::Callback(_) => None,
+                })
+                .flat_map(|vertices| vertices.into_iter().map(|vertex| vertex.pos))
+                .collect();
+            // Edges are feathered by a pixel.
+            assert!(!drawn.is_empty() && drawn.iter().all(|at| rect.expand(1.0).contains(*at)));
         }
     }
 
@@ -602,8 +547,7 @@ mod tests {
         let depth = |camera: Camera| {
             let (painter, view) = (painter(), View::new(camera, size).unwrap());
             let rect = Rect::EVERYTHING;
-            let sheet =
-                Sheet { painter: &painter, rect, left: 0.0, line: 9.0, view: &view, shown: &own };
+            let sheet = Sheet { painter: &painter, rect, line: 9.0, view: &view, shown: &own };
             sheet.depth()
         };
         assert_eq!(depth(camera), Some(125.0));

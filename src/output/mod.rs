@@ -8,6 +8,7 @@ pub mod film;
 #[cfg(feature = "cli")]
 pub mod geotiff;
 pub mod image_io;
+pub mod legend;
 pub mod overlay;
 pub mod part;
 pub mod section;

@@ -4,6 +4,7 @@
 //! the end. So pictures do not depend on the order of the points, and take memory by their size
 //! only.
 
+use super::legend::{self, Legend};
 use super::ticks::{multiples, number, round_above, round_below};
 use crate::cloud::crs::Reference;
 use glam::{DVec2, DVec3};
@@ -179,25 +180,131 @@ impl Canvas {
 pub const LETTERS: f64 = 15.0;
 pub const AROUND: [f64; 4] = [96.0, 48.0, 32.0, 64.0];
 
-/// Returns a picture as SVG: axes and their names, around the points as PNG.
-pub fn svg(axes: &Axes, title: &str, points: &[u8]) -> String {
+/// Rows of labels, and the height of one, in a picture of a file `[px]`.
+const ROWS: usize = 16;
+const ROW: f64 = 1.4 * LETTERS;
+/// Height of a ramp, and colours in it.
+const RAMP: f64 = 200.0;
+const PARTS: u32 = 64;
+/// Distance of a legend from the points `[px]`.
+const BESIDE: f64 = 24.0;
+
+/// Returns the width of a text at most `[px]`: fonts are those of the program that shows it, and few
+/// letters are wider.
+fn wide(text: &str) -> f64 {
+    0.62 * LETTERS * text.chars().count() as f64
+}
+
+/// Returns the room that a legend takes at the right of the points `[px]`.
+pub fn legend_width(legend: &Legend) -> f64 {
+    let widest = |texts: &mut dyn Iterator<Item = &str>| texts.map(wide).fold(0.0, f64::max);
+    BESIDE
+        + match legend {
+            Legend::Ramp { heading, ends, .. } => {
+                let ticks = legend::ticks(*ends, 6.0);
+                let labels = widest(&mut ticks.iter().map(|(_, label)| &label[..]));
+                wide(heading).max(2.4 * LETTERS + labels)
+            }
+            Legend::Labels(rows) => {
+                let names = widest(&mut rows.iter().map(|row| &row.name[..]));
+                1.5 * LETTERS + names.max(wide("and 99 more"))
+            }
+        }
+}
+
+/// Returns a legend as SVG, with its top left corner at a place.
+fn svg_legend(legend: &Legend, [x, y]: [f64; 2]) -> String {
+    let mut out = String::new();
+    let mut write = |words: std::fmt::Arguments| {
+        // Never fails, since it writes to memory.
+        let _ = writeln!(out, "{words}");
+    };
+    let hex = |[r, g, b]: [u8; 3]| format!("#{r:02x}{g:02x}{b:02x}");
+    match legend {
+        Legend::Ramp { heading, ends, shown } => {
+            let (top, part) = (y + 1.8 * LETTERS, RAMP / f64::from(PARTS));
+            write(format_args!(r#"<text x="{x}" y="{}">{}</text>"#, y + LETTERS, escaped(heading)));
+            for (k, color) in (1..).zip(legend::colors(shown, PARTS)) {
+                // Each reaches below the next, so that no seam is between them.
+                write(format_args!(
+                    r#"<rect x="{x}" y="{:.2}" width="{}" height="{:.2}" fill="{}"/>"#,
+                    top + RAMP - part * f64::from(k),
+                    1.4 * LETTERS,
+                    part * f64::from(k.min(2)),
+                    hex(color)
+                ));
+            }
+            for (share, label) in legend::ticks(*ends, 6.0) {
+                let (x, y) = (x + 1.4 * LETTERS, top + RAMP * (1.0 - share));
+                write(format_args!(
+                    r##"<path d="M{x} {y:.1}h6" stroke="#22262b"/><text x="{}" y="{y:.1}" dy="0.35em">{label}</text>"##,
+                    x + 10.0
+                ));
+            }
+        }
+        Legend::Labels(rows) => {
+            let (rows, left_out) = legend::most_frequent(rows, ROWS);
+            for (k, row) in rows.iter().enumerate() {
+                let y = y + ROW * k as f64;
+                write(format_args!(
+                    r#"<rect x="{x}" y="{y:.1}" width="{LETTERS}" height="{LETTERS}" fill="{}"/><text x="{}" y="{:.1}" dy="0.35em">{}</text>"#,
+                    hex(row.color),
+                    x + 1.5 * LETTERS,
+                    y + 0.5 * LETTERS,
+                    escaped(&row.name)
+                ));
+            }
+            if left_out > 0 {
+                let y = y + ROW * rows.len() as f64 + 0.5 * LETTERS;
+                let x = x + 1.5 * LETTERS;
+                write(format_args!(
+                    r#"<text x="{x}" y="{y:.1}" dy="0.35em">and {left_out} more</text>"#
+                ));
+            }
+        }
+    }
+    out
+}
+
+/// Returns the height of a legend `[px]`.
+fn legend_height(legend: &Legend) -> f64 {
+    match legend {
+        Legend::Ramp { .. } => 1.8 * LETTERS + RAMP + 0.5 * LETTERS,
+        Legend::Labels(rows) => ROW * (rows.len().min(ROWS) + 1) as f64,
+    }
+}
+
+fn escaped(text: &str) -> String {
+    text.replace('&', "&amp;").replace('<', "&lt;")
+}
+
+/// Returns a picture as SVG: axes and their names, around the points as PNG, and a legend at their
+/// right. A narrow profile gets room for its words, up to a width `[px]`.
+pub fn svg(
+    axes: &Axes,
+    title: &str,
+    points: &[u8],
+    legend: Option<&Legend>,
+    widest: f64,
+) -> String {
     let [left, top, right, bottom] = AROUND;
     let DVec2 { x: width, y: height } = axes.size;
-    let (whole, low, end) =
-        ([left + width + right, top + height + bottom], top + height, left + width);
-    let title = title.replace('&', "&amp;").replace('<', "&lt;");
+    let (low, end) = (top + height, left + width);
+    let [aside, tall] = legend.map_or([0.0; 2], |own| [legend_width(own), legend_height(own)]);
+    // A legend may reach below the axes of a flat profile.
+    let across = format!("distance [{}]; {}", axes.units[0], axes.ratio());
+    let words = (left + wide(title).max(wide(&across))).min(widest);
+    let whole = [(end + aside + right).max(words), (low + bottom).max(top + tall)];
+    let title = escaped(title);
     let mut out = format!(
         r##"<svg xmlns="http://www.w3.org/2000/svg" width="{}" height="{}" viewBox="0 0 {0} {1}" font-family="Helvetica, Arial, sans-serif" font-size="{LETTERS}" fill="#22262b">
 <rect width="100%" height="100%" fill="#ffffff"/>
 <rect x="{left}" y="{top}" width="{width}" height="{height}" fill="#dde1e4"/>
 <text x="{left}" y="{}" font-weight="bold">{title}</text>
-<text x="{end}" y="{1}" text-anchor="end" dy="-0.6em" transform="translate(0 {})">{}</text>
 "##,
         whole[0],
         whole[1],
         top - 30.0 + LETTERS,
-        low + bottom - 8.0 - whole[1],
-        axes.ratio(),
     );
     let [distances, heights] = axes.ticks(DVec2::new(90.0, 36.0));
     let mut write = |words: std::fmt::Arguments| {
@@ -224,13 +331,13 @@ pub fn svg(axes: &Axes, title: &str, points: &[u8]) -> String {
     ));
     write(format_args!(
         r##"<rect x="{left}" y="{top}" width="{width}" height="{height}" fill="none" stroke="#22262b"/>
-<text x="{left}" y="{}">distance [{}]</text>
+<text x="{left}" y="{}">{across}</text>
 <text transform="translate(22 {}) rotate(-90)" text-anchor="middle">height [{}]</text>
-</svg>"##,
+{}</svg>"##,
         low + bottom - 8.0,
-        axes.units[0],
         top + 0.5 * height,
         axes.units[1],
+        legend.map_or(String::new(), |legend| svg_legend(legend, [end + BESIDE, top])),
     ));
     out
 }

@@ -107,7 +107,7 @@ impl Pieces {
 
 impl Piece {
     /// Returns a piece with its border clipped to the picture.
-    fn around(corner: [u32; 2], end: [u32; 2], border: u32, whole: [u32; 2]) -> Piece {
+    pub fn around(corner: [u32; 2], end: [u32; 2], border: u32, whole: [u32; 2]) -> Piece {
         // Whole blocks, except at the picture's own edges.
         let window_corner = corner.map(|at| at.saturating_sub(border));
         let window_end = [0, 1].map(|axis| end[axis].saturating_add(border).min(whole[axis]));

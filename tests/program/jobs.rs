@@ -299,6 +299,17 @@ fn job_11_a_profile_has_the_points_of_its_slab() {
     assert!(said.contains(&format!("{rows} points, 50.000 m long")), "{said}");
     let svg = fs::read_to_string(desk.at("p.svg")).unwrap();
     assert!(svg.starts_with("<svg") && svg.contains("distance [m]") && svg.contains("1 : 1"));
+    assert!(!svg.contains("elevation [m]"));
+    for (color, words) in
+        [("elevation", &["elevation [m]"][..]), ("class", &["ground", "building"])]
+    {
+        desk.types(&format!("profile SCAN --from 770505,6277510 --to 770545,6277540 --width 1 --color {color} --legend -o @legend.svg"));
+        let svg = fs::read_to_string(desk.at("legend.svg")).unwrap();
+        assert!(words.iter().all(|word| svg.contains(&format!(">{word}</text>"))), "{color}");
+        // The legend has room within the largest size.
+        let width = svg.split_once("width=\"").unwrap().1.split_once('"').unwrap().0;
+        assert!(width.parse::<f64>().unwrap() <= 1600.5, "{width}");
+    }
     // 40 and 30 m of the way, over its 50 m.
     let condition = "(np.abs((x - 770505) * -0.6 + (y - 6277510) * 0.8) <= 0.5) & (np.abs((x - 770505) * 0.8 + (y - 6277510) * 0.6 - 25) <= 25)";
     let Some(count) = counted(&desk, condition) else { return };

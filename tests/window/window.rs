@@ -10,6 +10,7 @@ use crate::files::{names, scan};
 use crate::png_file::{Png, read_png};
 use crate::program::{failed, pointillist, render, succeeded, text};
 use glam::DVec3;
+use pointillist::app::viewport::Viewport;
 use pointillist::cloud::attribute::Attribute;
 use pointillist::cloud::colormap::code_color;
 use pointillist::cloud::digits::Digits;
@@ -19,6 +20,7 @@ use pointillist::progress::Silent;
 use pointillist::select::slab::Slab;
 use pointillist::synth::SceneKind;
 use pointillist::view::{Camera, View};
+use std::collections::HashSet;
 use std::path::Path;
 use std::time::Duration;
 
@@ -501,10 +503,10 @@ fn is_there(viewer: &Viewer) -> bool {
 fn panel_switches_an_effect_off() {
     let place = Place::new();
     let cloud = place.street(60_000);
-    let line = "--size 640x900 --style points --effect exposure=off --effect edl=on";
+    let line = "--size 700x900 --style points --effect exposure=off --effect edl=on";
     let mut viewer = place.view_with_panel(
         &[&cloud],
-        [640, 900],
+        [700, 900],
         "--style points --effect exposure=off --effect edl=on",
     );
     let on = place.picture(&[&cloud], "on.png", line);
@@ -524,7 +526,7 @@ fn panel_switches_an_effect_off() {
     viewer.shows(&place.picture(
         &[&cloud],
         "off.png",
-        "--size 640x900 --style points --effect exposure=off --effect edl=off",
+        "--size 700x900 --style points --effect exposure=off --effect edl=off",
     ));
     let saved = place.saved(&mut viewer, "F8", "pointillist-1.json");
     assert!(std::fs::read_to_string(&saved).unwrap().contains("edl=off"));
@@ -540,11 +542,11 @@ fn panel_hides_and_shows_a_class() {
     succeeded(&pointillist().arg("index").arg(&file).arg("-o").arg(&index).output().unwrap());
     // Buildings, and what else there is.
     const CLASS: u8 = 6;
-    let size = "--size 640x700 --color class";
+    let size = "--size 700x700 --color class";
     for cloud in [&file, &index] {
         let mut viewer = place.view_with_panel(
             &[cloud],
-            [640, 700],
+            [700, 700],
             "--color class --effect shape=off --effect edl=off",
         );
         let [all, without] =
@@ -587,21 +589,21 @@ fn a_clip_box_is_added_around_a_picked_point_and_its_face_dragged() {
     let place = Place::new();
     let cloud = place.street(60_000);
     // Wide enough for the box to be beside the panel.
-    let (size, line) = ([640, 400], "--size 640x400");
+    let (size, line) = ([720, 400], "--size 720x400");
     let mut viewer = place.view_with_panel(&[&cloud], size, "--view top");
     let pixel = |picture: &Png, x: i64, y: i64| picture.pixels[(y * size[0] as i64 + x) as usize];
-    let panel = |viewer: &Viewer| pixel(&viewer.photograph(), 20, 20);
-    viewer.until("panel", |viewer| panel(viewer) != pointillist::config::BACKGROUND);
+    viewer.until("panel", |viewer| is_there(viewer));
     viewer.key("n");
     viewer.shows(&place.picture(&[&cloud], "top.png", &format!("{line} --view top")));
-    pick(&place, &mut viewer, &[[308, 187]]);
-    // A view that was moved stays as it is when the panel comes.
+    pick(&place, &mut viewer, &[[348, 187]]);
+    // The camera of a view that was moved stays as it is when the panel comes.
     place.display.xdotool("click 5 key b Delete");
     let before = place.shows_its_scene(&mut viewer, &[&cloud], 1, line);
     let camera: Camera = serde_json::from_value(before["camera"].clone()).unwrap();
     let [x0, y0, z0, x1, y1, z1]: [f64; 6] = faces(&before).try_into().unwrap();
-    // The handle of the face in the east.
-    let [x, y] = View::new(camera, size)
+    // The handle of the face in the east, beside the panel.
+    let [x, y] = Viewport::new(size, PANEL as f64)
+        .view(camera)
         .unwrap()
         .pixel(DVec3::new(x1, (y0 + y1) / 2.0, (z0 + z1) / 2.0))
         .unwrap();
@@ -623,6 +625,107 @@ fn a_clip_box_is_added_around_a_picked_point_and_its_face_dragged() {
     assert!((moved - 40.0 * pixel_m).abs() < 5.0 * pixel_m, "{moved} m, of {} m a pixel", pixel_m);
     assert_eq!((&faces(&after)[..3], &faces(&after)[4..]), (&[x0, y0, z0][..], &[y1, z1][..]));
     viewer.close();
+}
+
+/// Returns a camera above the middle of the street, which lies across the picture.
+fn above() -> Camera {
+    serde_json::from_str(
+        r#"{"eye": [500000, 5000000, 300], "target": [500000, 5000000, 100], "up": [1, 0, 0],
+            "projection": "orthographic", "ortho_height": 40}"#,
+    )
+    .unwrap()
+}
+
+/// Returns the coordinates in a line that names a picked point.
+fn place_of(line: &str) -> DVec3 {
+    let words = line.split_once(": ").unwrap().1.split_whitespace();
+    let numbers: Vec<f64> = words.take(3).map(|number| number.parse().unwrap()).collect();
+    DVec3::from_slice(&numbers)
+}
+
+/// Returns the points that were picked so far.
+fn picked(viewer: &Viewer) -> Vec<DVec3> {
+    let lines = viewer.printed();
+    lines.iter().filter(|line| line.starts_with("point ")).map(|line| place_of(line)).collect()
+}
+
+/// The view changes at once after a click, before it can be answered.
+#[test]
+fn clicks_while_moving_pick_what_was_seen() {
+    let place = Place::new();
+    let (cloud, camera) = (place.street(300_000), place.at("cam.json"));
+    std::fs::write(&camera, serde_json::to_string(&above()).unwrap()).unwrap();
+    let scene = serde_json::json!({ "camera": above() });
+    std::fs::write(place.at("above.json"), scene.to_string()).unwrap();
+    let part = read(&cloud);
+    let all: Vec<DVec3> = (0..part.columns.len()).map(|i| position(&part, i)).collect();
+    let mut viewer = place.view(&[&cloud], &format!("--camera {} --time 4ms", camera.display()));
+    viewer.comes_to_rest();
+    for (round, [x, y]) in [[200, 150], [230, 140], [150, 160]].into_iter().enumerate() {
+        // Scenes before and after the click tell where the camera was between.
+        place.display.xdotool(&format!(
+            "mousemove {x} {y} keydown d sleep 0.3 key F8 sleep 0.3 click 1 key F8 keyup d key 1"
+        ));
+        viewer.until("picked point", |viewer| picked(viewer).len() > round);
+        let point = picked(&viewer)[round];
+        assert!(all.contains(&point), "{point} is no point of the file");
+        let [before, after] = [1, 2].map(|which| {
+            let scene = place.at(&format!("pointillist-{}.json", 2 * round + which));
+            let scene: serde_json::Value =
+                serde_json::from_str(&std::fs::read_to_string(scene).unwrap()).unwrap();
+            let camera = serde_json::from_value(scene["camera"].clone()).unwrap();
+            View::new(camera, SIZE).unwrap().pixel(point).unwrap()
+        });
+        let (x, y) = (f64::from(x), f64::from(y));
+        assert!((before[1] - y).abs() < 10.0, "{point} is seen at {before:?}, not at {x} {y}");
+        assert!(after[0] < before[0] - 5.0, "nothing moved: {before:?}, {after:?}");
+        // The camera flies to the right, so that what is seen moves to the left.
+        assert!(
+            (after[0] - 10.0..before[0] + 10.0).contains(&x),
+            "{point} is seen at {before:?}, then {after:?}, not at {x} {y}"
+        );
+        // Back above the middle.
+        let scene = place.at("above.json");
+        drop_file(&place.display, &viewer.window, &scene);
+        viewer.comes_to_rest();
+    }
+    viewer.leave();
+    viewer.ended();
+}
+
+/// What is seen first is a sample, or the coarse levels of an index.
+#[test]
+fn clicks_while_points_arrive_pick_the_same_as_when_all_are_there() {
+    let place = Place::new();
+    let (cloud, index) = (place.street(3_000_000), place.at("scan.pnti"));
+    succeeded(&pointillist().arg("index").arg(&cloud).arg("-o").arg(&index).output().unwrap());
+    let camera = place.at("cam.json");
+    std::fs::write(&camera, serde_json::to_string(&above()).unwrap()).unwrap();
+    let places = [[200, 150], [230, 140], [150, 160], [260, 145]];
+    for file in [&cloud, &index] {
+        let line = format!("--camera {}", camera.display());
+        let mut viewer = place.view(&[file], &line);
+        let click = |[x, y]: [u32; 2]| {
+            place.display.xdotool(&format!("mousemove {x} {y} keydown shift click 1 keyup shift"));
+        };
+        // A click before the first points are seen is on nothing.
+        viewer.until("points", |viewer| {
+            viewer.photograph().pixels.iter().collect::<HashSet<_>>().len() > 200
+        });
+        places.into_iter().for_each(click);
+        viewer.until("early picks", |viewer| picked(viewer).len() == places.len());
+        viewer.comes_to_rest();
+        viewer.key("Delete");
+        for (number, at) in places.into_iter().enumerate() {
+            click(at);
+            viewer.until("pick", |viewer| picked(viewer).len() > places.len() + number);
+        }
+        let all = picked(&viewer);
+        let (early, late) = all.split_at(places.len());
+        assert_eq!(early, late, "{}", file.display());
+        viewer.leave();
+        viewer.ended();
+    }
 }
 
 /// Picks the points under these pixels, and waits for the last.

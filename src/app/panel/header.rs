@@ -12,6 +12,9 @@ use egui::{Align, Layout, RichText, Ui};
 pub fn show(ui: &mut Ui, state: &mut UiState, scene: &Scene, actions: &mut Vec<Action>) {
     ui.horizontal(|ui| {
         ui.with_layout(Layout::right_to_left(Align::Center), |ui| {
+            if ui.button("hide").on_hover_text("N").clicked() {
+                actions.push(Action::FoldPanel);
+            }
             ui.menu_button("open", |ui| open(ui, state, actions));
             ui.with_layout(Layout::left_to_right(Align::Center), |ui| {
                 let title = if state.title.is_empty() { "no file is open" } else { &state.title };

@@ -31,6 +31,7 @@ mod windows;
 
 use super::actions::Action;
 use super::clip_box_widget;
+use crate::app::viewport::Viewport;
 use crate::present::overlay::Overlay;
 use crate::render::scene::Scene;
 use crate::view::View;
@@ -171,9 +172,11 @@ impl Panel {
         &mut self,
         window: &Window,
         state: &mut UiState,
-        view: Option<&View>,
+        viewport: &Viewport,
         scene: &mut Scene,
     ) -> PanelOutput {
+        let view = viewport.view(scene.camera).ok();
+        let view = view.as_ref();
         let input = self.input.take_egui_input(window);
         let context = self.input.egui_ctx().clone();
         let resets = input.events.iter().any(resets_size);
@@ -182,23 +185,23 @@ impl Panel {
             heat_map::show(ui, &mut state.pace);
             if let Some(view) = view {
                 measure_overlay::show(ui, &state.measure, view);
-                if let Some(named) = state.named(scene).filter(|_| !scene.annotations.is_empty()) {
-                    let painter = ui.ctx().layer_painter(egui::LayerId::background());
-                    let covered = if state.hidden { 0.0 } else { WIDTH };
-                    let rect = ui.ctx().content_rect();
-                    scene.annotations.draw(&painter, rect, covered, view, &named);
+                annotate(ui, state, viewport, scene);
+                if state.panel.is_shown() {
+                    clip_box_widget::handles(ui, &mut scene.clips, view);
                 }
             }
-            if let Some(view) = view.filter(|_| !state.hidden) {
-                clip_box_widget::handles(ui, &mut scene.clips, view);
-            }
-            if !state.hidden {
+            if state.panel.is_shown() {
                 panel(ui, state, view, scene, &mut actions);
+            } else if state.panel.is_folded() {
+                folded(ui, &mut actions);
             }
             if let Some(profile) = &mut state.profile {
-                egui::Window::new("profile")
-                    .default_pos([WIDTH + 60.0, 60.0])
-                    .show(ui.ctx(), |ui| profile.show(ui, &state.measure.reference, &mut actions));
+                let (reference, stations) = (&state.measure.reference, &state.categories.stations);
+                let legend = scene.annotations.legend.then(|| profile.legend(reference, stations));
+                let legend = legend.flatten();
+                let window = egui::Window::new("profile").default_pos([WIDTH + 60.0, 60.0]);
+                let show = |ui: &mut Ui| profile.show(ui, reference, legend.as_ref(), &mut actions);
+                window.show(ui.ctx(), show);
             }
             windows::notes(ui.ctx(), state);
             windows::help(ui.ctx(), state);
@@ -229,6 +232,27 @@ fn resets_size(event: &egui::Event) -> bool {
     let egui::Event::Key { key, pressed: true, modifiers, .. } = event else { return false };
     let reset = egui::gui_zoom::kb_shortcuts::ZOOM_RESET;
     *key == reset.logical_key && modifiers.matches_logically(reset.modifiers)
+}
+
+/// Draws annotations over the viewport's free part.
+fn annotate(ui: &Ui, state: &UiState, viewport: &Viewport, scene: &Scene) {
+    let named = state.named(scene).filter(|_| !scene.annotations.is_empty());
+    let (Some(named), Ok(view)) = (named, viewport.free_view(scene.camera)) else { return };
+    let mut rect = ui.ctx().content_rect();
+    rect.min.x = rect.max.x - rect.width() * viewport.free()[0] as f32 / viewport.size()[0] as f32;
+    let painter = ui.ctx().layer_painter(egui::LayerId::background());
+    scene.annotations.draw(&painter, rect, &view, &named);
+}
+
+/// Shows a button in place of the panel.
+fn folded(ui: &Ui, actions: &mut Vec<Action>) {
+    let corner = ui.ctx().content_rect().min + vec2(MARGIN, MARGIN);
+    Area::new(egui::Id::new("folded panel")).fixed_pos(corner).show(ui.ctx(), |ui| {
+        let hint = "N: shows or hides the panel";
+        if ui.button("panel").on_hover_text(hint).clicked() {
+            actions.push(Action::FoldPanel);
+        }
+    });
 }
 
 /// Shows the panel on the left, as high as the window.

@@ -85,8 +85,60 @@ pub struct UiState {
     pub reads_notes: bool,
     /// Whether the list of keys is shown.
     pub help: bool,
-    /// Whether the panel is hidden.
-    pub hidden: bool,
+    pub panel: PanelState,
+}
+
+/// How much of the panel is there.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct PanelState {
+    extent: Extent,
+    /// Whether the user has chosen it; until then the width of the window decides.
+    chosen: bool,
+}
+
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+enum Extent {
+    #[default]
+    Shown,
+    /// A button that shows it.
+    Folded,
+    /// Nothing is over the picture.
+    Hidden,
+}
+
+impl PanelState {
+    /// Largest share of the window that the panel takes unasked.
+    const MOST: f64 = 0.4;
+
+    pub fn is_shown(self) -> bool {
+        self.extent == Extent::Shown
+    }
+
+    pub fn is_folded(self) -> bool {
+        self.extent == Extent::Folded
+    }
+
+    /// Folds the panel, or unfolds it, by the share of the window that it takes.
+    pub fn fit(&mut self, share: f64) {
+        if !self.chosen {
+            self.extent = if share > PanelState::MOST { Extent::Folded } else { Extent::Shown };
+        }
+    }
+
+    /// Shows or hides the panel.
+    pub fn toggle(&mut self) {
+        self.choose(Extent::Hidden);
+    }
+
+    /// Shows or folds the panel.
+    pub fn fold(&mut self) {
+        self.choose(Extent::Folded);
+    }
+
+    fn choose(&mut self, other: Extent) {
+        self.extent = if self.is_shown() { other } else { Extent::Shown };
+        self.chosen = true;
+    }
 }
 
 /// Tuning of moving pictures and its cost.

@@ -54,7 +54,7 @@ pub fn hint(context: &Context, state: &UiState, actions: &mut Vec<Action>) {
     if !state.title.is_empty() || !state.asks.is_empty() {
         return;
     }
-    let beside = if state.hidden { 0.0 } else { WIDTH / 2.0 };
+    let beside = if state.panel.is_shown() { WIDTH / 2.0 } else { 0.0 };
     let area = Area::new(egui::Id::new("hint")).anchor(Align2::CENTER_CENTER, [beside, 0.0]);
     area.show(context, |ui| {
         ui.vertical_centered(|ui| {

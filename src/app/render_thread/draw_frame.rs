@@ -137,7 +137,7 @@ impl RenderLoop {
     pub(super) fn show_again(&mut self) -> Result<()> {
         self.schedule.show_due = false;
         let present = self.present.as_mut().expect("taken at the end");
-        if !present.fit(&mut self.renderer.gpu, self.window)?
+        if !present.fit(&mut self.renderer.gpu, self.viewport.reported)?
             || !present.show(&self.renderer.gpu)?
         {
             self.schedule.change(Instant::now());
@@ -149,7 +149,7 @@ impl RenderLoop {
     pub(super) fn draw(&mut self) -> Result<bool> {
         let present = self.present.as_mut().expect("taken at the end");
         let (mut times, fitting) = (FrameTimes::default(), Instant::now());
-        if !present.fit(&mut self.renderer.gpu, self.window)? {
+        if !present.fit(&mut self.renderer.gpu, self.viewport.reported)? {
             // A message comes when the window is uncovered.
             (self.schedule.redraw, self.schedule.show_due) = (Redraw::Nothing, false);
             return Ok(false);
@@ -169,7 +169,7 @@ impl RenderLoop {
         let expected_ms = known.then(|| self.governor.expected(place));
         let size = divided(present.size(), divisor);
         let (settings, lod) = tuning.applied(&scene.settings, scene.lod, size);
-        let view = View::new(scene.camera, size)?;
+        let view = self.viewport.view_of(scene.camera, size)?;
         let (mut loading, taking_in) = (None, Instant::now());
         let (gpu, cloud) = self.renderer.cloud(id)?;
         if let GpuCloud::Parts(residency) = cloud {
@@ -207,7 +207,7 @@ impl RenderLoop {
         let interruptible = !moves;
         // Effects are decided for the full size: a smaller picture has more points per pixel, and
         // would call for others.
-        let full = View::new(scene.camera, present.size())?;
+        let full = self.viewport.view_of(scene.camera, present.size())?;
         let mut config = self.renderer.config(id, &full)?;
         self.renderer.set_settings(settings);
         let tuned = self.renderer.config(id, &full)?;
@@ -280,11 +280,12 @@ impl RenderLoop {
         let took = began.elapsed();
         let reading_back = Instant::now();
         present.set_picture_size(&mut self.renderer.gpu, size)?;
+        let is_whole = divisor == 1 && lod == scene.lod;
         let pick_buffer = Arc::new(PickBuffer {
             view,
             depth: frame.read(&depth).to_vec(),
             index: frame.read(&index).to_vec(),
-            moves,
+            is_exact: is_whole && drawn.effects == config.effects && complete,
         });
         let passes = frame.passes.clone();
         let unordered = outcome.strokes.as_ref().and_then(|painted| painted.unordered.as_ref());
@@ -304,7 +305,6 @@ impl RenderLoop {
             .light_visibility
             .as_ref()
             .is_none_or(|visibility| visibility.facts.cast == visibility.facts.samples);
-        let is_whole = divisor == 1 && lod == scene.lod;
         let finest = is_whole && drawn.effects == config.effects && lit && ordered;
         let shown = Moved { pick_buffer: pick_buffer.clone(), screen: frame.read(&words).to_vec() };
         let mut moving = None;

@@ -1,9 +1,11 @@
 //! Messages to the render thread, and its events.
 
+use super::PickRequest;
 use crate::app::cancel::CancelToken;
 use crate::app::load_thread::{CloudInfo, ProgressReporter};
 use crate::app::pick_buffer::PickBuffer;
 use crate::app::profile::Profile;
+use crate::app::viewport::Viewport;
 use crate::error::Error;
 use crate::output::overlay as triangles;
 use crate::passes::EffectDecisions;
@@ -15,7 +17,6 @@ use crate::render::source::PreparedCloud;
 use crate::resident::Point;
 use crate::select::slab::Slab;
 use crate::tune::{Errors, Limit, Tuning};
-use glam::DVec2;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -34,8 +35,8 @@ pub enum Message {
         /// Time of the input that changed it.
         asked: Instant,
     },
-    /// The window has another size `[px]`, or was uncovered.
-    Exposed([u32; 2]),
+    /// The window has another size or panel, or was uncovered.
+    Exposed(Viewport),
     /// Sets what moving pictures keep.
     Limit(Limit),
     /// Sets what is drawn over the picture.
@@ -46,12 +47,8 @@ pub enum Message {
     },
     /// Uploads a cloud, which then replaces the current one.
     Upload(Box<Upload>),
-    /// Reads the point with an id of the last frame; `adds` it to the picked ones.
-    Pick {
-        id: u32,
-        at: DVec2,
-        adds: bool,
-    },
+    /// Finds the point under a click.
+    Pick(Box<PickRequest>),
     /// Measures what each effect costs.
     Prices,
     /// Reads the points of a slab, for a profile.
@@ -97,9 +94,8 @@ pub enum RenderEvent {
         point: Point,
         adds: bool,
     },
-    /// Nodes have arrived since the frame that was picked from; pick again from the next one.
-    PickLater {
-        at: DVec2,
+    /// There is no point under a click.
+    NothingPicked {
         adds: bool,
     },
     Profile(Box<Profile>),

@@ -199,7 +199,7 @@ impl RenderLoop {
         if let GpuCloud::Parts(residency) = cloud {
             let update = residency.update(
                 gpu,
-                &View::new(scene.camera, present.size())?,
+                &self.viewport.view_of(scene.camera, present.size())?,
                 &scene.lod.of(present.size()),
             )?;
             if !update.is_complete() {

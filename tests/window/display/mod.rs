@@ -124,7 +124,7 @@ pub struct Viewer<'d> {
 }
 
 impl<'d> Viewer<'d> {
-    /// Opens a small window without its panel, which would lie over the picture.
+    /// Opens a small window without anything over the picture.
     pub fn open(display: &'d Display, folder: &Path, files: &[&Path], line: &str) -> Viewer<'d> {
         let mut viewer = Viewer::with_panel(display, folder, files, SIZE, line);
         // Keys before the first frame may be lost.
@@ -132,6 +132,8 @@ impl<'d> Viewer<'d> {
             let seen = viewer.photograph();
             seen.pixels.iter().any(|pixel| *pixel != seen.pixels[0])
         });
+        // The panel is folded to a button there, then shown, and hidden.
+        viewer.key("n");
         viewer.key("n");
         viewer
     }
