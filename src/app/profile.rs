@@ -307,7 +307,13 @@ mod tests {
     fn a_legend_has_the_classes_of_the_profile_alone() {
         let slab = Slab::new(DVec3::ZERO, DVec3::X, 0.5).unwrap();
         let point = |class: u32| SlabPoint {
-            point: Point { position: DVec3::ZERO, exact: true, kind: Some(class | 1 << 8) },
+            point: Point {
+                position: DVec3::ZERO,
+                exact: true,
+                color: [0; 3],
+                value: None,
+                kind: Some(class | 1 << 8),
+            },
             shown: class,
             place: DVec2::ZERO,
         };
