@@ -7,9 +7,10 @@ use super::options::{DeviceOptions, PictureOptions};
 use super::raster::{self, note_system};
 use super::streams;
 use super::tune;
-use super::units::LARGEST_SIDE;
+use super::units::{self, LARGEST_SIDE};
 use crate::atomic_file::{AtomicFile, STANDARD_OUTPUT};
 use crate::cloud::crs::Crs;
+use crate::cloud::length::Length;
 use crate::cloud::up::Up;
 use crate::error::{Error, Result};
 use crate::extract::raster::{NoData, Pick, Value};
@@ -23,14 +24,14 @@ use crate::output::world_file;
 use crate::passes::phong::{self, Backfaces};
 use crate::passes::project::{self, Statistics};
 use crate::passes::tile_stats::{self, Counts};
-use crate::passes::{Effect, Effects, count_visible, shadows, significant, strokes};
+use crate::passes::{Effect, Effects, count_visible, shadows, strokes};
 use crate::prices;
 use crate::progress::Progress;
 use crate::render::settings::FrameConfig;
 use crate::render::source::{SelectionReport, Source};
 use crate::renderer::{CloudId, Done, Renderer};
 use crate::resident::Resident;
-use crate::view::map::{self, Extent, MapGrid};
+use crate::view::map::{Extent, MapGrid};
 use crate::view::{Preset, View};
 use glam::DVec3;
 use std::ops::Range;
@@ -97,11 +98,11 @@ pub struct Arguments {
     /// Draw in tiles of at most this many pixels a side, as the window saves pictures; for tests
     #[arg(long, hide = true, value_name = "PIXELS", value_parser = clap::value_parser!(u32).range(8..), conflicts_with_all = ["path", "turntable"])]
     pub tile: Option<u32>,
-    /// Draw a map with --view top, north up, of pixels of this size, in the files' unit; metres for
-    /// coordinates in degrees. Edges of pixels are multiples of it. `pointillist raster` writes
+    /// Draw a map with --view top, north up, of pixels of this size, in the files' unit, or such as
+    /// 0.5m; metres for coordinates in degrees. Edges of pixels are multiples of it. `pointillist raster` writes
     /// heights, intensities and counts
-    #[arg(long, value_name = "LENGTH", value_parser = map::resolution, allow_hyphen_values = true, requires = "output", conflicts_with_all = ["part", "size", "camera", "scene", "path", "turntable", "exr", "explain", "timings"])]
-    pub resolution: Option<f64>,
+    #[arg(long, value_name = "LENGTH", value_parser = units::length, allow_hyphen_values = true, requires = "output", conflicts_with_all = ["part", "size", "camera", "scene", "path", "turntable", "exr", "explain", "timings"])]
+    pub resolution: Option<Length>,
     /// West, south, east and north of the map, widened to whole pixels [default: around all points
     /// but strays]
     #[arg(long, value_name = "X0,Y0,X1,Y1", allow_hyphen_values = true, requires = "resolution")]
@@ -473,6 +474,7 @@ impl Arguments {
             ));
         }
         let points = source.framed_points(&picture.clips());
+        let resolution = units::counted("--resolution", resolution, &source.reference().unit());
         let grid = match (self.extent, points.first()) {
             (Some(extent), _) => MapGrid::covering(extent, resolution, LARGEST_SIDE)?,
             (None, None) => return Err(Error::Request("there are no points to map".into())),
@@ -606,10 +608,10 @@ fn explain(
     let scene = config.frame_context(&facts.view, resident);
     text += &format!(
         "spacing: {} m between points, and {} m between layers, {}; depths are known to {} m\n",
-        significant(scene.sampling.spacing_m),
-        significant(scene.layer_m(0.0)),
+        scene.metres(scene.sampling.spacing_m),
+        scene.metres(scene.layer_m(0.0)),
         if config.layer_m > 0.0 { "as asked for" } else { "by the spacing of points or pixels" },
-        significant(config.quantum_m),
+        scene.metres(config.quantum_m),
     );
     text += &format!("light: {}\n", config.light);
     for (effect, reason) in &config.decisions.0 {
@@ -651,6 +653,7 @@ fn explain_json(
         .iter()
         .map(|(effect, reason)| (effect.name().to_string(), serde_json::json!(reason)))
         .collect();
+    let (scene, unit_m) = (config.frame_context(&facts.view, resident), resident.unit_m());
     serde_json::json!({
         "device": { "name": gpu.device.name, "driver": gpu.device.driver, "int64_atomics": gpu.device.int64_atomics, "bytes": gpu.memory.allocated },
         "cloud": { "points": facts.points, "files": facts.files, "nodes": facts.nodes.unwrap_or(resident.nodes.len()), "resident_bytes": resident.bytes() },
@@ -661,15 +664,15 @@ fn explain_json(
         "size": facts.view.size,
         "drawn": drawn,
         "index": facts.taken,
-        "spacing_m": resident.spacing_m(),
-        "layer_m": config.frame_context(&facts.view, resident).layer_m(0.0),
-        "quantum_m": config.quantum_m,
+        "spacing_m": resident.spacing_m() * unit_m,
+        "layer_m": scene.layer_m(0.0) * unit_m,
+        "quantum_m": config.quantum_m * unit_m,
         "light": config.light,
         "shadows": facts.shadows,
         "strokes": facts.strokes,
         "effects": effects,
         "tiles": counts,
-        "settings": config.effects,
+        "settings": config.effects.counted_in(1.0 / unit_m),
         "passes": frame.passes.iter().map(|(name, _)| name).collect::<Vec<_>>(),
         "barriers": frame.plan.barriers(),
         "transient_bytes": frame.plan.bytes(),

@@ -2,6 +2,7 @@
 
 use crate::files::names;
 use crate::index_file::indexed;
+use crate::png_file::read_png;
 use crate::program::{failed, pointillist, render, succeeded, text};
 use crate::shared::shared;
 use crate::witness::{gdal, gdalinfo};
@@ -480,4 +481,84 @@ fn what_is_no_map_says_why_and_leaves_nothing() {
     assert_eq!(names(place.folder.path()), ["scan.laz"]);
     let help = pointillist().args(["raster", "--help"]).output().unwrap();
     assert!(text(&help.stdout).contains("Examples:") && text(&help.stdout).contains("count"));
+}
+
+/// A scan in US survey feet, and the same in metres: lengths with a unit are as long in both.
+#[test]
+fn lengths_with_a_unit_are_as_long_in_files_in_feet() {
+    let place = Place::new();
+    let foot = 1200.0 / 3937.0;
+    let [metric, feet] = ["metres.las", "feet.las"].map(|name| place.at(name));
+    let lattice = Lattice { step: DVec3::splat(0.01), offset: DVec3::new(4000.0, 8000.0, 0.0) };
+    let scaled = Lattice { step: lattice.step / foot, offset: lattice.offset / foot };
+    let all = points(3_000);
+    write(&metric, &all, lattice, UTM);
+    write(&feet, &all, scaled, &[[1024, 0, 1, 1], [3072, 0, 1, 32767], [3076, 0, 1, 9003]]);
+    let draws = |cloud: &Path, line: &str| {
+        let output = place.at("drawn.png");
+        let said =
+            succeeded(&render(cloud, &format!("-o {} --size 200x150 {line}", output.display())));
+        (read_png(&output).pixels, said)
+    };
+    let light = |unit: f64| {
+        let [x, y, z] = [4020.0, 8010.0, 90.0].map(|at| at / unit);
+        format!("--effect shadows=on,radius=0.5 --light position:{x},{y},{z}")
+    };
+    let same = |line: &str| [line.to_string(), line.to_string()];
+    for [one, other] in [
+        same("--point-size 1.5m"),
+        same("--point-size 4ft"),
+        same("--style points --point-size 4ftUS"),
+        same("--style splats --effect splat=on,metres=1.5"),
+        same("--effect fill=on,method=mask --layer 2m"),
+        same("--effect ao=on,radius=9ft"),
+        [light(1.0), light(foot)],
+    ] {
+        let [(a, _), (b, said)] = [draws(&metric, &one), draws(&feet, &other)];
+        assert!(!said.contains("files' unit"), "{said}");
+        // Numbers are rounded in another unit.
+        let steps = a.iter().flatten().zip(b.iter().flatten()).map(|(a, b)| a.abs_diff(*b));
+        assert!(steps.max() <= Some(1), "{one}");
+    }
+    let explained = |cloud: &Path| {
+        let said = draws(cloud, "--layer 2m --effect fill=method=mask --explain").1;
+        let line = said.lines().find(|line| line.starts_with("spacing:")).unwrap().to_string();
+        assert!(said.contains("surfaces are at least 2 m apart"), "{said}");
+        line.split("; depths").next().unwrap().to_string()
+    };
+    assert_eq!(explained(&metric), explained(&feet));
+    assert!(
+        draws(&feet, "--effect fill=on,method=mask --layer 2").1.contains("which are 0.6096 m")
+    );
+    let counts = [&metric, &feet].map(|cloud| {
+        let [map, thin] = ["map.tif", "thin.las"].map(|name| place.at(name));
+        // GDAL does not know a system that has no more than a unit.
+        let output = raster(cloud, &map, "--resolution 0.75m");
+        let said = succeeded(&output) + &text(&output.stdout);
+        let size = said.split(" cells of").next().unwrap().rsplit(": ").next().unwrap().to_string();
+        assert!(size.contains(" x "), "{said}");
+        let line = ["export", "-o"].map(String::from);
+        let line =
+            line.into_iter().chain([thin.display().to_string(), cloud.display().to_string()]);
+        let said = pointillist().args(line).args(["--thin", "0.75m"]).output().unwrap();
+        let thinned = cloud::read(&[thin], &ReadOptions::new(ColumnSet::default(), true), &Silent);
+        assert!(!succeeded(&said).contains("files' unit"));
+        (thinned.unwrap().len(), size)
+    });
+    let [(one, size), (other, same)] = counts;
+    // Points on edges of cells may be rounded to either side.
+    assert!(size == same && one.abs_diff(other) * 200 < one, "{one} {other}");
+    let map = place.at("feet.png");
+    succeeded(&render(
+        &feet,
+        &format!("-o {} --view top --resolution 0.5m", map.display()),
+    ));
+    let side: f64 = fs::read_to_string(map.with_extension("pgw"))
+        .unwrap()
+        .lines()
+        .next()
+        .unwrap()
+        .parse()
+        .unwrap();
+    assert!((side * foot - 0.5).abs() < 1e-12, "{side}");
 }
