@@ -183,9 +183,9 @@ pub struct PictureOptions {
     /// Whether to draw points far outside of all others
     #[arg(long, value_enum, default_value_t)]
     pub strays: Treatment,
-    /// Colour behind the points, sRGB
-    #[arg(long, value_name = "RRGGBB", default_value_t = Background(config::BACKGROUND))]
-    pub background: Background,
+    /// Colour behind the points, sRGB [default: 181b20; none in maps, which are transparent there]
+    #[arg(long, value_name = "RRGGBB")]
+    pub background: Option<Background>,
     /// Memory for fragments of strokes [default: 512MiB]; beyond it a picture is painted in parts
     #[arg(long, value_name = "BYTES", value_parser = abuffer)]
     pub abuffer_memory: Option<Bytes>,
@@ -215,7 +215,7 @@ pub struct DetailOptions {
     /// Most points to draw [default: 4 a pixel, at least a million]; beyond it, nodes are coarser
     #[arg(long, alias = "budget", value_name = "POINTS")]
     pub point_budget: Option<u64>,
-    /// Refine until samples are this near to each other [default: 1]; 0 draws all points within
+    /// Refine until samples are this near to each other [default: 1, and 0 for maps]; 0 draws all points within
     /// --point-budget
     #[arg(long, value_name = "PIXELS", value_parser = pixels)]
     pub lod: Option<f64>,
@@ -362,7 +362,7 @@ impl PictureOptions {
         let effect = settings.effects.clone().list().iter().map(ToString::to_string).collect();
         let (light, background, layer) = (
             settings.light,
-            Background(settings.background),
+            Some(Background(settings.background)),
             Some(settings.layer).filter(|layer| layer.number() > 0.0),
         );
         let (opacity, filters) = (opacities.0, FilterOptions::from(filter));
@@ -414,7 +414,7 @@ impl PictureOptions {
         Ok(RenderSettings {
             effects,
             light: self.light,
-            background: self.background.0,
+            background: self.background.map_or(config::BACKGROUND, |Background(color)| color),
             precision: Precision::Auto,
             layer: self.layer.unwrap_or_default(),
         })

@@ -18,7 +18,8 @@ use crate::error::{Error, Result};
 use crate::graph::Gpu;
 use crate::output::image_io::PngRows;
 use crate::output::overlay::Overlay;
-use crate::passes::{LEAST_BLOCK_PX, encode, visibility};
+use crate::passes::encode::{self, Channels};
+use crate::passes::{LEAST_BLOCK_PX, visibility};
 use crate::progress::{Progress, Whole};
 use crate::render::settings::FrameConfig;
 use crate::render::source::SelectionReport;
@@ -136,6 +137,8 @@ pub struct PictureRequest {
     pub tile: Option<u32>,
     /// Drawn over the picture.
     pub over: Overlay,
+    /// What its pixels have; with alpha, for a black background.
+    pub channels: Channels,
 }
 
 /// A picture being written to a PNG file, which exists after [`TiledPicture::finish`]. Dropped
@@ -178,8 +181,8 @@ struct Tile {
 impl TiledPicture {
     /// Creates the file; draws nothing yet.
     pub fn begin(request: PictureRequest, path: &Path) -> Result<TiledPicture> {
-        let PictureRequest { view, rows, over, .. } = &request;
-        let rows = PngRows::create(path, view.size[0], rows.clone(), over.clone())?;
+        let PictureRequest { view, rows, over, channels, .. } = &request;
+        let rows = PngRows::create(path, view.size[0], rows.clone(), over.clone(), *channels)?;
         Ok(TiledPicture { drawing: Drawing::new(request), path: path.to_owned(), rows })
     }
 
@@ -269,7 +272,7 @@ impl Drawing {
         put: &mut Put,
     ) -> Result<()> {
         let Tile { part, loaded, row: [top, height], is_last } = plan.tiles[plan.done];
-        let PictureRequest { view, lod, .. } = &self.request;
+        let PictureRequest { view, lod, channels, .. } = &self.request;
         let (done, total, width) =
             (plan.done as u64, plan.tiles.len() as u64, view.size[0] as usize);
         let whole = Whole { progress, doing: "drawing pieces", done, total };
@@ -280,11 +283,18 @@ impl Drawing {
             if total > 1 { &whole } else { progress },
         )?;
         let window = view.window(part.window_corner.map(|at| at as i32), part.window_size);
-        self.pixels.resize(3 * width * height as usize, 0);
+        self.pixels.resize(channels.bytes() * width * height as usize, 0);
         let done = renderer.draw(cloud, &window, &plan.config, &whole, |g, outcome| {
-            encode::download(g, &outcome.picture)
+            encode::encoded(g, &outcome.picture, *channels)
         })?;
-        cut_out(&done.asked.read(&done.frame), &part, top, width, &mut self.pixels);
+        cut_out(
+            &done.asked.read(&done.frame),
+            channels.bytes(),
+            &part,
+            top,
+            width,
+            &mut self.pixels,
+        );
         self.note(notes_of(taken));
         self.note(done.notes);
         if is_last {
@@ -345,7 +355,7 @@ fn row_of_tiles(view: &View, row: &[Piece], side_and_border: Option<(u32, u32)>)
     tiles
 }
 
-/// Draws a picture, 8-bit RGB, and gives its rows to `put`. Returns warnings.
+/// Draws a picture, 8 bits a channel, and gives its rows to `put`. Returns warnings.
 pub fn draw(
     renderer: &mut Renderer,
     cloud: CloudId,
@@ -354,13 +364,14 @@ pub fn draw(
     put: &mut Put,
 ) -> Result<Vec<String>> {
     let (over, width) = (request.over.clone(), request.view.size[0] as usize);
+    let channels = request.channels;
     let (mut blended, mut rows) = (Vec::new(), request.rows.start as usize);
     let mut drawing = Drawing::new(request);
     let mut put = |pixels: &[u8]| {
         blended.clear();
         blended.extend_from_slice(pixels);
-        over.blend(&mut blended, width, rows);
-        rows += pixels.len() / (3 * width);
+        over.blend(&mut blended, channels, width, rows);
+        rows += pixels.len() / (channels.bytes() * width);
         put(&blended)
     };
     while !drawing.step(renderer, cloud, progress, &mut put)? {}
@@ -396,15 +407,24 @@ pub fn write_map(
 }
 
 /// Copies the middle of a window to its place in `pixels`, whose first row is `first_row` and which
-/// are `width` pixels wide.
-fn cut_out(bytes: &[&[u8]], part: &Piece, first_row: u32, width: usize, pixels: &mut [u8]) {
-    let rows = bytes.iter().flat_map(|strip| strip.chunks_exact(3 * part.window_size[0] as usize));
+/// are `width` pixels wide; pixels have this many bytes.
+fn cut_out(
+    bytes: &[&[u8]],
+    pixel_bytes: usize,
+    part: &Piece,
+    first_row: u32,
+    width: usize,
+    pixels: &mut [u8],
+) {
+    let row_bytes = pixel_bytes * part.window_size[0] as usize;
+    let rows = bytes.iter().flat_map(|strip| strip.chunks_exact(row_bytes));
     let [left, top] = [0, 1].map(|axis| (part.corner[axis] - part.window_corner[axis]) as usize);
     let [across, down] = part.size.map(|side| side as usize);
     for (y, row) in rows.skip(top).take(down).enumerate() {
-        let at =
-            3 * (((part.corner[1] - first_row) as usize + y) * width + part.corner[0] as usize);
-        pixels[at..at + 3 * across].copy_from_slice(&row[3 * left..3 * (left + across)]);
+        let row_start = ((part.corner[1] - first_row) as usize + y) * width;
+        let at = pixel_bytes * (row_start + part.corner[0] as usize);
+        pixels[at..at + pixel_bytes * across]
+            .copy_from_slice(&row[pixel_bytes * left..pixel_bytes * (left + across)]);
     }
 }
 

@@ -13,6 +13,7 @@ use crate::error::{Error, Result};
 use crate::output::export;
 use crate::output::overlay::Overlay;
 use crate::output::tiled::{self, TiledPicture};
+use crate::passes::encode::Channels;
 use crate::progress::{Progress, Silent};
 use crate::render::scene::Scene;
 use crate::render::source::GpuCloud;
@@ -88,6 +89,7 @@ impl RenderLoop {
             piece: None,
             tile: Some(TILE),
             over,
+            channels: Channels::Rgb,
         };
         // If the window shows everything, there is nothing to wait for.
         let is_there = self.schedule.redraw == Redraw::Nothing
