@@ -16,6 +16,9 @@ layout(scalar) writeonly buffer Screen { uint word[]; } screen;
 layout(constant_id = 0) const bool BLUE_FIRST = false;
 // Whether to write three bytes per pixel, red first, for files; else one word.
 layout(constant_id = 1) const bool PACKED = false;
+// Whether the highest byte of a word is the picture's alpha, which the picture's colours are
+// multiplied by and the codes are not; else 255.
+layout(constant_id = 2) const bool ALPHA = false;
 
 layout(push_constant, scalar) uniform Push {
     uvec2 size; // pixels of the strip that `screen` holds
@@ -36,9 +39,15 @@ uint code(float linear) {
     return linear > 0.0 ? reached : 0u;
 }
 
-uvec3 codes(uvec2 pixel) {
-    vec3 linear = imageLoad(picture, ivec2(pixel.x, pixel.y + push.top)).rgb;
-    return uvec3(code(linear.r), code(linear.g), code(linear.b));
+uvec4 codes(uvec2 pixel) {
+    vec4 linear = imageLoad(picture, ivec2(pixel.x, pixel.y + push.top));
+    uint alpha = 255u;
+    if (ALPHA) {
+        if (!(linear.a > 0.0)) return uvec4(0u);
+        linear.rgb /= linear.a;
+        alpha = uint(round(255.0 * min(linear.a, 1.0)));
+    }
+    return uvec4(code(linear.r), code(linear.g), code(linear.b), alpha);
 }
 
 void main() {
@@ -46,7 +55,7 @@ void main() {
         // Four pixels are three words.
         uint four = gl_WorkGroupID.y * gl_NumWorkGroups.x * 64u + gl_GlobalInvocationID.x;
         if (4u * four >= push.size.x * push.size.y) return;
-        uvec3 c[4];
+        uvec4 c[4];
         for (uint k = 0u; k < 4u; ++k) c[k] = codes(uvec2(in_rows(4u * four + k, push.size.x)));
         screen.word[3u * four] = c[0].r | c[0].g << 8 | c[0].b << 16 | c[1].r << 24;
         screen.word[3u * four + 1u] = c[1].g | c[1].b << 8 | c[2].r << 16 | c[2].g << 24;
@@ -55,7 +64,7 @@ void main() {
     }
     uvec2 pixel = gl_GlobalInvocationID.xy;
     if (pixel.x >= push.size.x || pixel.y >= push.size.y) return;
-    uvec3 c = codes(pixel);
+    uvec4 c = codes(pixel);
     uint low = BLUE_FIRST ? c.b : c.r, high = BLUE_FIRST ? c.r : c.b;
-    screen.word[pixel.y * push.size.x + pixel.x] = low | c.g << 8 | high << 16 | 255u << 24;
+    screen.word[pixel.y * push.size.x + pixel.x] = low | c.g << 8 | high << 16 | c.a << 24;
 }

@@ -5,7 +5,8 @@ use super::files::{check_extension, refuse_to_overwrite};
 use super::filters::{ClipOptions, FilterOptions};
 use super::options::{CacheOptions, ColorOptions, TextArguments};
 use super::streams;
-use super::units::note_length;
+use super::units;
+use crate::cloud::length::Length;
 use crate::cloud::scalar::{Scalar, Scalars};
 use crate::cloud::{ColumnSet, ReadOptions};
 use crate::error::{Error, Result};
@@ -58,10 +59,10 @@ pub struct Arguments {
     /// Filters, clip boxes and opacities of a scene file, as the window saves it
     #[arg(long, value_name = "SCENE.json", conflicts_with_all = ["only", "not", "clip", "opacity"])]
     pub scene: Option<PathBuf>,
-    /// Keep one point in each cell of a grid of this side, in the files' unit: the first in the order
-    /// of the files
-    #[arg(long, value_name = "LENGTH", value_parser = extract::side, allow_hyphen_values = true)]
-    pub thin: Option<f64>,
+    /// Keep one point in each cell of a grid of this side, in the files' unit, or such as 0.05m: the
+    /// first in the order of the files
+    #[arg(long, value_name = "LENGTH", value_parser = units::length, allow_hyphen_values = true)]
+    pub thin: Option<Length>,
     /// Keep every N-th of the points that are left, from the first on
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u64).range(1..), hide_default_value = true)]
     pub every: u64,
@@ -141,8 +142,9 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
     let wanted = ColumnSet { scalars: wanted.scalars.and(added), ..wanted };
     let options = reading(&arguments.text, &arguments.colors, wanted, arguments.strict);
     let input = open(&arguments.files, &options, progress)?;
-    note_length("--thin", arguments.thin, &input.reference().unit());
-    let thinning = Thinning { cell: arguments.thin, every: arguments.every, ..Thinning::default() };
+    let unit = input.reference().unit();
+    let cell = arguments.thin.map(|side| units::counted("--thin", side, &unit));
+    let thinning = Thinning { cell, every: arguments.every, ..Thinning::default() };
     let exported = extract::export(&input, &selection, &thinning, added, output, progress)?;
     exported.notes.iter().for_each(streams::note);
     streams::say(exported.line(output));

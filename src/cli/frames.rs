@@ -11,6 +11,7 @@ use crate::atomic_file::AtomicFile;
 use crate::error::{Error, Result};
 use crate::output::export::Downloads;
 use crate::output::film::{self, Film};
+use crate::passes::encode::Channels;
 use crate::progress::{Progress, Whole};
 use crate::render::settings::FrameConfig;
 use crate::render::source::Source;
@@ -224,7 +225,7 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
         let over = annotations.overlay(&view, &named);
         if let Some(film) = &mut film {
             let mut pixels = done.asked.pixels(&done.frame);
-            over.blend(&mut pixels, size[0] as usize, 0);
+            over.blend(&mut pixels, Channels::Rgb, size[0] as usize, 0);
             film.write(&pixels)?;
         }
         done.asked.write(&done.frame, size, png.as_deref(), exr.as_deref(), over)?;

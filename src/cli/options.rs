@@ -2,10 +2,11 @@
 
 use super::filters::{ClipOptions, FilterOptions};
 use super::streams;
-use super::units::{Bytes, Size, note_length};
+use super::units::{self, Bytes, Size, note_length};
 use crate::cloud::attribute::{Attribute, DisplayAttribute, ExtraAttributes};
 use crate::cloud::color_scale::{ColorScale, Ramp};
 use crate::cloud::filter::Filter;
+use crate::cloud::length::Length;
 use crate::cloud::rgb_range::RgbRange;
 use crate::cloud::strays::Treatment;
 use crate::cloud::table::{Columns, Delimiter, TextOptions};
@@ -160,17 +161,17 @@ pub struct PictureOptions {
     /// How points are drawn [default: auto; splats with --point-size]
     #[arg(long, value_enum)]
     pub style: Option<Style>,
-    /// Diameter of points, for --style splats and points: pixels such as 3, a length in the files'
-    /// unit such as 0.05m, or auto, which follows the spacing of the points
+    /// Diameter of points, for --style splats and points: pixels such as 3, a length such as 0.05m
+    /// or 0.2ft, or auto, which follows the spacing of the points
     #[arg(long, value_name = "PIXELS|LENGTHm|auto")]
     pub point_size: Option<PointSize>,
-    /// Light: headlight; direction:X,Y,Z in which it travels; position:X,Y,Z in metres; world coordinates
+    /// Light: headlight; direction:X,Y,Z in which it travels; position:X,Y,Z; world coordinates
     #[arg(long, value_name = "KIND[:X,Y,Z]", default_value_t, allow_hyphen_values = true)]
     pub light: Light,
     /// Layer distance: surfaces nearer to each other are one, for fill=method=mask, transparency and
-    /// shadows, in the files' unit [default: four spacings of points or pixels]
-    #[arg(long, value_name = "LENGTH", value_parser = metres, allow_hyphen_values = true)]
-    pub layer: Option<f64>,
+    /// shadows, in the files' unit, or such as 0.1m [default: four spacings of points or pixels]
+    #[arg(long, value_name = "LENGTH", value_parser = units::length, allow_hyphen_values = true)]
+    pub layer: Option<Length>,
     /// Opacity, 0 to 1, of all points or those of a class, return number, station (as in `info`) or
     /// file; they multiply, and 0 hides. Repeatable
     #[arg(
@@ -182,9 +183,9 @@ pub struct PictureOptions {
     /// Whether to draw points far outside of all others
     #[arg(long, value_enum, default_value_t)]
     pub strays: Treatment,
-    /// Colour behind the points, sRGB
-    #[arg(long, value_name = "RRGGBB", default_value_t = Background(config::BACKGROUND))]
-    pub background: Background,
+    /// Colour behind the points, sRGB [default: 181b20; none in maps, which are transparent there]
+    #[arg(long, value_name = "RRGGBB")]
+    pub background: Option<Background>,
     /// Memory for fragments of strokes [default: 512MiB]; beyond it a picture is painted in parts
     #[arg(long, value_name = "BYTES", value_parser = abuffer)]
     pub abuffer_memory: Option<Bytes>,
@@ -214,7 +215,7 @@ pub struct DetailOptions {
     /// Most points to draw [default: 4 a pixel, at least a million]; beyond it, nodes are coarser
     #[arg(long, alias = "budget", value_name = "POINTS")]
     pub point_budget: Option<u64>,
-    /// Refine until samples are this near to each other [default: 1]; 0 draws all points within
+    /// Refine until samples are this near to each other [default: 1, and 0 for maps]; 0 draws all points within
     /// --point-budget
     #[arg(long, value_name = "PIXELS", value_parser = pixels)]
     pub lod: Option<f64>,
@@ -333,11 +334,6 @@ fn abuffer(text: &str) -> std::result::Result<Bytes, String> {
     }
 }
 
-fn metres(text: &str) -> std::result::Result<f64, String> {
-    let number = text.parse::<f64>().ok().filter(|number| *number > 0.0 && number.is_finite());
-    number.ok_or(format!("{text:?} is not a length in metres above 0"))
-}
-
 fn pixels(text: &str) -> std::result::Result<f64, String> {
     let number = text.parse::<f64>().ok().filter(|number| *number >= 0.0 && number.is_finite());
     number.ok_or(format!("{text:?} is not a number of pixels, 0 or more"))
@@ -366,8 +362,8 @@ impl PictureOptions {
         let effect = settings.effects.clone().list().iter().map(ToString::to_string).collect();
         let (light, background, layer) = (
             settings.light,
-            Background(settings.background),
-            Some(settings.layer_m).filter(|layer| *layer > 0.0),
+            Some(Background(settings.background)),
+            Some(settings.layer).filter(|layer| layer.number() > 0.0),
         );
         let (opacity, filters) = (opacities.0, FilterOptions::from(filter));
         let clips = ClipOptions { clip: clips.0 };
@@ -418,9 +414,9 @@ impl PictureOptions {
         Ok(RenderSettings {
             effects,
             light: self.light,
-            background: self.background.0,
+            background: self.background.map_or(config::BACKGROUND, |Background(color)| color),
             precision: Precision::Auto,
-            layer_m: self.layer.unwrap_or(0.0),
+            layer: self.layer.unwrap_or_default(),
         })
     }
 
@@ -516,12 +512,12 @@ impl PictureOptions {
     /// in metres, and tones of labels, which have none.
     pub fn note_meanings(&self, source: &Source, shown: &DisplayAttribute) {
         let unit = source.reference().unit();
-        let size = match self.point_size {
-            Some(PointSize::World(length)) => Some(length),
-            _ => None,
-        };
-        note_length("--point-size", size, &unit);
-        note_length("--layer", self.layer, &unit);
+        if let Some(PointSize::Metres(metres)) = self.point_size {
+            note_length("--point-size", Length::Metres(metres), &unit);
+        }
+        if let Some(layer) = self.layer {
+            note_length("--layer", layer, &unit);
+        }
         let is_toned = self.scale.scale().is_ok_and(|scale| !scale.is_neutral());
         if shown.attribute.is_label() && is_toned {
             streams::note(format_args!(

@@ -9,12 +9,13 @@ use super::files::refuse_to_overwrite;
 use super::filters::{ClipOptions, FilterOptions};
 use super::options::{CacheOptions, ColorOptions, TextArguments};
 use super::streams;
-use super::units::{Size, note_length};
+use super::units::{self, Size};
 use crate::atomic_file::AtomicFile;
 use crate::cloud::attribute::{Attribute, DisplayAttribute, percentiles};
 use crate::cloud::colormap;
 use crate::cloud::crs::Reference;
 use crate::cloud::histograms::Histograms;
+use crate::cloud::length::Length;
 use crate::cloud::{ColumnSet, Station};
 use crate::error::{Error, Result};
 use crate::extract::Selection;
@@ -73,9 +74,9 @@ pub struct Arguments {
     /// Where it ends
     #[arg(long, value_name = "X,Y", allow_hyphen_values = true)]
     pub to: Place,
-    /// Width of the slab, in the files' unit: half of it on either side
-    #[arg(long, value_name = "LENGTH", default_value_t = 1.0, value_parser = above_zero)]
-    pub width: f64,
+    /// Width of the slab, in the files' unit, or such as 0.5m: half of it on either side
+    #[arg(long, value_name = "LENGTH", default_value = "1", value_parser = units::length)]
+    pub width: Length,
     /// The files to write: a picture with axes, a table with a line a point. Repeatable
     #[arg(short, long, required = true, value_name = "OUT.svg|csv")]
     pub output: Vec<PathBuf>,
@@ -195,7 +196,8 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
         }
     }
     let [from, to] = [arguments.from, arguments.to].map(|Place(place)| place.extend(0.0));
-    let slab = Slab::new(from, to, arguments.width)
+    // The width is counted in the files' unit, once they are open.
+    let mut slab = Slab::new(from, to, 0.0)
         .ok_or_else(|| Error::Request("--from and --to are the same place".into()))?;
     let [left, top, right, bottom] = AROUND;
     let widest = f64::from(arguments.size.0[0]);
@@ -213,6 +215,7 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
     let wanted = arguments.color.map(Attribute::wanted).unwrap_or_default().and(filter.wanted());
     let options = export::reading(&arguments.text, &arguments.colors, wanted, arguments.strict);
     let input = export::open(&arguments.files, &options, progress)?;
+    slab.width = units::counted("--width", arguments.width, &input.reference().unit());
     let selection = Selection {
         filter,
         clips: arguments.clips.clips(),
@@ -223,11 +226,10 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
     let (ranges, notes) = ranges(&input, &selection, arguments.color, progress)?;
     notes.iter().for_each(streams::note);
     if ranges.points == 0 {
-        return Err(Error::Request(nothing(&input, arguments)));
+        return Err(Error::Request(nothing(&input, arguments, &slab)));
     }
     let parts = input.parts();
     let reference = input.reference();
-    note_length("--width", Some(arguments.width), &reference.unit());
     let has = parts.iter().fold(ColumnSet::default(), |has, part| has.and(part.available));
     let shown = arguments.shown(has, &ranges)?;
     let legend = if arguments.legend { ranges.legend(&shown, &reference) } else { None };
@@ -410,7 +412,7 @@ fn ranges(
 }
 
 /// Describes a profile without points, and where there are some.
-fn nothing(input: &Input, arguments: &Arguments) -> String {
+fn nothing(input: &Input, arguments: &Arguments, slab: &Slab) -> String {
     let bounds = input.parts().iter().filter_map(|part| part.bounds);
     let whole = bounds.reduce(|(low, high), (a, b)| (low.min(a), high.max(b)));
     let there = whole.map_or(String::new(), |(low, high): (DVec3, DVec3)| {
@@ -420,7 +422,7 @@ fn nothing(input: &Input, arguments: &Arguments) -> String {
     let [from, to] = [arguments.from.0, arguments.to.0];
     format!(
         "no point is left within {} of the line from {},{} to {},{}{there}",
-        arguments.width / 2.0,
+        slab.width / 2.0,
         from.x,
         from.y,
         to.x,

@@ -6,10 +6,11 @@ use super::files::{check_extension, refuse_to_overwrite};
 use super::filters::{ClipOptions, FilterOptions};
 use super::options::{CacheOptions, ColorOptions, TextArguments};
 use super::streams;
-use super::units::{Bytes, note_length};
+use super::units::{self, Bytes};
 use crate::cloud::ReadOptions;
 use crate::cloud::crs::Crs;
 use crate::cloud::filter::grouped;
+use crate::cloud::length::Length;
 use crate::cloud::scalar::Scalar;
 use crate::error::Result;
 use crate::extract::Selection;
@@ -18,7 +19,7 @@ use crate::extract::raster::{self, Filled, NoData, Pick, Request, Value};
 use crate::output::geotiff::{self, Map, Sample};
 use crate::progress::Progress;
 use crate::select::opacity::{Opacities, Rule};
-use crate::view::map::{self, Extent, MapGrid};
+use crate::view::map::{Extent, MapGrid};
 use std::path::{Path, PathBuf};
 
 const EXAMPLES: &str = "\
@@ -46,10 +47,10 @@ pub struct Arguments {
     /// The GeoTIFF to write
     #[arg(short, long, value_name = "OUT.tif")]
     pub output: PathBuf,
-    /// Side of a cell, in the files' unit; metres for coordinates in degrees. Edges of cells are
-    /// multiples of it
-    #[arg(long, value_name = "LENGTH", value_parser = map::resolution, allow_hyphen_values = true)]
-    pub resolution: f64,
+    /// Side of a cell, in the files' unit, or such as 0.5m; metres for coordinates in degrees. Edges
+    /// of cells are multiples of it
+    #[arg(long, value_name = "LENGTH", value_parser = units::length, allow_hyphen_values = true)]
+    pub resolution: Length,
     /// Values of the cells: heights, intensities or scalars as 32-bit floating point, numbers of
     /// points as 32-bit unsigned, colours as 8 bits a channel with an alpha of 0 where there are no
     /// points
@@ -123,9 +124,11 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
         Some(bounds) => bounds,
         None => return Err(selection.leaves_none(&input, progress)),
     };
+    let (parts, reference) = (input.parts(), input.reference());
+    let resolution = units::counted("--resolution", *resolution, &reference.unit());
     let grid = match arguments.extent {
-        Some(extent) => MapGrid::covering(extent, *resolution, LARGEST_SIDE)?,
-        None => MapGrid::around(low.truncate(), high.truncate(), *resolution, LARGEST_SIDE)?,
+        Some(extent) => MapGrid::covering(extent, resolution, LARGEST_SIDE)?,
+        None => MapGrid::around(low.truncate(), high.truncate(), resolution, LARGEST_SIDE)?,
     };
     if grid.cells() > SPARSE * counted.points {
         streams::note(format_args!(
@@ -135,8 +138,6 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
             grouped(counted.points)
         ));
     }
-    let (parts, reference) = (input.parts(), input.reference());
-    note_length("--resolution", Some(*resolution), &reference.unit());
     let (unit, name) = (reference.height_unit(), value.to_string());
     let map = Map {
         grid,

@@ -7,11 +7,16 @@ use super::options::{DeviceOptions, PictureOptions};
 use super::raster::{self, note_system};
 use super::streams;
 use super::tune;
-use super::units::LARGEST_SIDE;
+use super::units::{self, LARGEST_SIDE};
 use crate::atomic_file::{AtomicFile, STANDARD_OUTPUT};
+use crate::cloud::ReadOptions;
 use crate::cloud::crs::Crs;
+use crate::cloud::length::Length;
 use crate::cloud::up::Up;
 use crate::error::{Error, Result};
+use crate::extract::Selection;
+use crate::extract::count::count;
+use crate::extract::input::Input;
 use crate::extract::raster::{NoData, Pick, Value};
 use crate::graph::{CompletedSubmission, Gpu, Graph};
 use crate::output::export::Downloads;
@@ -20,17 +25,19 @@ use crate::output::geotiff::{self, Map, Sample};
 use crate::output::part::Part;
 use crate::output::tiled::{self, PictureRequest};
 use crate::output::world_file;
+use crate::passes::encode::Channels;
 use crate::passes::phong::{self, Backfaces};
 use crate::passes::project::{self, Statistics};
 use crate::passes::tile_stats::{self, Counts};
-use crate::passes::{Effect, Effects, count_visible, shadows, significant, strokes};
+use crate::passes::{Effect, Effects, count_visible, shadows, strokes};
 use crate::prices;
 use crate::progress::Progress;
-use crate::render::settings::FrameConfig;
-use crate::render::source::{SelectionReport, Source};
+use crate::render::settings::{Background, FrameConfig};
+use crate::render::source::{OpenOptions, SelectionReport, Source, bounds_of};
 use crate::renderer::{CloudId, Done, Renderer};
 use crate::resident::Resident;
-use crate::view::map::{self, Extent, MapGrid};
+use crate::select::clip::Clip;
+use crate::view::map::{Extent, MapGrid};
 use crate::view::{Preset, View};
 use glam::DVec3;
 use std::ops::Range;
@@ -94,11 +101,11 @@ pub struct Arguments {
     /// and the device's largest image]
     #[arg(long, value_name = "PIXELS", value_parser = clap::value_parser!(u32).range(8..), conflicts_with_all = ["path", "turntable"])]
     pub piece: Option<u32>,
-    /// Draw a map with --view top, north up, of pixels of this size, in the files' unit; metres for
-    /// coordinates in degrees. Edges of pixels are multiples of it. `pointillist raster` writes
-    /// heights, intensities and counts
-    #[arg(long, value_name = "LENGTH", value_parser = map::resolution, allow_hyphen_values = true, requires = "output", conflicts_with_all = ["part", "size", "camera", "scene", "path", "turntable", "exr", "explain", "timings"])]
-    pub resolution: Option<f64>,
+    /// Draw a map with --view top, north up, of pixels of this size, in the files' unit, or such as
+    /// 0.5m; metres for coordinates in degrees. Edges of pixels are multiples of it. Transparent where
+    /// nothing is drawn. `pointillist raster` writes heights, intensities and counts
+    #[arg(long, value_name = "LENGTH", value_parser = units::length, allow_hyphen_values = true, requires = "output", conflicts_with_all = ["part", "size", "camera", "scene", "path", "turntable", "exr", "explain", "timings"])]
+    pub resolution: Option<Length>,
     /// West, south, east and north of the map, widened to whole pixels [default: around all points
     /// but strays]
     #[arg(long, value_name = "X0,Y0,X1,Y1", allow_hyphen_values = true, requires = "resolution")]
@@ -197,8 +204,12 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
             "--resume and --fps are for --path and --turntable, which draw many frames".into(),
         ));
     }
-    let picture = arguments.picture.with_scene()?;
+    let mut picture = arguments.picture.with_scene()?;
     arguments.check_map()?;
+    if arguments.channels() == Channels::Rgba {
+        // Colours times alpha.
+        picture.background = Some(Background([0; 3]));
+    }
     let endings: &[&str] = if arguments.resolution.is_some() { &MAPS } else { &["png"] };
     for (output, endings) in [(&arguments.output, endings), (&arguments.exr, &["exr"])] {
         let Some(output) = output else { continue };
@@ -221,12 +232,16 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
         None => picture.opening(arguments.strict),
         Some(_) => tune::opening(&picture, arguments.strict),
     };
+    let opening = match arguments.resolution {
+        Some(_) => OpenOptions { index: opening.index.or(Some(MAPS_OF_INDEXES)), ..opening },
+        None => opening,
+    };
     let mut source = Source::open(&arguments.files, &opening, progress)?;
     source.find(picture.color, progress)?;
     source.notes(picture.further()).iter().for_each(streams::note);
     source.check_clips(&picture.clips())?;
     stages.done("read");
-    let grid = arguments.grid(&picture, &source)?;
+    let grid = arguments.grid(&picture, &source, progress)?;
     let (shown, why_shown) = picture.shown(&source)?;
     picture.note_meanings(&source, &shown);
     let named = picture.named(&source, shown)?;
@@ -260,6 +275,9 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
         || tiled::needs_pieces(&renderer.gpu, view.size, arguments.piece)
     {
         let mut lod = picture.detail.lod();
+        if placed.is_some() {
+            lod.lod_px = lod.lod_px.or(Some(0.0));
+        }
         if let Some((limit, index)) = limit.zip(index) {
             let mut target =
                 Target { renderer: &mut renderer, cloud, view: &view, picture: &picture, progress };
@@ -267,8 +285,8 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
             streams::note(chosen.line(None));
             lod = chosen.cut;
         }
-        let piece = arguments.piece;
-        let wanted = PictureRequest { view, lod, rows, piece, over };
+        let (piece, channels) = (arguments.piece, arguments.channels());
+        let wanted = PictureRequest { view, lod, rows, piece, over, channels };
         return in_pieces(arguments, wanted, placed, &mut renderer, cloud, progress);
     }
     let chosen = match limit.zip(index) {
@@ -409,6 +427,10 @@ fn in_pieces(
     Ok(())
 }
 
+/// The reason to draw maps from an index of the files: where points lie on surfaces is found node by
+/// node, so that maps of files and of their indexes are the same, bit by bit.
+const MAPS_OF_INDEXES: &str = "maps are drawn from an index";
+
 /// Ends of names of maps.
 const MAPS: [&str; 3] = ["tif", "tiff", "png"];
 
@@ -436,6 +458,15 @@ impl Arguments {
         Ok(rows)
     }
 
+    /// Returns what pixels have. A map is transparent where nothing is drawn, unless a background is
+    /// asked for.
+    fn channels(&self) -> Channels {
+        match self.resolution.is_some() && self.picture.background.is_none() {
+            true => Channels::Rgba,
+            false => Channels::Rgb,
+        }
+    }
+
     /// Errors if a map lacks what makes it one.
     fn check_map(&self) -> Result<()> {
         let is_tiff = |path: &PathBuf| {
@@ -461,24 +492,52 @@ impl Arguments {
     }
 
     /// Returns the pixels of a map; `None` if the picture is none.
-    fn grid(&self, picture: &PictureOptions, source: &Source) -> Result<Option<MapGrid>> {
+    fn grid(
+        &self,
+        picture: &PictureOptions,
+        source: &Source,
+        progress: &dyn Progress,
+    ) -> Result<Option<MapGrid>> {
         let Some(resolution) = self.resolution else { return Ok(None) };
         if source.up() != Up::Z {
             return Err(Error::Request(
                 "--resolution draws maps, and these files have y up; give --up z with it".into(),
             ));
         }
-        let points = source.framed_points(&picture.clips());
-        let grid = match (self.extent, points.first()) {
-            (Some(extent), _) => MapGrid::covering(extent, resolution, LARGEST_SIDE)?,
-            (None, None) => return Err(Error::Request("there are no points to map".into())),
-            (None, Some(first)) => {
-                let widen = |[low, high]: [DVec3; 2], p: &DVec3| [low.min(*p), high.max(*p)];
-                let [low, high] = points.iter().fold([*first; 2], widen);
+        let resolution = units::counted("--resolution", resolution, &source.reference().unit());
+        let grid = match self.extent {
+            Some(extent) => MapGrid::covering(extent, resolution, LARGEST_SIDE)?,
+            None => {
+                let [low, high] = self
+                    .corners(picture, source, progress)?
+                    .ok_or_else(|| Error::Request("there are no points to map".into()))?;
                 MapGrid::around(low.truncate(), high.truncate(), resolution, LARGEST_SIDE)?
             }
         };
         Ok(Some(grid))
+    }
+
+    /// Returns the corners of the box around the points that are drawn. Samples of an index do not
+    /// reach all corners, so that its points are read, unless they are on a server.
+    fn corners(
+        &self,
+        picture: &PictureOptions,
+        source: &Source,
+        progress: &dyn Progress,
+    ) -> Result<Option<[DVec3; 2]>> {
+        let mut clips = picture.clips();
+        match source {
+            Source::Index(index) if !index.is_remote() => {
+                clips.0.extend(index.hidden.iter().flat_map(Clip::around));
+            }
+            _ => return Ok(bounds_of(&source.framed_points(&clips))),
+        }
+        let selection =
+            Selection { filter: picture.filters.filter(), clips, ..Selection::default() };
+        let options =
+            ReadOptions { wanted: selection.wanted(), ..picture.read_options(self.strict) };
+        let input = Input::open(&self.files, &options, progress)?;
+        Ok(count(&input, &selection, progress)?.bounds)
     }
 }
 
@@ -522,7 +581,7 @@ impl Placed {
             system: self.system.as_ref(),
             text: self.text.as_deref(),
             sample: Sample::Byte,
-            bands: 3,
+            bands: request.channels.bytes(),
             named: None,
             no_data: None,
             has_heights: false,
@@ -602,10 +661,10 @@ fn explain(
     let scene = config.frame_context(&facts.view, resident);
     text += &format!(
         "spacing: {} m between points, and {} m between layers, {}; depths are known to {} m\n",
-        significant(scene.sampling.spacing_m),
-        significant(scene.layer_m(0.0)),
+        scene.metres(scene.sampling.spacing_m),
+        scene.metres(scene.layer_m(0.0)),
         if config.layer_m > 0.0 { "as asked for" } else { "by the spacing of points or pixels" },
-        significant(config.quantum_m),
+        scene.metres(config.quantum_m),
     );
     text += &format!("light: {}\n", config.light);
     for (effect, reason) in &config.decisions.0 {
@@ -647,6 +706,7 @@ fn explain_json(
         .iter()
         .map(|(effect, reason)| (effect.name().to_string(), serde_json::json!(reason)))
         .collect();
+    let (scene, unit_m) = (config.frame_context(&facts.view, resident), resident.unit_m());
     serde_json::json!({
         "device": { "name": gpu.device.name, "driver": gpu.device.driver, "int64_atomics": gpu.device.int64_atomics, "bytes": gpu.memory.allocated },
         "cloud": { "points": facts.points, "files": facts.files, "nodes": facts.nodes.unwrap_or(resident.nodes.len()), "resident_bytes": resident.bytes() },
@@ -657,15 +717,15 @@ fn explain_json(
         "size": facts.view.size,
         "drawn": drawn,
         "index": facts.taken,
-        "spacing_m": resident.spacing_m(),
-        "layer_m": config.frame_context(&facts.view, resident).layer_m(0.0),
-        "quantum_m": config.quantum_m,
+        "spacing_m": resident.spacing_m() * unit_m,
+        "layer_m": scene.layer_m(0.0) * unit_m,
+        "quantum_m": config.quantum_m * unit_m,
         "light": config.light,
         "shadows": facts.shadows,
         "strokes": facts.strokes,
         "effects": effects,
         "tiles": counts,
-        "settings": config.effects,
+        "settings": config.effects.counted_in(1.0 / unit_m),
         "passes": frame.passes.iter().map(|(name, _)| name).collect::<Vec<_>>(),
         "barriers": frame.plan.barriers(),
         "transient_bytes": frame.plan.bytes(),

@@ -32,7 +32,7 @@ pub struct Arguments {
     /// The shadows to write
     #[arg(short, long, value_name = "OUT.shadows")]
     pub output: PathBuf,
-    /// Light: direction:X,Y,Z in which it travels; position:X,Y,Z in metres; world coordinates;
+    /// Light: direction:X,Y,Z in which it travels; position:X,Y,Z; world coordinates;
     /// headlight: a sun from behind the left shoulder
     #[arg(long, value_name = "KIND[:X,Y,Z]", default_value_t, allow_hyphen_values = true)]
     pub light: Light,

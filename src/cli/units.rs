@@ -2,14 +2,37 @@
 
 use super::streams;
 use crate::cloud::crs::Unit;
+use crate::cloud::length::Length;
 
-/// Says how long what was given for an option is, if the files are not in metres.
-pub fn note_length(option: &str, length: Option<f64>, unit: &Unit) {
-    if let Some(length) = length.filter(|_| !unit.is_metre() && !unit.is_none()) {
-        let (symbol, metres) = (unit.symbol(), length * unit.metres);
-        streams::note(format_args!(
-            "{option} is in the files' unit: {length} {symbol}, which are {metres:.4} m"
-        ));
+/// Parses a length above 0.
+pub fn length(text: &str) -> Result<Length, String> {
+    match text.parse::<Length>()? {
+        length if length.number() > 0.0 => Ok(length),
+        _ => Err(format!("{text:?} is not a length above 0, such as 0.25, 0.25m or 10ft")),
+    }
+}
+
+/// Returns a length of an option in the files' unit. Says how long it is where that may not be what
+/// was meant.
+pub fn counted(option: &str, length: Length, unit: &Unit) -> f64 {
+    note_length(option, length, unit);
+    length.counted_in(unit.metres)
+}
+
+/// Says how long a length of an option is: one without a unit, if the files are not in metres; one
+/// in metres, if the files state no unit.
+pub fn note_length(option: &str, length: Length, unit: &Unit) {
+    match length {
+        Length::OfCoordinates(length) if !unit.is_metre() && !unit.is_none() => {
+            let (symbol, metres) = (unit.symbol(), length * unit.metres);
+            streams::note(format_args!(
+                "{option} is in the files' unit: {length} {symbol}, which are {metres:.4} m; {length}m is in metres"
+            ));
+        }
+        Length::Metres(metres) if unit.is_none() => streams::note(format_args!(
+            "{option} is {metres} m, but the files do not state their unit; one unit is taken as 1 m"
+        )),
+        _ => {}
     }
 }
 

@@ -170,6 +170,8 @@ pub struct DisplayAttribute {
     pub up: Up,
     /// The words at both ends of the ramp; of colours, the values of channels.
     pub stretch: [u32; 2],
+    /// Places of dark colours between these are raised to this power: their median lies in the middle.
+    power: f64,
     pub scale: ColorScale,
     /// Whether the highest byte of a colour or an intensity is its station ([`station_code`]).
     pub coded: bool,
@@ -279,6 +281,7 @@ impl DisplayAttribute {
             ends,
             up: cloud.up,
             stretch: [0, 255],
+            power: 1.0,
             scale: ColorScale::default(),
             coded,
             further: ExtraAttributes::default(),
@@ -307,6 +310,7 @@ impl DisplayAttribute {
             ends,
             up: Up::Z,
             stretch,
+            power: 1.0,
             scale: ColorScale::default(),
             coded: false,
             further: ExtraAttributes::default(),
@@ -525,8 +529,8 @@ impl DisplayAttribute {
         }
     }
 
-    /// Stretches colours of which nearly all are in the lower half of the channels' range. Black
-    /// stays black.
+    /// Stretches colours of which nearly all are in the lower half of the channels' range, and raises
+    /// those in the middle, if their median is still in the lower half. Black stays black.
     pub fn brighten<'c>(&mut self, colors: impl Iterator<Item = &'c [[u8; 3]]>) {
         let count = |colors: &[[u8; 3]]| {
             let mut counts = [0u64; 256];
@@ -536,10 +540,19 @@ impl DisplayAttribute {
         let sum = |a: [u64; 256], b: [u64; 256]| std::array::from_fn(|value| a[value] + b[value]);
         let none = || [0u64; 256];
         let counts = colors.map(|colors| colors.par_chunks(1 << 16).map(count).reduce(none, sum));
-        let [_, most] = percentiles(&counts.fold([0; 256], sum));
+        let counts = counts.fold([0; 256], sum);
+        let [[_, most], [median, _]] = [STRETCH, [0.5; 2]].map(|shares| at_shares(&counts, shares));
         if self.attribute == Attribute::Rgb && (1..128).contains(&most) {
             self.stretch = [0, most];
+            let middle = median as f64 / most as f64;
+            self.power = if middle > 0.0 && middle < 0.5 { 0.5f64.ln() / middle.ln() } else { 1.0 };
         }
+    }
+
+    /// Returns the place in 0..=1 that is shown for one between the ends of the ramp.
+    pub fn toned(&self, place: f64) -> f64 {
+        let is_automatic = self.scale.range.is_none();
+        self.scale.toned(if is_automatic { place.powf(self.power) } else { place })
     }
 
     /// Returns the word of a number: its place between the least and the greatest.
@@ -620,8 +633,13 @@ fn mostly_one_intensity(cloud: &Cloud) -> bool {
 
 /// Returns the words at the ends of [`STRETCH`], by how often each occurs.
 pub fn percentiles(counts: &[u64]) -> [u32; 2] {
+    at_shares(counts, STRETCH)
+}
+
+/// Returns the values below which these shares of all are.
+fn at_shares(counts: &[u64], shares: [f64; 2]) -> [u32; 2] {
     let total: u64 = counts.iter().sum();
-    STRETCH.map(|share| {
+    shares.map(|share| {
         let wanted = (share * total as f64) as u64;
         let mut sum = 0;
         let reached = counts.iter().position(|&count| {

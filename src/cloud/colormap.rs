@@ -53,7 +53,7 @@ pub fn color_of(shown: &DisplayAttribute, word: u32) -> [u8; 3] {
     match shown.attribute {
         Attribute::Rgb | Attribute::Corrected => [0, 1, 2].map(|channel| {
             let t = place(byte(channel) as f64) / 255.0;
-            (255.0 * shown.scale.toned(t)).round() as u8
+            (255.0 * shown.toned(t)).round() as u8
         }),
         Attribute::Normal => [0, 1, 2].map(|axis| {
             (255.0 * (byte(axis) as f64 / 254.0).clamp(0.0, 1.0).powf(1.0 / 2.2)) as u8

@@ -22,6 +22,7 @@ pub mod ground;
 pub mod histograms;
 pub(crate) mod input;
 pub mod las;
+pub mod length;
 mod mmap;
 pub mod obj;
 pub mod octahedral;

@@ -29,7 +29,7 @@ use crate::select::slab::Slab;
 use input::{Batch, Input};
 use std::path::Path;
 use std::sync::Mutex;
-pub use thin::{Thinning, side};
+pub use thin::Thinning;
 
 /// Which points are left.
 #[derive(Clone, Debug, Default)]

@@ -97,9 +97,3 @@ impl Thinner {
         (count, kept)
     }
 }
-
-/// Parses the side of a cell.
-pub fn side(text: &str) -> std::result::Result<f64, String> {
-    let side = text.parse().ok().filter(|side: &f64| side.is_finite() && *side > 0.0);
-    side.ok_or(format!("{text:?} is not the side of a cell above 0"))
-}

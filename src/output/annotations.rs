@@ -454,6 +454,7 @@ impl Sheet<'_> {
 mod tests {
     use super::*;
     use crate::cloud::attribute::Attribute;
+    use crate::passes::encode::Channels;
     use crate::view::{Camera, Preset};
 
     #[test]
@@ -484,7 +485,7 @@ mod tests {
         let view = View::new(Camera::framing(preset, &points, size), size).unwrap();
         let overlay = annotations.overlay(&view, &shown(Attribute::Elevation));
         let mut pixels = vec![128; 3 * (size[0] * size[1]) as usize];
-        overlay.blend(&mut pixels, size[0] as usize, 0);
+        overlay.blend(&mut pixels, Channels::Rgb, size[0] as usize, 0);
         let changed = pixels.as_chunks::<3>().0.iter().enumerate();
         changed
             .filter(|(_, pixel)| **pixel != [128; 3])

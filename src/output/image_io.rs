@@ -3,6 +3,7 @@
 use super::overlay::Overlay;
 use crate::atomic_file::{AtomicFile, write_atomically};
 use crate::error::{Error, Result};
+use crate::passes::encode::Channels;
 use exr::prelude::{
     AnyChannel, AnyChannels, Blocks, Compression, Encoding, FlatSamples, Image, Layer,
     LayerAttributes, LineOrder,
@@ -29,7 +30,7 @@ pub fn write_annotated_png(
     over: Overlay,
 ) -> Result<()> {
     // Piece by piece, so that no second copy of the picture is in memory.
-    let mut rows = PngRows::create(path, size[0], 0..size[1], over)?;
+    let mut rows = PngRows::create(path, size[0], 0..size[1], over, Channels::Rgb)?;
     pieces.iter().try_for_each(|piece| rows.write(piece))?;
     rows.complete()?.finish()
 }
@@ -46,6 +47,7 @@ pub struct PngRows {
     /// Row of the picture that is written next.
     next: usize,
     over: Overlay,
+    channels: Channels,
 }
 
 /// The file and the last error of it, since the encoder ignores errors when it writes the end in
@@ -85,7 +87,13 @@ impl Drop for Watched {
 
 impl PngRows {
     /// Creates the file for these rows of a picture of this width.
-    pub fn create(path: &Path, width: u32, rows: Range<u32>, over: Overlay) -> Result<PngRows> {
+    pub fn create(
+        path: &Path,
+        width: u32,
+        rows: Range<u32>,
+        over: Overlay,
+        channels: Channels,
+    ) -> Result<PngRows> {
         let whole = AtomicFile::create(path)?;
         let file =
             File::create(whole.partial()).map_err(|error| Error::io("write", path, error))?;
@@ -95,7 +103,10 @@ impl PngRows {
             width,
             rows.end - rows.start,
         );
-        encoder.set_color(png::ColorType::Rgb);
+        encoder.set_color(match channels {
+            Channels::Rgb => png::ColorType::Rgb,
+            Channels::Rgba => png::ColorType::Rgba,
+        });
         encoder.set_source_srgb(png::SrgbRenderingIntent::Perceptual);
         encoder.set_compression(png::Compression::Fast);
         let (width, next) = (width as usize, rows.start as usize);
@@ -103,16 +114,16 @@ impl PngRows {
             .write_header()
             .and_then(png::Writer::into_stream_writer)
             .map_err(|error| encoding(path, error))?;
-        Ok(PngRows { path: path.to_owned(), whole, rows, failed, width, next, over })
+        Ok(PngRows { path: path.to_owned(), whole, rows, failed, width, next, over, channels })
     }
 
     /// Writes whole rows.
     pub fn write(&mut self, pixels: &[u8]) -> Result<()> {
         let mut pixels = Cow::Borrowed(pixels);
         if !self.over.triangles.is_empty() {
-            self.over.blend(pixels.to_mut(), self.width, self.next);
+            self.over.blend(pixels.to_mut(), self.channels, self.width, self.next);
         }
-        self.next += pixels.len() / (3 * self.width);
+        self.next += pixels.len() / (self.channels.bytes() * self.width);
         self.rows.write_all(&pixels).map_err(|error| Error::io("write", &self.path, error))
     }
 

@@ -1,5 +1,7 @@
 //! Triangles over a picture, blended row by row as its file is written: in pictures in pieces, too.
 
+use crate::passes::encode::Channels;
+
 /// A corner of a triangle.
 #[derive(Clone, Copy, Debug)]
 pub struct Corner {
@@ -21,9 +23,10 @@ pub struct Overlay {
 }
 
 impl Overlay {
-    /// Blends the triangles with the rows from `top` on of a picture of this width, RGB.
-    pub fn blend(&self, pixels: &mut [u8], width: usize, top: usize) {
-        let bottom = top + pixels.len() / (3 * width);
+    /// Blends the triangles with the rows from `top` on of a picture of this width.
+    pub fn blend(&self, pixels: &mut [u8], channels: Channels, width: usize, top: usize) {
+        let pixel_bytes = channels.bytes();
+        let bottom = top + pixels.len() / (pixel_bytes * width);
         for corners in &self.triangles {
             let [a, b, c] = corners.map(|corner| corner.at);
             let area = cross(a, b, c);
@@ -53,11 +56,8 @@ impl Overlay {
                     let source: [f32; 4] = std::array::from_fn(|channel| {
                         mix(a.color[channel], b.color[channel], c.color[channel]) * texel[channel]
                     });
-                    let start = 3 * ((y - top) * width + x);
-                    for (channel, value) in pixels[start..start + 3].iter_mut().enumerate() {
-                        let under = *value as f32 * (1.0 - source[3]);
-                        *value = (255.0 * source[channel] + under).round() as u8;
-                    }
+                    let start = pixel_bytes * ((y - top) * width + x);
+                    blend_pixel(&mut pixels[start..start + pixel_bytes], source);
                 }
             }
         }
@@ -81,6 +81,17 @@ impl Overlay {
             above + (below - above) * down
         })
     }
+}
+
+/// Blends a colour times alpha, and alpha, with a pixel, whose colour is not multiplied by its alpha.
+fn blend_pixel(pixel: &mut [u8], source: [f32; 4]) {
+    let (color, alpha) = pixel.split_at_mut(3);
+    let under = alpha.first().map_or(1.0, |alpha| *alpha as f32 / 255.0) * (1.0 - source[3]);
+    let whole = source[3] + under;
+    for (value, own) in color.iter_mut().zip(source).filter(|_| whole > 0.0) {
+        *value = ((255.0 * own + *value as f32 * under) / whole).round() as u8;
+    }
+    alpha.iter_mut().for_each(|alpha| *alpha = (255.0 * whole).round() as u8);
 }
 
 /// Returns twice the area of a triangle, positive if it is counterclockwise with y upwards.
@@ -115,7 +126,7 @@ mod tests {
     #[test]
     fn two_triangles_of_a_square_cover_each_of_its_pixels_once() {
         let mut pixels = vec![100u8; 3 * 64];
-        square(1.5, 6.5).blend(&mut pixels, 8, 0);
+        square(1.5, 6.5).blend(&mut pixels, Channels::Rgb, 8, 0);
         let red = |x: usize, y: usize| pixels[3 * (8 * y + x)];
         let inside = (0..64).filter(|i| red(i % 8, i / 8) != 100);
         assert_eq!(inside.clone().count(), 25);
@@ -124,13 +135,24 @@ mod tests {
     }
 
     #[test]
+    fn what_is_drawn_over_transparent_pixels_is_as_opaque_as_it_is() {
+        let mut pixels = vec![0u8; 4 * 64];
+        square(1.5, 6.5).blend(&mut pixels, Channels::Rgba, 8, 0);
+        let pixel = |x: usize, y: usize| &pixels[4 * (8 * y + x)..][..4];
+        assert_eq!((pixel(3, 3), pixel(0, 0)), (&[255, 0, 0, 128][..], &[0; 4][..]));
+        let mut opaque = [0, 0, 200, 255];
+        blend_pixel(&mut opaque, [0.5, 0.0, 0.0, 0.5]);
+        assert_eq!(opaque, [128, 0, 100, 255]);
+    }
+
+    #[test]
     fn rows_blended_apart_are_those_blended_together() {
         let overlay = square(-3.0, 7.3);
         let mut whole = vec![9u8; 3 * 100];
         let mut parts = whole.clone();
-        overlay.blend(&mut whole, 10, 0);
+        overlay.blend(&mut whole, Channels::Rgb, 10, 0);
         for (k, rows) in parts.chunks_mut(3 * 30).enumerate() {
-            overlay.blend(rows, 10, 3 * k);
+            overlay.blend(rows, Channels::Rgb, 10, 3 * k);
         }
         assert_eq!(whole, parts);
     }

@@ -17,7 +17,8 @@ use crate::error::{Error, Result};
 use crate::graph::{Gpu, Pause};
 use crate::output::image_io::PngRows;
 use crate::output::overlay::Overlay;
-use crate::passes::{LEAST_BLOCK_PX, encode, visibility};
+use crate::passes::encode::{self, Channels};
+use crate::passes::{LEAST_BLOCK_PX, visibility};
 use crate::progress::{Progress, Whole};
 use crate::render::settings::FrameConfig;
 use crate::render::source::SelectionReport;
@@ -132,6 +133,8 @@ pub struct PictureRequest {
     pub piece: Option<u32>,
     /// Drawn over the picture.
     pub over: Overlay,
+    /// What its pixels have; with alpha, for a black background.
+    pub channels: Channels,
 }
 
 /// A picture being written to a PNG file, which exists after [`TiledPicture::finish`]. Dropped
@@ -162,8 +165,8 @@ struct Plan {
 impl TiledPicture {
     /// Creates the file; draws nothing yet.
     pub fn begin(request: PictureRequest, path: &Path) -> Result<TiledPicture> {
-        let PictureRequest { view, rows, over, .. } = &request;
-        let rows = PngRows::create(path, view.size[0], rows.clone(), over.clone())?;
+        let PictureRequest { view, rows, over, channels, .. } = &request;
+        let rows = PngRows::create(path, view.size[0], rows.clone(), over.clone(), *channels)?;
         Ok(TiledPicture { drawing: Drawing::new(request), path: path.to_owned(), rows })
     }
 
@@ -250,7 +253,7 @@ impl Drawing {
         put: &mut Put,
     ) -> Result<()> {
         let part = plan.pieces[plan.done];
-        let PictureRequest { view, lod, .. } = &self.request;
+        let PictureRequest { view, lod, channels, .. } = &self.request;
         let (done, total, width) =
             (plan.done as u64, plan.pieces.len() as u64, view.size[0] as usize);
         let whole = Whole { progress, doing: "drawing pieces", done, total };
@@ -261,12 +264,13 @@ impl Drawing {
             &lod.of(window.size),
             if total > 1 { &whole } else { progress },
         )?;
-        self.pixels.resize(3 * width * part.size[1] as usize, 0);
+        self.pixels.resize(channels.bytes() * width * part.size[1] as usize, 0);
         let done =
             renderer.draw_pausing(cloud, &window, &plan.config, &whole, pause, |g, outcome| {
-                encode::download(g, &outcome.picture)
+                encode::encoded(g, &outcome.picture, *channels)
             })?;
-        cut_out(&done.asked.read(&done.frame), &part, width, &mut self.pixels);
+        let strips = done.asked.read(&done.frame);
+        cut_out(&strips, channels.bytes(), &part, width, &mut self.pixels);
         self.note(notes_of(taken));
         self.note(done.notes);
         if part.corner[0] as usize + part.size[0] as usize == width {
@@ -290,7 +294,7 @@ fn notes_of(taken: Option<SelectionReport>) -> Vec<String> {
     taken.map_or(Vec::new(), |taken| taken.notes)
 }
 
-/// Draws a picture, 8-bit RGB, and gives its rows to `put`. Returns warnings.
+/// Draws a picture, 8 bits a channel, and gives its rows to `put`. Returns warnings.
 pub fn draw(
     renderer: &mut Renderer,
     cloud: CloudId,
@@ -299,13 +303,14 @@ pub fn draw(
     put: &mut Put,
 ) -> Result<Vec<String>> {
     let (over, width) = (request.over.clone(), request.view.size[0] as usize);
+    let channels = request.channels;
     let (mut blended, mut rows) = (Vec::new(), request.rows.start as usize);
     let mut drawing = Drawing::new(request);
     let mut put = |pixels: &[u8]| {
         blended.clear();
         blended.extend_from_slice(pixels);
-        over.blend(&mut blended, width, rows);
-        rows += pixels.len() / (3 * width);
+        over.blend(&mut blended, channels, width, rows);
+        rows += pixels.len() / (channels.bytes() * width);
         put(&blended)
     };
     while !drawing.step(renderer, cloud, progress, None, &mut put)? {}
@@ -341,14 +346,16 @@ pub fn write_map(
 }
 
 /// Copies the middle of a window to its place in `pixels`, a row of pieces that is `width` pixels
-/// wide.
-fn cut_out(bytes: &[&[u8]], part: &Piece, width: usize, pixels: &mut [u8]) {
-    let rows = bytes.iter().flat_map(|strip| strip.chunks_exact(3 * part.window_size[0] as usize));
+/// wide; pixels have this many bytes.
+fn cut_out(bytes: &[&[u8]], pixel_bytes: usize, part: &Piece, width: usize, pixels: &mut [u8]) {
+    let row_bytes = pixel_bytes * part.window_size[0] as usize;
+    let rows = bytes.iter().flat_map(|strip| strip.chunks_exact(row_bytes));
     let [left, top] = [0, 1].map(|axis| (part.corner[axis] - part.window_corner[axis]) as usize);
     let [across, down] = part.size.map(|side| side as usize);
     for (y, row) in rows.skip(top).take(down).enumerate() {
-        let at = 3 * (y * width + part.corner[0] as usize);
-        pixels[at..at + 3 * across].copy_from_slice(&row[3 * left..3 * (left + across)]);
+        let at = pixel_bytes * (y * width + part.corner[0] as usize);
+        pixels[at..at + pixel_bytes * across]
+            .copy_from_slice(&row[pixel_bytes * left..pixel_bytes * (left + across)]);
     }
 }
 

@@ -41,7 +41,7 @@ impl super::Settings for Settings {
             Setting::new(
                 "radius",
                 "distance beyond which nothing occludes [m]; 0: a twelfth of the picture's height",
-                number(&mut self.radius, 0.0..=1e6),
+                Value::Length(&mut self.radius, 0.0..=1e6),
             ),
             Setting::new(
                 "strength",

@@ -67,42 +67,78 @@ pub struct Screen {
 pub fn record(g: &mut Graph, picture: &Image, screen: &mut Screen) -> Result<()> {
     let buckets = &g.upload("buckets", &Thresholds::new().buckets())?;
     let size = picture.desc.size;
-    let (push, spec) =
-        (Push { size, top: 0 }, Spec { blue_first: screen.blue_first, packed: false });
+    let (push, spec) = (
+        Push { size, top: 0 },
+        Spec { blue_first: screen.blue_first, packed: false, alpha: false },
+    );
     let groups = Dispatch::Groups([size[0].div_ceil(64), size[1], 1]);
     g.run(shader::Encode { picture, buckets, screen: &mut screen.words, push, spec }, groups);
     Ok(())
 }
 
-/// A picture for a file: one buffer per strip, from the top down.
-pub struct Encoded(Vec<(Buffer, Strip)>);
+/// What a pixel of a file has, 8 bits each.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Channels {
+    #[default]
+    Rgb,
+    /// Colours are not multiplied by alpha, and 0 where it is.
+    Rgba,
+}
 
-/// Bytes per pixel: three, in whole words.
+impl Channels {
+    /// Returns the bytes of a pixel.
+    pub fn bytes(self) -> usize {
+        if self == Channels::Rgba { 4 } else { 3 }
+    }
+}
+
+/// A picture for a file: one buffer per strip, from the top down.
+pub struct Encoded {
+    strips: Vec<(Buffer, Strip)>,
+    channels: Channels,
+}
+
+/// Most bytes per pixel: whole words.
 const PIXEL_BYTES: u64 = 4;
 
 /// Encodes a picture into buffers that are read back.
 pub fn download(g: &mut Graph, picture: &Image) -> Result<Encoded> {
+    encoded(g, picture, Channels::Rgb)
+}
+
+/// Encodes a picture with these channels, likewise. For one with alpha the background must be black.
+pub fn encoded(g: &mut Graph, picture: &Image, channels: Channels) -> Result<Encoded> {
     let buckets = &g.upload("buckets", &Thresholds::new().buckets())?;
     let strips = project::strips(picture.desc.size, PIXEL_BYTES, g.binding_limit())
         .into_iter()
         .map(|strip| {
             let Strip { top, size } = strip;
+            let push = Push { size, top };
+            if channels == Channels::Rgba {
+                let mut words = g.readback("bytes", 4 * size[0] as u64 * size[1] as u64);
+                let spec = Spec { blue_first: false, packed: false, alpha: true };
+                let groups = Dispatch::Groups([size[0].div_ceil(64), size[1], 1]);
+                g.run(shader::Encode { picture, buckets, screen: &mut words, push, spec }, groups);
+                return (words, strip);
+            }
             let fours = (size[0] * size[1]).div_ceil(4);
             let mut bytes = g.readback("bytes", 12 * fours as u64);
-            let (push, spec) = (Push { size, top }, Spec { blue_first: false, packed: true });
+            let spec = Spec { blue_first: false, packed: true, alpha: false };
             let rows = fours.div_ceil(64).div_ceil(65_535);
             let groups = Dispatch::Groups([fours.div_ceil(64).div_ceil(rows), rows, 1]);
             g.run(shader::Encode { picture, buckets, screen: &mut bytes, push, spec }, groups);
             (bytes, strip)
         });
-    Ok(Encoded(strips.collect()))
+    Ok(Encoded { strips: strips.collect(), channels })
 }
 
 impl Encoded {
-    /// Returns red, green and blue of each pixel, row by row from the top left.
+    /// Returns red, green and blue of each pixel, and alpha if it was asked for: row by row from the
+    /// top left.
     pub fn read<'f>(&self, frame: &'f CompletedSubmission) -> Vec<&'f [u8]> {
-        let pixels = |strip: &Strip| 3 * strip.size[0] as usize * strip.size[1] as usize;
-        self.0.iter().map(|(bytes, strip)| &frame.read(bytes)[..pixels(strip)]).collect()
+        let pixels =
+            |strip: &Strip| self.channels.bytes() * strip.size[0] as usize * strip.size[1] as usize;
+        self.strips.iter().map(|(bytes, strip)| &frame.read(bytes)[..pixels(strip)]).collect()
     }
 }
 

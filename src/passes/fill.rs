@@ -23,7 +23,7 @@ pub use mask::APART_PX;
 
 use super::{
     Effect, EffectDecisions, Effects, FrameContext, GBuffer, Holes, MOST_LEVELS, Reason, Setting,
-    TILE_PX, TileLists, Value, significant, tiles, visibility,
+    TILE_PX, TileLists, Value, tiles, visibility,
 };
 use crate::graph::{Buffer, Dispatch, Graph, Image, Kind};
 use crate::shader::{self, fill_median, fill_median_begin, fill_median_end};
@@ -102,7 +102,7 @@ impl super::Settings for Settings {
             Setting::variant("iterations", Value::Whole(&mut self.iterations, 0.0..=1000.0)),
             Setting::variant("tolerance", number(&mut self.tolerance, 0.0..=1e9)),
             Setting::variant("surrounded", Value::Whole(&mut self.surrounded, 1.0..=9.0)),
-            Setting::variant("layer", number(&mut self.layer, 0.0..=1e9)),
+            Setting::variant("layer", Value::Length(&mut self.layer, 0.0..=1e9)),
         ]
     }
 
@@ -142,7 +142,7 @@ pub fn called_for(context: &FrameContext, asked: &Effects, before: &EffectDecisi
                 runs: true,
                 why: format!(
                     "masks find holes and hidden pixels; surfaces are at least {} m apart",
-                    significant(layer_m)
+                    context.metres(layer_m)
                 ),
             };
         }

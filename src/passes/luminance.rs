@@ -59,7 +59,6 @@ impl Default for Settings {
 
 impl super::Settings for Settings {
     fn list_all(&mut self) -> Vec<Setting<'_>> {
-        let number = Value::Number;
         vec![
             Setting::new(
                 "neighbourhood",
@@ -69,7 +68,7 @@ impl super::Settings for Settings {
             Setting::new(
                 "epsilon",
                 "thickness of the front surface [m]; 0: three point spacings",
-                number(&mut self.epsilon, 0.0..=1e9),
+                Value::Length(&mut self.epsilon, 0.0..=1e9),
             ),
             // For studies.
             Setting::variant("space", Value::Choice(&mut self.space)),

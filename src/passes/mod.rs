@@ -26,6 +26,7 @@ pub mod transparency;
 pub mod visibility;
 
 use crate::cloud::attribute::Attribute;
+use crate::cloud::length::Length;
 use crate::graph::{Buffer, Graph, Image};
 use crate::index::format::Balance;
 use crate::resident::{PointDensity, Resident, StationOverlap};
@@ -172,8 +173,10 @@ pub struct FrameContext<'s> {
     pub is_ramped: bool,
     /// Whether some points are transparent.
     pub transparent: bool,
-    /// Layer distance of the user `[m]`; 0: automatic.
+    /// Layer distance of the user, in the coordinates of views; 0: automatic.
     pub asked_layer_m: f64,
+    /// Metres in a unit of the coordinates of views.
+    pub unit_m: f64,
     /// Whether points have normals.
     pub normals: bool,
     /// Whether points have saved shadows of this light.
@@ -196,6 +199,7 @@ impl<'s> FrameContext<'s> {
             is_ramped: resident.shown.is_ramped(),
             transparent: resident.is_transparent(),
             asked_layer_m: 0.0,
+            unit_m: resident.unit_m(),
             normals: resident.shown.normal().is_some(),
             has_saved_shadows: resident
                 .saved_light()
@@ -208,6 +212,11 @@ impl<'s> FrameContext<'s> {
     /// Returns the [`layer_m`] of an effect that may have its own.
     pub fn layer_m(&self, of_effect: f64) -> f64 {
         layer_m([of_effect, self.asked_layer_m], &self.sampling)
+    }
+
+    /// Returns a length of the coordinates of views in metres, for people.
+    pub fn metres(&self, length: f64) -> f64 {
+        significant(length * self.unit_m)
     }
 }
 
@@ -341,6 +350,17 @@ macro_rules! effects {
                 }),*]
             }
 
+            /// Returns the settings with lengths counted in units of this many metres.
+            pub fn counted_in(&self, unit_m: f64) -> Effects {
+                let mut counted = self.clone();
+                $(for setting in counted.$name.settings.list_all() {
+                    if let Value::Length(length, _) = setting.value {
+                        *length /= unit_m;
+                    }
+                })*
+                counted
+            }
+
             /// Returns the help text of all effects and their settings.
             pub fn help() -> String {
                 [$(format!("{}: {}\n{}", stringify!($name), $name::SUMMARY, Asked::<$name::Settings>::help())),*].join("\n")
@@ -399,6 +419,8 @@ pub struct Setting<'s> {
 /// The value of a setting, with its limits.
 pub enum Value<'s> {
     Number(&'s mut f64, std::ops::RangeInclusive<f64>),
+    /// A length `[m]`.
+    Length(&'s mut f64, std::ops::RangeInclusive<f64>),
     /// A number without a fraction.
     Whole(&'s mut f64, std::ops::RangeInclusive<f64>),
     /// One of a few numbers.
@@ -452,6 +474,11 @@ impl<'s> Setting<'s> {
             Value::Number(value, range) => {
                 number_within(name, text, range).map(|number| **value = number)
             }
+            Value::Length(value, range) => {
+                let metres = text.parse::<Length>().map(|length| length.number());
+                let metres = metres.map_err(|why| format!("{name}: {why}"))?;
+                within(name, text, metres, range).map(|metres| **value = metres)
+            }
             Value::Whole(value, range) => match number_within(name, text, range)? {
                 number if number.fract() == 0.0 => {
                     **value = number;
@@ -471,7 +498,9 @@ impl<'s> Setting<'s> {
 
     fn help(&self) -> String {
         match &self.value {
-            Value::Number(value, range) | Value::Whole(value, range) => {
+            Value::Number(value, range)
+            | Value::Whole(value, range)
+            | Value::Length(value, range) => {
                 format!(
                     "    {}={}  {} ({} to {})",
                     self.name,
@@ -500,7 +529,16 @@ fn number_within(
     text: &str,
     range: &std::ops::RangeInclusive<f64>,
 ) -> Result<f64, String> {
-    let number: f64 = text.parse().map_err(|_| format!("{name}={text:?} is not a number"))?;
+    let number = text.parse().map_err(|_| format!("{name}={text:?} is not a number"))?;
+    within(name, text, number, range)
+}
+
+fn within(
+    name: &str,
+    text: &str,
+    number: f64,
+    range: &std::ops::RangeInclusive<f64>,
+) -> Result<f64, String> {
     if range.contains(&number) {
         Ok(number)
     } else {
@@ -523,7 +561,10 @@ pub struct Listed<'s> {
 impl std::fmt::Display for Value<'_> {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         match self {
-            Value::Number(number, _) | Value::Whole(number, _) | Value::OneOf(number, _) => {
+            Value::Number(number, _)
+            | Value::Whole(number, _)
+            | Value::Length(number, _)
+            | Value::OneOf(number, _) => {
                 write!(f, "{number}")
             }
             Value::Choice(choice) => write!(f, "{}", choice.name()),

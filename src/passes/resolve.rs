@@ -292,8 +292,8 @@ fn places<'g>(shown: &DisplayAttribute, gains: &'g [f64]) -> impl Iterator<Item 
 /// Returns 256 linear values of channels for each gain. The gain is one on the light that was
 /// measured, and comes before stretch and tone.
 fn linear<'g>(shown: &DisplayAttribute, gains: &'g [f64]) -> impl Iterator<Item = f64> + use<'g> {
-    let ([lo, hi], scale) = (shown.ramp_words().map(|end| end / 255.0), shown.scale);
-    let is_plain = [lo, hi] == [0.0, 1.0] && (scale.toned(0.25), scale.toned(0.75)) == (0.25, 0.75);
+    let ([lo, hi], shown) = (shown.ramp_words().map(|end| end / 255.0), *shown);
+    let is_plain = [lo, hi] == [0.0, 1.0] && (shown.toned(0.25), shown.toned(0.75)) == (0.25, 0.75);
     gains.iter().flat_map(move |&gain| {
         (0..256).map(move |v| {
             let light = (gain * srgb_to_linear(v as f64 / 255.0)).min(1.0);
@@ -302,7 +302,7 @@ fn linear<'g>(shown: &DisplayAttribute, gains: &'g [f64]) -> impl Iterator<Item 
             }
             let channel = if gain == 1.0 { v as f64 / 255.0 } else { linear_to_srgb(light) };
             let place = ((channel - lo) / (hi - lo).max(1.0 / 255.0)).clamp(0.0, 1.0);
-            srgb_to_linear(scale.toned(place))
+            srgb_to_linear(shown.toned(place))
         })
     })
 }
@@ -337,6 +337,15 @@ mod tests {
         };
         let dark = DisplayAttribute::indexed(Attribute::Rgb, [0.0; 2], [0, 51]);
         assert_eq!([10, 51, 200].map(|v| at(&dark, v)[0]), [50.0, 255.0, 255.0]);
+        // The median of dark colours lies in the middle, unless ends are asked for.
+        let mut uneven = DisplayAttribute::indexed(Attribute::Rgb, [0.0; 2], [0, 255]);
+        let colors: Vec<[u8; 3]> = (0..=100).map(|v| [v / 4 + v / 51 * 50, 0, 0]).collect();
+        uneven.brighten([&colors[..]].into_iter());
+        let [middle, most] = [12, 73].map(|v| at(&uneven, v)[0]);
+        assert!((127.0..=129.0).contains(&middle) && most > 250.0, "{middle} {most}");
+        assert_eq!(at(&uneven, 0)[0], 0.0);
+        uneven.scale.range = Some([0.0, 100.0]);
+        assert_eq!(at(&uneven, 20)[0], 51.0);
         // A gain is one on the light before it is stretched.
         assert!(at(&dark, 51)[1] < 255.0 && at(&dark, 200)[1] == 255.0);
         shown.scale.range = Some([100.0, 200.0]);

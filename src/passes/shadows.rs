@@ -131,7 +131,7 @@ impl super::Settings for Settings {
             // For studies.
             Setting::variant("method", Value::Choice(&mut self.method)),
             Setting::variant("pattern", Value::Choice(&mut self.pattern)),
-            Setting::variant("layer", number(&mut self.layer, 0.0..=1e9)),
+            Setting::variant("layer", Value::Length(&mut self.layer, 0.0..=1e9)),
             Setting::variant("fill", Value::Whole(&mut self.fill, 0.0..=16.0)),
             Setting::variant("peels", Value::Whole(&mut self.peels, 0.0..=4096.0)),
             Setting::variant("limit", number(&mut self.limit, 0.01..=1.0)),
@@ -203,7 +203,12 @@ pub struct Facts {
 }
 
 impl Facts {
-    fn new(cameras: &[LightCamera], bounds: (DVec3, DVec3), settings: &Settings) -> Facts {
+    fn new(
+        cameras: &[LightCamera],
+        bounds: (DVec3, DVec3),
+        settings: &Settings,
+        unit_m: f64,
+    ) -> Facts {
         let samples = settings.samples as u32;
         let Some(LightCamera { view: first, halvings, spacing_m, .. }) = cameras.first() else {
             return Facts { samples, cast: samples, ..Facts::default() };
@@ -222,8 +227,8 @@ impl Facts {
             pictures: cameras.len() as u32,
             size: first.size,
             halvings: *halvings,
-            texel_m,
-            layer_m,
+            texel_m: texel_m * unit_m,
+            layer_m: layer_m * unit_m,
         }
     }
 }
@@ -303,7 +308,13 @@ fn counted(
     }
     let samples = settings.samples as u32;
     let wanted = |kept: u32| at_once.map_or(samples, |more| (kept + more).clamp(1, samples));
-    let around = cameras::Wanted::around(resident, bounds, context.sampling.spacing_m, settings);
+    let around = cameras::Wanted::around(
+        resident,
+        bounds,
+        context.sampling.spacing_m,
+        settings,
+        context.light,
+    );
     let places =
         area_light_samples::spread(area_light_samples::places(samples, settings.pattern, 0));
     let views = |samples: Range<u32>| -> Result<Vec<LightCamera>> {
@@ -312,8 +323,12 @@ fn counted(
             .map(|&place| cameras::cameras(context.light, &around, place));
         Ok(of.collect::<Result<Vec<_>>>()?.concat())
     };
-    let facts =
-        Facts::new(&cameras::cameras(context.light, &around, places[0])?, around.bounds, settings);
+    let facts = Facts::new(
+        &cameras::cameras(context.light, &around, places[0])?,
+        around.bounds,
+        settings,
+        context.unit_m,
+    );
 
     let (light, nodes) =
         (cache_key(context, resident, settings, &around), resident.nodes_identity());

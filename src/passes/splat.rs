@@ -9,6 +9,7 @@ use super::project::{KEY_BYTES, strips};
 use super::{
     Effect, EffectDecisions, Effects, FrameContext, GBuffer, Reason, Setting, TILE_PX, Value,
 };
+use crate::cloud::length::Length;
 use crate::graph::{Dispatch, Graph, Image, Kind};
 use crate::shader::{self, splat_points, splat_resolve, splat32, splat64};
 use crate::view::{Projection, View};
@@ -44,8 +45,7 @@ pub enum PointSize {
     /// By the spacing of the points.
     Auto,
     Pixels(f64),
-    /// In the files' unit.
-    World(f64),
+    Metres(f64),
 }
 
 impl std::str::FromStr for PointSize {
@@ -55,24 +55,20 @@ impl std::str::FromStr for PointSize {
         if text == "auto" {
             return Ok(PointSize::Auto);
         }
-        let (number, of): (_, fn(f64) -> PointSize) = match text.strip_suffix("px") {
-            Some(number) => (number, PointSize::Pixels),
-            None => match text.strip_suffix('m') {
-                Some(number) => (number, PointSize::World),
-                None => (text, PointSize::Pixels),
-            },
+        let size = match text.strip_suffix("px").unwrap_or(text).parse() {
+            Ok(Length::OfCoordinates(pixels)) => PointSize::Pixels(pixels),
+            Ok(Length::Metres(metres)) if !text.ends_with("px") => PointSize::Metres(metres),
+            _ => PointSize::Pixels(0.0),
         };
-        let number = number.trim().parse().ok().filter(|n: &f64| *n > 0.0 && n.is_finite());
-        if let Some(PointSize::Pixels(pixels)) = number.map(of)
-            && pixels < 1.0
-        {
-            return Err(format!("{pixels} pixels are less than one; {pixels}m is a length"));
+        match size {
+            PointSize::Pixels(pixels) if pixels > 0.0 && pixels < 1.0 => {
+                Err(format!("{pixels} pixels are less than one; {pixels}m is a length"))
+            }
+            PointSize::Pixels(number) | PointSize::Metres(number) if number > 0.0 => Ok(size),
+            _ => Err(format!(
+                "{text:?} is not a size; give pixels such as 3, a length such as 0.05m or 0.2ft, or auto"
+            )),
         }
-        number.map(of).ok_or_else(|| {
-            format!(
-                "{text:?} is not a size; give pixels such as 3, a length such as 0.05m, or auto"
-            )
-        })
     }
 }
 
@@ -81,7 +77,7 @@ impl Settings {
         (self.pixels, self.metres) = match size {
             PointSize::Auto => (0.0, 0.0),
             PointSize::Pixels(pixels) => (pixels, 0.0),
-            PointSize::World(length) => (0.0, length),
+            PointSize::Metres(metres) => (0.0, metres),
         };
         self.largest = self.largest.max(self.pixels);
     }
@@ -113,7 +109,7 @@ impl super::Settings for Settings {
             Setting::new(
                 "metres",
                 "diameter [m]; 0: by the spacing of the points",
-                number(&mut self.metres, 0.0..=1e6),
+                Value::Length(&mut self.metres, 0.0..=1e6),
             ),
             Setting::new(
                 "largest",

@@ -20,7 +20,6 @@ use super::project::{self, Strip};
 use super::visibility::Looked;
 use super::{
     Effect, EffectDecisions, Effects, FrameContext, GBuffer, Reason, Setting, Value, fill,
-    significant,
 };
 use crate::graph::{Buffer, Dispatch, Graph, Image, Kind};
 use crate::shader::{self, peel_count, transparency::Push, transparency::Spec};
@@ -47,7 +46,6 @@ impl Default for Settings {
 
 impl super::Settings for Settings {
     fn list_all(&mut self) -> Vec<Setting<'_>> {
-        let number = Value::Number;
         vec![
             Setting::new(
                 "layers",
@@ -56,7 +54,7 @@ impl super::Settings for Settings {
             ),
             // For studies.
             Setting::variant("tiles", Value::Choice(&mut self.tiles)),
-            Setting::variant("layer", number(&mut self.layer, 0.0..=1e9)),
+            Setting::variant("layer", Value::Length(&mut self.layer, 0.0..=1e9)),
         ]
     }
 
@@ -79,7 +77,7 @@ pub fn called_for(context: &FrameContext, asked: &Effects, before: &EffectDecisi
         return Reason { runs: false, why: "all points are opaque; --opacity changes that".into() };
     }
     let Settings { layers, layer, .. } = asked.transparency.settings;
-    let (layer, s) = (significant(context.layer_m(layer)), if layers == 1.0 { "" } else { "s" });
+    let (layer, s) = (context.metres(context.layer_m(layer)), if layers == 1.0 { "" } else { "s" });
     Reason {
         runs: true,
         why: format!(

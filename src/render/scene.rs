@@ -7,6 +7,7 @@ use crate::atomic_file::write_atomically;
 use crate::cloud::attribute::Attribute;
 use crate::cloud::color_scale::ColorScale;
 use crate::cloud::filter::{Condition, Filter};
+use crate::cloud::length::Length;
 use crate::error::{Error, Result};
 use crate::passes::Effects;
 use crate::render::annotations::Annotations;
@@ -65,9 +66,9 @@ struct Words {
     budget: Option<u64>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     lod: Option<f64>,
-    /// Layer distance as after `--layer` `[m]`.
+    /// Layer distance as after `--layer`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    layer: Option<f64>,
+    layer: Option<LayerWords>,
     #[serde(default)]
     light: Option<String>,
     #[serde(default)]
@@ -75,6 +76,14 @@ struct Words {
     /// Title, legend, scale bar, north arrow and axes.
     #[serde(default, skip_serializing_if = "Annotations::is_empty")]
     annotations: Annotations,
+}
+
+/// A layer distance: a number of the coordinates' unit, or a text such as `0.1m`.
+#[derive(Serialize, Deserialize)]
+#[serde(untagged)]
+enum LayerWords {
+    Number(f64),
+    Text(String),
 }
 
 impl Scene {
@@ -90,7 +99,11 @@ impl Scene {
             clip: self.clips.0.iter().map(ToString::to_string).collect(),
             budget: self.lod.budget,
             lod: self.lod.lod_px,
-            layer: Some(self.settings.layer_m).filter(|layer| *layer > 0.0),
+            layer: match self.settings.layer {
+                layer if layer.number() == 0.0 => None,
+                Length::OfCoordinates(length) => Some(LayerWords::Number(length)),
+                Length::Metres(_) => Some(LayerWords::Text(self.settings.layer.to_string())),
+            },
             light: Some(self.settings.light.to_string()),
             background: Some(Background(self.settings.background).to_string()),
             annotations: self.annotations.clone(),
@@ -120,10 +133,16 @@ impl Scene {
         if let Some(background) = &words.background {
             settings.background = background.parse::<Background>()?.0;
         }
-        if words.layer.is_some_and(|layer| !(layer.is_finite() && layer > 0.0)) {
-            return Err("layer must be a number of metres above 0".into());
+        if let Some(layer) = &words.layer {
+            settings.layer = match layer {
+                LayerWords::Number(length) => Length::OfCoordinates(*length),
+                LayerWords::Text(text) => text.parse::<Length>()?,
+            };
+            let number = settings.layer.number();
+            if !(number.is_finite() && number > 0.0) {
+                return Err("layer must be a length above 0".into());
+            }
         }
-        settings.layer_m = words.layer.unwrap_or(0.0);
         let color = words.color.as_deref().map(str::parse::<Attribute>);
         let rules = words
             .opacity
@@ -171,7 +190,7 @@ mod tests {
         let mut settings = RenderSettings {
             light: "direction:1,-2.5,-0.125".parse().unwrap(),
             background: [1, 200, 30],
-            layer_m: 0.1,
+            layer: Length::Metres(0.1),
             ..RenderSettings::default()
         };
         for effect in [

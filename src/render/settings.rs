@@ -3,6 +3,7 @@
 mod warnings;
 
 use crate::cloud::colormap::srgb_to_linear;
+use crate::cloud::length::Length;
 use crate::config::WHOLE_PIXELS;
 use crate::passes::phong::Backfaces;
 use crate::passes::project::Precision;
@@ -114,9 +115,9 @@ pub struct RenderSettings {
     /// Background, sRGB.
     pub background: [u8; 3],
     pub precision: Precision,
-    /// Layer distance `[m]`: nearer surfaces count as one. 0: derived from the spacing of points and
+    /// Layer distance: nearer surfaces count as one. 0: derived from the spacing of points and
     /// pixels.
-    pub layer_m: f64,
+    pub layer: Length,
 }
 
 impl RenderSettings {
@@ -137,7 +138,8 @@ impl Default for RenderSettings {
     fn default() -> Self {
         let (effects, light, background) =
             (Effects::default(), Light::default(), crate::config::BACKGROUND);
-        RenderSettings { effects, light, background, precision: Precision::Auto, layer_m: 0.0 }
+        let layer = Length::default();
+        RenderSettings { effects, light, background, precision: Precision::Auto, layer }
     }
 }
 
@@ -157,7 +159,7 @@ pub struct FrameConfig {
     pub strokes_at_once: Option<u32>,
     /// Point density of the whole picture; its parts use the same.
     pub sampling: PointDensity,
-    /// Layer distance as in [`RenderSettings`] `[m]`.
+    /// Layer distance as in [`RenderSettings`], in the coordinates of views.
     pub layer_m: f64,
     /// Depth resolution at the farthest depth in view `[m]` (guide: numerics, case 4).
     pub quantum_m: f64,
@@ -167,16 +169,19 @@ pub struct FrameConfig {
 
 impl FrameConfig {
     pub fn new(settings: &RenderSettings, view: &View, resident: &Resident) -> FrameConfig {
+        let unit_m = resident.unit_m();
+        let layer_m = settings.layer.counted_in(unit_m);
         let context = FrameContext {
-            asked_layer_m: settings.layer_m,
+            asked_layer_m: layer_m,
             ..FrameContext::of(view, resident, settings.light)
         };
-        let decisions = settings.effects.decide(&context);
+        let asked = settings.effects.counted_in(unit_m);
+        let decisions = asked.decide(&context);
         // If switched on explicitly, luminance is averaged everywhere.
         let partly =
             decisions.runs(Effect::Luminance) && settings.effects.luminance.switch == Switch::Auto;
         let mut effects =
-            settled(&settings.effects, resolve::spacing_px(&view.entire(), resident)[1], &context);
+            settled(&asked, resolve::spacing_px(&view.entire(), resident)[1], &context);
         if !decisions.runs(Effect::Fill) {
             // Warnings are of what was asked for.
             effects.fill.settings.method = settings.effects.fill.settings.method;
@@ -185,7 +190,7 @@ impl FrameConfig {
             effects,
             decisions,
             sampling: context.sampling,
-            layer_m: settings.layer_m,
+            layer_m,
             quantum_m: quantum_m(view, resident),
             overlap: if partly {
                 context.overlap

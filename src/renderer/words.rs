@@ -1,6 +1,7 @@
 //! Settings as words: those of the command line and of scene files.
 
 use super::{Error, Limit, Renderer, Result};
+use crate::cloud::length::Length;
 use crate::passes::Effects;
 use crate::render::settings::{Background, Style};
 use crate::select::clip::{Clip, Clips};
@@ -15,7 +16,8 @@ impl Renderer {
     /// - `effect`: `NAME=off|on|auto[,key=value...]`
     /// - `light`: `headlight`, `direction:X,Y,Z` or `position:X,Y,Z`, in the host's world
     /// - `background`: `RRGGBB` in hexadecimal digits
-    /// - `layer`: distance below which surfaces count as one `[m]`; 0 is automatic
+    /// - `layer`: distance below which surfaces count as one, in the unit of the cloud's coordinates,
+    ///   or with a unit, such as `0.1m`; 0 is automatic
     /// - `opacity` and `clip`: rules and boxes, separated by `;`, which replace those before; boxes
     ///   are in each cloud's own coordinates
     /// - `time`: most time of a frame's pictures such as `50ms`, and `error`: the largest such as
@@ -40,10 +42,11 @@ impl Renderer {
                 self.settings.background = value.parse::<Background>().map_err(refused)?.0;
             }
             "layer" => {
-                let layer = value.parse().ok().filter(|layer: &f64| layer.is_finite());
-                let layer = layer.filter(|layer| *layer >= 0.0);
-                self.settings.layer_m =
-                    layer.ok_or_else(|| refused("not a distance of 0 m or more".into()))?;
+                let layer = value.parse::<Length>().map_err(refused)?;
+                if layer.number() < 0.0 {
+                    return Err(refused("not a distance of 0 or more".into()));
+                }
+                self.settings.layer = layer;
             }
             "opacity" => {
                 let rules: std::result::Result<Vec<Rule>, String> =

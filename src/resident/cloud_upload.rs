@@ -10,6 +10,7 @@
 use super::pool::Pool;
 use super::{MOST_NODES, Resident, ResidentNode, in_metres};
 use crate::cloud::attribute::{Attribute, DisplayAttribute, put, station_numbers};
+use crate::cloud::crs::{Reference, Unit};
 use crate::cloud::histograms::Histograms;
 use crate::cloud::{self, Cloud, Columns, Lattice, Part, Station};
 use crate::error::{Error, Result};
@@ -43,6 +44,8 @@ pub struct CloudUpload {
     axes: Axes,
     spacing_m: f64,
     points: u64,
+    /// Unit of the coordinates.
+    unit: Unit,
     /// Cache of strokes that were found before.
     found: Option<Arc<StrokeCache>>,
     /// Parts that are not partitioned yet, with their numbers.
@@ -92,12 +95,15 @@ impl CloudUpload {
             .further
             .kind
             .then(|| Histograms::of(cloud.parts.iter().map(|part| &part.columns)));
+        let parts = cloud.parts.iter().map(|part| (&part.header, part.lattice));
+        let unit = Reference::of(parts).unit();
         let spacing_m = cloud::spacing::spacing(&cloud).unwrap_or(0.0);
         let axes = if shown.further.strokes { axes::of(&cloud.parts) } else { Axes::default() };
         let mut parts: VecDeque<(usize, Part)> = cloud.parts.into_iter().enumerate().collect();
         parts.iter_mut().for_each(|(_, part)| part.columns.keep(shown.wanted()));
         CloudUpload {
             shown,
+            unit,
             stations: cloud.stations,
             spacing_m,
             counts,
@@ -259,6 +265,7 @@ impl CloudUpload {
                 light: None,
                 clips: Clips::default(),
                 map: LinearMap::default(),
+                unit: self.unit.clone(),
             }
         })
     }

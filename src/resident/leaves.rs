@@ -56,6 +56,7 @@ impl Resident {
             opacities: Opacities::default(),
             clips: Clips::default(),
             map: LinearMap::default(),
+            unit: index.reference().unit(),
             comes_and_goes: true,
             light: None,
         }

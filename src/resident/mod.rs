@@ -26,6 +26,7 @@ pub use streaming::Residency;
 
 use crate::cloud::attribute::DisplayAttribute;
 use crate::cloud::colormap::color_of;
+use crate::cloud::crs::Unit;
 use crate::cloud::histograms::Histograms;
 use crate::cloud::{Cloud, Lattice, Station};
 use crate::config::{BITS_PER_PLANE, NO_POINT, POINTS_PER_PAGE};
@@ -190,6 +191,8 @@ pub struct Resident {
     pub clips: Clips,
     /// Linear map of the cloud's places.
     map: LinearMap,
+    /// Unit of the cloud's own coordinates.
+    unit: Unit,
 }
 
 /// Converts a length in cells of the coarsest plane to metres, along the widest lattice step.
@@ -248,6 +251,12 @@ impl Resident {
             upload.upload_nodes(gpu, usize::MAX, progress)?;
         }
         Ok(upload.finish(gpu))
+    }
+
+    /// Returns how many metres a unit of the coordinates of views is. A world that the cloud is
+    /// mapped into has metres.
+    pub fn unit_m(&self) -> f64 {
+        if self.map == LinearMap::default() { self.unit.metres } else { 1.0 }
     }
 
     /// Returns what rules about points may refer to.

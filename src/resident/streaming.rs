@@ -221,6 +221,7 @@ impl Residency {
                 .map(|shadows| Box::new(shadows.contents.clone())),
             clips: Clips::default(),
             map: LinearMap::default(),
+            unit: index.reference().unit(),
         };
         Ok(Residency {
             resident,

@@ -34,14 +34,6 @@ impl std::str::FromStr for Extent {
     }
 }
 
-/// Parses the side of a cell `[m]`.
-pub fn resolution(text: &str) -> std::result::Result<f64, String> {
-    text.parse()
-        .ok()
-        .filter(|side: &f64| *side > 0.0 && side.is_finite())
-        .ok_or(format!("{text:?} is not a size of pixels above 0, such as 0.25"))
-}
-
 /// An edge is met within this share of a cell, since coordinates such as 0.3 are not binary.
 const EDGE: f64 = 1e-6;
 

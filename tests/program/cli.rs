@@ -102,7 +102,7 @@ fn exit_codes_are_0_success_1_failure_2_usage() {
             "--effect visibility=kernel=9",
             "there is no setting \"kernel\"; there are: threshold, holes",
         ),
-        ("--layer 0", "metres above 0"),
+        ("--layer 0", "is not a length above 0"),
         ("--opacity -0.1", "an opacity from 0 to 1"),
     ] {
         let said = failed(&place.render(&cloud, &format!("-o @a.png {wrong}")), 2);

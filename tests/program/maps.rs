@@ -2,6 +2,7 @@
 
 use crate::files::names;
 use crate::index_file::indexed;
+use crate::png_file::read_png;
 use crate::program::{failed, pointillist, render, succeeded, text};
 use crate::shared::shared;
 use crate::witness::{gdal, gdalinfo};
@@ -427,7 +428,8 @@ fn pictures_are_maps() {
     .map(|(steps, rgb)| Point { steps, ..color(rgb) })
     .into();
     let file = place.scan(&few);
-    let line = "--view top --style points --effect edl=off --background 000000 --strays show";
+    let line =
+        "--view top --style points --effect edl=off --background 000000 --strays show --no-cache";
     let [tif, png, pieces] = ["map.tif", "map.png", "pieces.tif"].map(|name| place.at(name));
     let draw = |output: &Path, more: &str| {
         succeeded(&render(
@@ -469,7 +471,11 @@ fn what_is_no_map_says_why_and_leaves_nothing() {
     assert!(draws(&png, "--resolution 1", 1).contains("--view top"));
     assert!(draws(&png, "--view top --resolution 0", 2).contains("above 0"));
     draws(&png, "--view top --resolution 1 --size 20x20", 2);
-    assert!(draws(&png, "--view top --resolution 1e-7", 1).contains("larger --resolution"));
+    // What is noted before comes from indexing.
+    let line = format!("-o {} --view top --resolution 1e-7 --no-cache", png.display());
+    let fine = render(&file, &line);
+    assert_eq!(fine.status.code(), Some(1));
+    assert!(text(&fine.stderr).contains("larger --resolution"), "{}", text(&fine.stderr));
     let fails = |line: &str, code: i32| failed(&raster(&file, &tif, line), code);
     assert!(fails("--resolution 1 --value rgb", 1).contains("attribute"));
     assert!(fails("--resolution 1 --only class=9", 1).contains("leaves none of 100 points"));
@@ -480,4 +486,165 @@ fn what_is_no_map_says_why_and_leaves_nothing() {
     assert_eq!(names(place.folder.path()), ["scan.laz"]);
     let help = pointillist().args(["raster", "--help"]).output().unwrap();
     assert!(text(&help.stdout).contains("Examples:") && text(&help.stdout).contains("count"));
+}
+
+/// A scan in US survey feet, and the same in metres: lengths with a unit are as long in both.
+#[test]
+fn lengths_with_a_unit_are_as_long_in_files_in_feet() {
+    let place = Place::new();
+    let foot = 1200.0 / 3937.0;
+    let [metric, feet] = ["metres.las", "feet.las"].map(|name| place.at(name));
+    let lattice = Lattice { step: DVec3::splat(0.01), offset: DVec3::new(4000.0, 8000.0, 0.0) };
+    let scaled = Lattice { step: lattice.step / foot, offset: lattice.offset / foot };
+    let all = points(3_000);
+    write(&metric, &all, lattice, UTM);
+    write(&feet, &all, scaled, &[[1024, 0, 1, 1], [3072, 0, 1, 32767], [3076, 0, 1, 9003]]);
+    let draws = |cloud: &Path, line: &str| {
+        let output = place.at("drawn.png");
+        let said =
+            succeeded(&render(cloud, &format!("-o {} --size 200x150 {line}", output.display())));
+        (read_png(&output).pixels, said)
+    };
+    let light = |unit: f64| {
+        let [x, y, z] = [4020.0, 8010.0, 90.0].map(|at| at / unit);
+        format!("--effect shadows=on,radius=0.5 --light position:{x},{y},{z}")
+    };
+    let same = |line: &str| [line.to_string(), line.to_string()];
+    for [one, other] in [
+        same("--point-size 1.5m"),
+        same("--point-size 4ft"),
+        same("--style points --point-size 4ftUS"),
+        same("--style splats --effect splat=on,metres=1.5"),
+        same("--effect fill=on,method=mask --layer 2m"),
+        same("--effect ao=on,radius=9ft"),
+        [light(1.0), light(foot)],
+    ] {
+        let [(a, _), (b, said)] = [draws(&metric, &one), draws(&feet, &other)];
+        assert!(!said.contains("files' unit"), "{said}");
+        // Numbers are rounded in another unit.
+        let steps = a.iter().flatten().zip(b.iter().flatten()).map(|(a, b)| a.abs_diff(*b));
+        assert!(steps.max() <= Some(1), "{one}");
+    }
+    let explained = |cloud: &Path| {
+        let said = draws(cloud, "--layer 2m --effect fill=method=mask --explain").1;
+        let line = said.lines().find(|line| line.starts_with("spacing:")).unwrap().to_string();
+        assert!(said.contains("surfaces are at least 2 m apart"), "{said}");
+        line.split("; depths").next().unwrap().to_string()
+    };
+    assert_eq!(explained(&metric), explained(&feet));
+    assert!(
+        draws(&feet, "--effect fill=on,method=mask --layer 2").1.contains("which are 0.6096 m")
+    );
+    let counts = [&metric, &feet].map(|cloud| {
+        let [map, thin] = ["map.tif", "thin.las"].map(|name| place.at(name));
+        // GDAL does not know a system that has no more than a unit.
+        let output = raster(cloud, &map, "--resolution 0.75m");
+        let said = succeeded(&output) + &text(&output.stdout);
+        let size = said.split(" cells of").next().unwrap().rsplit(": ").next().unwrap().to_string();
+        assert!(size.contains(" x "), "{said}");
+        let line = ["export", "-o"].map(String::from);
+        let line =
+            line.into_iter().chain([thin.display().to_string(), cloud.display().to_string()]);
+        let said = pointillist().args(line).args(["--thin", "0.75m"]).output().unwrap();
+        let thinned = cloud::read(&[thin], &ReadOptions::new(ColumnSet::default(), true), &Silent);
+        assert!(!succeeded(&said).contains("files' unit"));
+        (thinned.unwrap().len(), size)
+    });
+    let [(one, size), (other, same)] = counts;
+    // Points on edges of cells may be rounded to either side.
+    assert!(size == same && one.abs_diff(other) * 200 < one, "{one} {other}");
+    let map = place.at("feet.png");
+    succeeded(&render(
+        &feet,
+        &format!("-o {} --view top --resolution 0.5m --no-cache", map.display()),
+    ));
+    let side: f64 = fs::read_to_string(map.with_extension("pgw"))
+        .unwrap()
+        .lines()
+        .next()
+        .unwrap()
+        .parse()
+        .unwrap();
+    assert!((side * foot - 0.5).abs() < 1e-12, "{side}");
+}
+
+/// Maps are drawn from an index, so that those of files are those of indexes made of them, however
+/// these were made.
+#[test]
+fn maps_of_an_index_are_those_of_its_files() {
+    let place = Place::new();
+    let made = place.scan(&points(20_000));
+    let files = [Some(made), shared("data/aerial/ign_2strips.laz")];
+    for file in files.into_iter().flatten() {
+        let copy = place.at("copy.laz");
+        fs::copy(&file, &copy).unwrap();
+        let index = indexed(&[&copy], "--gps-time --normals --memory 64MiB");
+        for (line, ending) in [
+            ("--resolution 0.5", "tif"),
+            ("--resolution 0.25 --color elevation", "png"),
+            ("--resolution 0.3 --style points --only return=last", "tif"),
+            ("--resolution 0.1 --piece 128", "tif"),
+        ] {
+            let bytes = [&file, &index].map(|cloud| {
+                let output = place.at("map").with_extension(ending);
+                let line = format!("-o {} --view top --no-cache {line}", output.display());
+                succeeded(&render(cloud, &line));
+                fs::read(output).unwrap()
+            });
+            assert!(bytes[0] == bytes[1], "{}: {line}", file.display());
+        }
+    }
+}
+
+/// Nothing is drawn over what lies below a map, unless a background is asked for.
+#[test]
+fn maps_are_transparent_where_nothing_is_drawn() {
+    let place = Place::new();
+    let color = |steps, rgb| Point { steps, intensity: 0, number: 1, of: 1, rgb };
+    let file = place.scan(&[
+        color([3, 3, 0], [250, 0, 0]),
+        color([2_512, 812, 300], [10, 250, 30]),
+        color([5_099, 1_999, 50], [0, 0, 250]),
+    ]);
+    let [tif, png] = ["map.tif", "map.png"].map(|name| place.at(name));
+    let draw = |output: &Path, more: &str| {
+        let line = "--view top --style points --effect edl=off --strays show --no-cache";
+        succeeded(&render(
+            &file,
+            &format!("-o {} {line} --resolution 0.25 {more}", output.display()),
+        ))
+    };
+    draw(&tif, "");
+    draw(&png, "");
+    for map in [&tif, &png] {
+        let Some(info) = gdalinfo(map) else { return };
+        let bands = info["bands"].as_array().unwrap();
+        let meant: Vec<_> = bands.iter().map(|band| band["colorInterpretation"].as_str()).collect();
+        assert_eq!(meant, ["Red", "Green", "Blue", "Alpha"].map(Some));
+        // Transparency by alpha, not by a value or a mask of its own.
+        assert_eq!(bands[0]["mask"]["flags"], serde_json::json!(["PER_DATASET", "ALPHA"]));
+    }
+    let bands = samples(&tif).unwrap();
+    assert!(bands == samples(&png).unwrap());
+    let pixel = |at: usize| [0, 1, 2, 3].map(|band| bands[band * 204 * 80 + at]);
+    let drawn: Vec<_> = (0..204 * 80).map(pixel).filter(|pixel| *pixel != [0; 4]).collect();
+    assert_eq!(drawn, [[0, 0, 250, 255], [10, 250, 30, 255], [250, 0, 0, 255]]);
+    draw(&tif, "--background 0a0b0c");
+    assert_eq!(gdalinfo(&tif).unwrap()["bands"].as_array().unwrap().len(), 3);
+    // Edges that are softened are as transparent as they are, and as bright as what they show.
+    draw(&tif, "--point-size 3 --effect antialias=on");
+    let bands = samples(&tif).unwrap();
+    let pixel = |at: usize| [0, 1, 2, 3].map(|band| bands[band * 204 * 80 + at]);
+    assert!((0..204 * 80).map(pixel).all(|pixel| pixel[3] > 0 || pixel == [0; 4]));
+    // What a user asks for over a picture is drawn over it; a GeoTIFF has the map's pixels alone.
+    draw(&png, "--scale-bar --legend");
+    let bands = samples(&png).unwrap();
+    let opaque = bands[3 * 204 * 80..].iter().filter(|alpha| **alpha > 0).count();
+    assert!(opaque > 100, "{opaque}");
+    for over in ["--scale-bar", "--legend", "--title T", "--axes", "--north-arrow"] {
+        let output = place.at("no.tif");
+        let line = format!("-o {} --view top --resolution 0.25 {over}", output.display());
+        assert!(failed(&render(&file, &line), 1).contains("a GeoTIFF has pixels of the map alone"));
+        assert!(!output.exists());
+    }
 }

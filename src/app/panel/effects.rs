@@ -1,6 +1,7 @@
 //! Effects: one row each, those that are used most first, with their settings folded.
 
 use super::theme;
+use crate::cloud::length::Length;
 use crate::passes::{Choice, Effect, EffectDecisions, Listed, Setting, Switch, Value};
 use crate::render::settings::RenderSettings;
 use egui::collapsing_header::{CollapsingState, paint_default_icon};
@@ -33,7 +34,7 @@ pub fn show(ui: &mut Ui, settings: &mut RenderSettings, decisions: &EffectDecisi
         let mut effects = settings.effects.list();
         effects.sort_by_key(|listed| rank(listed.effect));
         effects.into_iter().for_each(|listed| row(ui, listed, decisions));
-        layer_distance(ui, &mut settings.layer_m);
+        layer_distance(ui, &mut settings.layer);
     });
 }
 
@@ -63,10 +64,17 @@ fn row(ui: &mut Ui, listed: Listed, decisions: &EffectDecisions) {
     });
 }
 
-/// Edits the layer distance `[m]` of all effects; 0: automatic.
-fn layer_distance(ui: &mut Ui, layer_m: &mut f64) {
-    let said = |layer_m: f64, _| {
-        if layer_m == 0.0 { "automatic".to_string() } else { format!("{layer_m} m") }
+/// Edits the layer distance of all effects; 0: automatic. One that is not in metres stays in the
+/// unit of the coordinates.
+fn layer_distance(ui: &mut Ui, layer: &mut Length) {
+    let of = match *layer {
+        Length::OfCoordinates(length) if length > 0.0 => Length::OfCoordinates,
+        _ => Length::Metres,
+    };
+    let said = |number: f64, _| match of(number) {
+        _ if number == 0.0 => "automatic".to_string(),
+        Length::Metres(metres) => format!("{metres} m"),
+        Length::OfCoordinates(length) => format!("{length}"),
     };
     let read = |text: &str| {
         if text.trim() == "automatic" {
@@ -75,9 +83,12 @@ fn layer_distance(ui: &mut Ui, layer_m: &mut f64) {
             text.trim().trim_end_matches('m').trim().parse().ok()
         }
     };
+    let mut number = layer.number();
     ui.horizontal(|ui| {
-        let number = DragValue::new(layer_m).range(0.0..=1e9).speed(0.01).max_decimals(4);
-        ui.add(number.custom_formatter(said).custom_parser(read));
+        let drag = DragValue::new(&mut number).range(0.0..=1e9).speed(0.01).max_decimals(4);
+        if ui.add(drag.custom_formatter(said).custom_parser(read)).changed() {
+            *layer = if number == 0.0 { Length::default() } else { of(number) };
+        }
         ui.label("between layers")
             .on_hover_text("surfaces nearer to each other than this are one surface: for fill=method=mask, transparency and shadows");
     });
@@ -86,6 +97,9 @@ fn layer_distance(ui: &mut Ui, layer_m: &mut f64) {
 fn setting(ui: &mut Ui, setting: Setting) {
     let Setting { name, about, value, .. } = setting;
     let response = match value {
+        Value::Length(metres, range) => {
+            ui.add(Slider::new(metres, range).logarithmic(true).suffix(" m").text(name))
+        }
         Value::Number(number, range) => {
             // On a linear slider over decades, all small values would be at one end.
             let wide = range.end() - range.start() > 1000.0;

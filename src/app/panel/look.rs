@@ -52,7 +52,7 @@ fn point_size(ui: &mut Ui, splat: &mut Asked<splat::Settings>) {
     let size = &mut splat.settings;
     let in_metres = size.pixels == 0.0 && size.metres > 0.0;
     let (mut number, unit, of): (_, _, fn(f64) -> PointSize) = match in_metres {
-        true => (size.metres, " m", PointSize::World),
+        true => (size.metres, " m", PointSize::Metres),
         false => (size.pixels, " px", PointSize::Pixels),
     };
     let said = |number: f64, _| match number {

@@ -15,6 +15,7 @@ use crate::graph::{Gpu, Pause};
 use crate::output::export;
 use crate::output::overlay::Overlay;
 use crate::output::tiled::{self, TiledPicture};
+use crate::passes::encode::Channels;
 use crate::progress::{Progress, Silent};
 use crate::render::scene::Scene;
 use crate::render::source::GpuCloud;
@@ -86,6 +87,7 @@ impl RenderLoop {
             rows: 0..size[1],
             piece: None,
             over,
+            channels: Channels::Rgb,
         };
         // If the window shows everything, there is nothing to wait for.
         let is_there = self.schedule.redraw == Redraw::Nothing

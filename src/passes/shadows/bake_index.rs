@@ -77,8 +77,13 @@ pub fn cast(
     let writer = ShadowWriter::create(path, index)?;
     let samples = settings.samples as u32;
     let mut room = Resident::room(gpu, index, memory / 2);
-    let wanted =
-        cameras::Wanted::around(&room, bounds, Resident::spacing_of(index, &leaves)?, settings);
+    let wanted = cameras::Wanted::around(
+        &room,
+        bounds,
+        Resident::spacing_of(index, &leaves)?,
+        settings,
+        light,
+    );
     let bounds = wanted.bounds;
     let places =
         area_light_samples::spread(area_light_samples::places(samples, settings.pattern, 0));
@@ -86,7 +91,7 @@ pub fn cast(
         .iter()
         .map(|&place| cameras::cameras(light, &wanted, place))
         .collect::<Result<Vec<_>>>()?;
-    let facts = Facts::new(&views[0], bounds, settings);
+    let facts = Facts::new(&views[0], bounds, settings, room.unit_m());
     let groups = groups(&views, memory / 2);
     let batches = batches(&room, index, &leaves, gpu.device.limits.max_storage_buffer_range as u64);
     let work = Work {

@@ -23,7 +23,8 @@ pub struct Wanted {
     pub bounds: (DVec3, DVec3),
     /// Point spacing `[m]`.
     pub spacing_m: f64,
-    /// Radius of the light's disc: half its angle if directional `[degrees]`, else `[m]`.
+    /// Radius of the light's disc: half its angle if directional `[degrees]`, else in the
+    /// coordinates of the cloud.
     pub radius: f64,
     /// Longer side of a picture `[texels]`; 0: a texel is two spacings wide. For a light with a
     /// position that holds where the cloud is nearest to it, or half as near as its middle.
@@ -39,8 +40,10 @@ impl Wanted {
         bounds: (DVec3, DVec3),
         spacing_m: f64,
         settings: &Settings,
+        light: Light,
     ) -> Wanted {
-        let (radius, size) = (settings.radius, settings.size as u32);
+        let unit = if let Light::Position(_) = light { resident.unit_m() } else { 1.0 };
+        let (radius, size) = (settings.radius / unit, settings.size as u32);
         let ((min, max), side) = (bounds, (bounds.1 - bounds.0).max_element());
         if !resident.comes_and_goes || side == 0.0 {
             return Wanted { bounds, spacing_m, radius, size };

@@ -100,6 +100,7 @@ impl Painting<'_> {
             .map(f64::from)
             .chain(paint.gains.iter().copied())
             .chain([paint.scale.brightness, paint.scale.contrast, paint.scale.gamma])
+            .chain([self.resident.shown.toned(0.5)])
             .chain(paint.scale.ramp.map(|ramp| ramp as u8 as f64));
         let factors: Vec<u64> =
             of_points.chain(paint.ramp.map(f64::from)).map(f64::to_bits).collect();

@@ -41,7 +41,7 @@ impl FrameConfig {
                 "smooth has no effect: nothing is filled; smooth=pixels=all smooths points".into(),
             );
         }
-        notes.extend(self.coarse());
+        notes.extend(self.coarse(resident.unit_m()));
         let fills_by_masks = self.effects.fill.settings.method == Method::Mask;
         let using = [
             self.decisions.runs(Effect::Fill) && fills_by_masks,
@@ -51,7 +51,7 @@ impl FrameConfig {
         if self.layer_m > 0.0 && using == [false; 3] {
             notes.push(format!(
                 "a layer distance of {} m has no effect: fill=method=mask, transparency or shadows would use it",
-                self.layer_m
+                significant(self.layer_m * resident.unit_m())
             ));
         }
         if self.decisions.runs(Effect::Shadows) {
@@ -84,24 +84,24 @@ impl FrameConfig {
     }
 
     /// Returns a warning if depths are coarser than the settings need (guide: numerics, case 4).
-    fn coarse(&self) -> Option<String> {
+    fn coarse(&self, unit_m: f64) -> Option<String> {
         let layer = |of_effect: f64| layer_m([of_effect, self.layer_m], &self.sampling);
         let (fill, transparency) =
             (&self.effects.fill.settings, &self.effects.transparency.settings);
         let masks = (self.decisions.runs(Effect::Fill) && fill.method == Method::Mask)
             .then(|| layer(fill.layer));
         let peels = self.decisions.runs(Effect::Transparency).then(|| layer(transparency.layer));
-        let quantum_m = significant(self.quantum_m);
+        let quantum_m = significant(self.quantum_m * unit_m);
         if let Some(layer_m) = [masks, peels]
             .into_iter()
             .flatten()
             .reduce(f64::min)
             .filter(|layer_m| *layer_m < 2.0 * self.quantum_m)
         {
-            let layer_m = significant(layer_m);
+            let layer_m = significant(layer_m * unit_m);
             return Some(format!(
-                "the layer distance {layer_m} m is too small for the depth resolution in view, {quantum_m} m: surfaces may merge; move closer, or use --layer {}",
-                significant(2.0 * self.quantum_m)
+                "the layer distance {layer_m} m is too small for the depth resolution in view, {quantum_m} m: surfaces may merge; move closer, or use --layer {}m",
+                significant(2.0 * self.quantum_m * unit_m)
             ));
         }
         // A surface that rises by a pixel's width per pixel is then a staircase.
@@ -110,7 +110,7 @@ impl FrameConfig {
             .any(|effect| self.decisions.runs(*effect));
         let pixel_m = self.sampling.pixel_m;
         (surface && pixel_m > 0.0 && pixel_m < 2.0 * self.quantum_m)
-            .then(|| format!("the depth resolution in view is {quantum_m} m, and pixels are {} m wide there: surfaces show steps and gaps; move closer", significant(pixel_m)))
+            .then(|| format!("the depth resolution in view is {quantum_m} m, and pixels are {} m wide there: surfaces show steps and gaps; move closer", significant(pixel_m * unit_m)))
     }
 
     fn of_shadows(&self, resident: &Resident) -> Vec<String> {

@@ -587,6 +587,7 @@ fn hard_00_surfaces_are_part_of_every_picture() {
         shown: Attribute::White,
         is_ramped: false,
         asked_layer_m: 0.0,
+        unit_m: 1.0,
         overlap: StationOverlap::everywhere([16, 16]).into(),
         transparent: false,
         normals: false,

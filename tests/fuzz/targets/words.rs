@@ -5,6 +5,7 @@ use glam::DVec3;
 use pointillist::cloud::attribute::Attribute;
 use pointillist::cloud::crs::wkt;
 use pointillist::cloud::filter::{Filter, Meaning, Origin};
+use pointillist::cloud::length::Length;
 use pointillist::cloud::rgb_range::RgbRange;
 use pointillist::cloud::scalar::Scalar;
 use pointillist::cloud::table::{self, Delimiter};
@@ -140,7 +141,7 @@ pub fn option(_: &Path, bytes: &[u8]) {
         7 => ignore(text.parse::<table::Columns>()),
         8 => ignore(text.parse::<Limit>()),
         9 => ignore(text.parse::<map::Extent>()),
-        10 => ignore(map::resolution(text)),
+        10 => ignore(text.parse::<Length>()),
         11 => ignore(text.parse::<raster::Value>()),
         12 => ignore(text.parse::<Scalar>()),
         13 => ignore(text.parse::<PointSize>()),
