@@ -98,7 +98,8 @@ impl App {
         let id = if is_exact { buffer.point(at, self.viewport.size()) } else { None };
         // The camera may be ahead of the picture.
         let Ok(view) = self.viewport.view(buffer.view.camera) else { return };
-        if is_exact && id.is_none() {
+        // Where a surface is closed between its points, they are looked for at full density.
+        if is_exact && id.is_none() && self.under_cursor().is_none() {
             return self.nothing_picked(adds);
         }
         self.mouse.early_picks.push(PickRequest { view, at, id, adds });

@@ -33,7 +33,7 @@ use crate::passes::{Effect, Effects, count_visible, shadows, strokes};
 use crate::prices;
 use crate::progress::Progress;
 use crate::render::settings::{Background, FrameConfig};
-use crate::render::source::{OpenOptions, SelectionReport, Source, bounds_of};
+use crate::render::source::{OpenOptions, SelectionReport, Source, bounds_of, core_of};
 use crate::renderer::{CloudId, Done, Renderer};
 use crate::resident::Resident;
 use crate::select::clip::Clip;
@@ -506,7 +506,19 @@ impl Arguments {
         }
         let resolution = units::counted("--resolution", resolution, &source.reference().unit());
         let grid = match self.extent {
-            Some(extent) => MapGrid::covering(extent, resolution, LARGEST_SIDE)?,
+            Some(extent) => {
+                let Extent([from, to]) = extent;
+                if let Some(found) = bounds_of(&source.framed_points(&picture.clips())) {
+                    let [low, high] = found.map(|corner| corner.truncate());
+                    if from.cmpgt(high).any() || to.cmplt(low).any() {
+                        return Err(Error::Request(format!(
+                            "--extent {},{},{},{} lies beside the points, which lie between {},{} and {},{}",
+                            from.x, from.y, to.x, to.y, low.x, low.y, high.x, high.y
+                        )));
+                    }
+                }
+                MapGrid::covering(extent, resolution, LARGEST_SIDE)?
+            }
             None => {
                 let [low, high] = self
                     .corners(picture, source, progress)?
@@ -517,7 +529,7 @@ impl Arguments {
         Ok(Some(grid))
     }
 
-    /// Returns the corners of the box around the points that are drawn. Samples of an index do not
+    /// Returns the corners of the box around the points that are drawn, but strays. Samples of an index do not
     /// reach all corners, so that its points are read, unless they are on a server.
     fn corners(
         &self,
@@ -528,7 +540,7 @@ impl Arguments {
         let mut clips = picture.clips();
         match source {
             Source::Index(index) if !index.is_remote() => {
-                clips.0.extend(index.hidden.iter().flat_map(Clip::around));
+                clips.0.extend(core_of(index).iter().flat_map(Clip::around));
             }
             _ => return Ok(bounds_of(&source.framed_points(&clips))),
         }

@@ -529,8 +529,9 @@ impl DisplayAttribute {
         }
     }
 
-    /// Stretches colours of which nearly all are in the lower half of the channels' range, and raises
-    /// those in the middle, if their median is still in the lower half. Black stays black.
+    /// Stretches colours of which nearly all are in the lower half of the channels' range, as far as
+    /// their median lies in the middle at most, and raises those in the middle, if it lies lower.
+    /// Black stays black.
     pub fn brighten<'c>(&mut self, colors: impl Iterator<Item = &'c [[u8; 3]]>) {
         let count = |colors: &[[u8; 3]]| {
             let mut counts = [0u64; 256];
@@ -543,8 +544,9 @@ impl DisplayAttribute {
         let counts = counts.fold([0; 256], sum);
         let [[_, most], [median, _]] = [STRETCH, [0.5; 2]].map(|shares| at_shares(&counts, shares));
         if self.attribute == Attribute::Rgb && (1..128).contains(&most) {
-            self.stretch = [0, most];
-            let middle = median as f64 / most as f64;
+            let top = most.max(2 * median);
+            self.stretch = [0, top];
+            let middle = median as f64 / top as f64;
             self.power = if middle > 0.0 && middle < 0.5 { 0.5f64.ln() / middle.ln() } else { 1.0 };
         }
     }

@@ -98,8 +98,7 @@ impl OpenOptions {
             }
             index.shadows = Some(shadows);
         }
-        index.hidden =
-            if self.read.strays == Treatment::Hide { root_samples(&index).1 } else { None };
+        index.hidden = if self.read.strays == Treatment::Hide { core_of(&index) } else { None };
         index.fault = self.fault;
         let headers = index.directory.contents.parts.iter().map(|part| &part.header);
         let (up, note) = self.read.up.of(headers, || core_samples(&index));
@@ -753,6 +752,11 @@ pub fn strays(index: &Index) -> Strays {
         outside.iter().map(|&(_, weight)| weight as u64).sum(),
         outside.iter().map(|(p, _)| *p),
     )
+}
+
+/// Returns the box beyond which points of an index are strays, if there are some.
+pub fn core_of(index: &Index) -> Option<RobustBounds> {
+    root_samples(index).1
 }
 
 /// Returns the points to frame as [`Cloud::core_points`], from the roots' samples.

@@ -134,7 +134,10 @@ fn dark_colours_are_brightened_and_the_scale_is_what_is_asked_for() {
     let cloud = ply(folder.path(), "dark.ply", &cone([40, 30, 20]));
     let drawn = |line: &str| draw(&cloud, &format!("--style points --background 000000 {line}")).0;
     let (auto, full) = (drawn(""), drawn("--range 0,255"));
-    assert!(mean(&auto) > 4.0 * mean(&full), "{} {}", mean(&auto), mean(&full));
+    assert!(mean(&auto) > 3.0 * mean(&full), "{} {}", mean(&auto), mean(&full));
+    // One colour alone is in the middle, not white.
+    let largest = auto.pixels.iter().flatten().max().unwrap();
+    assert!((120..=130).contains(largest), "{largest}");
     // From an index too, from the samples of its roots.
     assert!((mean(&drawn("--lod 0.5")) / mean(&auto) - 1.0).abs() < 0.2);
     assert!(mean(&drawn("--range 0,255 --gamma 2")) > 1.5 * mean(&full));

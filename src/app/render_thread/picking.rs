@@ -62,10 +62,12 @@ impl RenderLoop {
             let Some(cloud) = self.cloud else { return Ok(()) };
             let (gpu, cloud) = self.renderer.cloud(cloud)?;
             let resident = cloud.resident();
-            // Ids are void if nodes have arrived since the last picture.
-            if resident.identity() == self.last_drawn {
-                let point = resident.point(gpu, id)?;
-                self.answer(point, pick.adds);
+            // Ids are void if nodes have arrived since the last picture. What no node has is looked
+            // for again, too.
+            if resident.identity() == self.last_drawn
+                && let Some(point) = resident.point(gpu, id)?
+            {
+                self.answer(Some(point), pick.adds);
                 return Ok(());
             }
         }

@@ -222,10 +222,11 @@ impl<'d> Viewer<'d> {
         self.photograph();
         std::fs::copy(self.folder.join("photograph.png"), &kept).unwrap();
         let mouse = self.display.xdotool("getmouselocation");
+        let title = self.display.xdotool(&format!("getwindowname {}", self.window));
         let focus = self.display.command("xdotool").arg("getwindowfocus").output().unwrap();
         let focus = String::from_utf8_lossy(&focus.stdout).trim().to_string();
         format!(
-            "it said {:?} and printed {:?}; the window is {}, the focus on {focus}, the mouse at {mouse}; photograph: {}",
+            "it said {:?} and printed {:?}; the window is {}, {title:?}, the focus on {focus}, the mouse at {mouse}; photograph: {}",
             self.said(),
             self.printed(),
             self.window,
