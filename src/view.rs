@@ -274,7 +274,7 @@ pub enum Preset {
     Fit,
 }
 
-/// What covers the edges of a picture, in parts of its width or height.
+/// Covered edges of a picture, in parts of its width or height.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Covered {
     pub left: f64,

@@ -208,7 +208,7 @@ pub struct Navigation {
     /// Boxes that leave the points to frame.
     pub clips: Clips,
     viewport: Viewport,
-    /// What covers the edges of the viewport's free part.
+    /// Covered edges of the free part of the viewport.
     pub covered: Covered,
     /// The view that was framed, and its camera, until the camera moves.
     framed: Option<(Preset, Camera)>,
