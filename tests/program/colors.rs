@@ -322,8 +322,8 @@ fn every_command_takes_the_range_that_is_said() {
         (&json!(65535.0), &json!("request"), &json!([1, 0, 0]))
     );
     assert_eq!(rgb_of(&info(&[&path], ""))["by"], "values");
-    // Dark colours are stretched, unless their range is given.
-    assert_eq!(drawn(&path, "--rgb-range 65535"), [255, 0, 0]);
+    // Dark colours are stretched, and the only tone lies in the middle, unless a range is given.
+    assert_eq!(drawn(&path, "--rgb-range 65535"), [128, 0, 0]);
     assert_eq!(drawn(&path, "--rgb-range 65535 --range 0,255"), [1, 0, 0]);
     assert_eq!(drawn(&path, "--rgb-range 0..1"), [255; 3]);
     assert_eq!(drawn(&path, "--lod 1 --rgb-range 65535 --range 0,255"), [1, 0, 0]);
