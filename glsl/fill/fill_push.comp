@@ -5,15 +5,16 @@
 //   cell without:       belongs to the surface whose known place is nearest: among the eight cells
 //                       around, else among the places that the four coarser cells around have
 //                       found. It takes the mean of those coarser cells that are of it, weighted
-//                       bilinearly; without any, the value of that place. Where there is no surface
-//                       it keeps the colour of that place.
+//                       bilinearly; without any, the value of that place.
+//   cell of points that its coarser cell has alone: takes the colour of a cell without a value, so
+//                       that sparse points do not stand out of their surroundings as dots.
 //   lone point          behind all four coarser cells around: counts as hidden. It would show as a
 //                       patch of a surface behind, as wide as points are apart.
 //
-// Every cell passes on the nearest place it has found. So borders between surfaces, and between
-// colours of leaves, lie halfway between points, not along coarser cells.
+// Every cell passes on the nearest place it has found. So borders between surfaces lie halfway
+// between points, not along coarser cells.
 //
-// Pixels of the picture keep their values. Background is filled in notches of contours. With
+// Pixels of the picture keep their depths. Background is filled in notches of contours. With
 // perspective, means are of inverse depths, as ratios to one of them.
 #version 460
 #extension GL_EXT_scalar_block_layout : require
@@ -21,7 +22,6 @@
 #extension GL_GOOGLE_include_directive : require
 
 #include "pixel.glsl"
-#include "tile.glsl"
 
 layout(local_size_x = 64) in;
 
@@ -32,8 +32,6 @@ layout(rgba32f) readonly uniform image2D coarse_places;
 layout(r32f) readonly uniform image2D depth;
 layout(rgba32f) readonly uniform image2D places;
 layout(rgba32f) readonly uniform image2D color;
-// Values of at least 1 mark a tile without a surface (fill_scattered.comp).
-layout(scalar) readonly buffer Rough { float tile[]; } rough;
 layout(r32f) writeonly uniform image2D filled_depth;
 layout(rgba32f) writeonly uniform image2D filled_color;
 // Where the nearest known place of each cell is, its own or another's, as in `places`.
@@ -45,8 +43,6 @@ layout(constant_id = 1) const bool COARSEST = false;
 layout(constant_id = 2) const bool PICTURE = false;
 // Whether colours are labels, which are never mixed.
 layout(constant_id = 3) const bool LABELS = false;
-// Whether it is known which tiles are rough.
-layout(constant_id = 4) const bool ROUGH = false;
 
 layout(push_constant, scalar) uniform Push {
     uvec2 coarse_size;
@@ -54,8 +50,6 @@ layout(push_constant, scalar) uniform Push {
     float tolerance; // depth difference: metres, or a share of the depth if relative
     uint relative;
     uint flood; // 1: background is to be filled, too
-    uint level;
-    uint tiles_across;
     uint surrounded; // or with this many filled neighbours
 } push;
 
@@ -67,24 +61,6 @@ const float FAR = 1e9;
 // Returns a cell of this level before filling: depth, and place from the cell's middle [cells].
 vec4 known(ivec2 cell) {
     return PICTURE ? vec4(imageLoad(depth, clamp(cell, ivec2(0), ivec2(push.size) - 1)).r, 0.0, 0.0, 1.0) : imageLoad(places, clamp(cell, ivec2(0), ivec2(push.size) - 1));
-}
-
-float rough_at(ivec2 tile) {
-    ivec2 across = ivec2(push.tiles_across, uint(rough.tile.length()) / push.tiles_across);
-    ivec2 at = clamp(tile, ivec2(0), across - 1);
-    return rough.tile[at.y * across.x + at.x];
-}
-
-// Returns whether a cell is of no surface, from what is known at the middles of tiles around, so
-// that tiles do not show.
-bool is_rough(ivec2 cell) {
-    if (!ROUGH) return false;
-    vec2 at = (vec2(cell) + 0.5) * float(1 << push.level) / float(TILE_PX) - 0.5;
-    ivec2 tile = ivec2(floor(at));
-    vec2 part = at - vec2(tile);
-    float above = mix(rough_at(tile), rough_at(tile + ivec2(1, 0)), part.x);
-    float below = mix(rough_at(tile + ivec2(0, 1)), rough_at(tile + ivec2(1, 1)), part.x);
-    return mix(above, below, part.y) >= 1.0;
 }
 
 // Returns none outside.
@@ -159,8 +135,10 @@ void main() {
             nearest_at = nearer ? at : nearest_at;
         }
     }
+    vec4 parent_place = imageLoad(coarse_places, parent);
+    bool lone = has_own && !LABELS && parent_place.w == place.w && abs(parent_place.x - place.x) <= tolerance_at(place.x);
     bool filling = !has_own && (!PICTURE || own == UNKNOWN_BITS || push.flood == 1u || solid >= push.surrounded);
-    if (filling || !PICTURE) {
+    if (filling || lone || !PICTURE) {
         ivec2 toward = 2 * (cell % 2) - 1;
         float from[4];
         vec4 c[4];
@@ -207,10 +185,9 @@ void main() {
         bool valued = weights > 0.0;
         float many = valued ? weights : 1.0;
         float mean = PERSPECTIVE ? like / (valued ? sum / many : 1.0) : like + sum / many;
-        // Leaves have colours of their own.
-        vec4 filled = LABELS || !valued || is_rough(cell) ? like_color : colors / many;
+        vec4 filled = LABELS || !valued ? like_color : colors / many;
         z = !filling ? z : !reached ? NONE : valued ? mean : like;
-        own_color = filling ? filled : own_color;
+        own_color = filling || (lone && valued) ? filled : own_color;
     }
     imageStore(filled_depth, cell, vec4(z));
     imageStore(filled_color, cell, own_color);

@@ -65,8 +65,6 @@ layout(r32ui) readonly uniform uimageBuffer decided_words;
 layout(scalar) buffer Invisible { uint word[]; } invisible;
 // Points with something in front, two words per tile.
 layout(scalar) buffer Led { uint word[]; } led;
-// Points with points in front on all sides that no level can call hidden, two words per tile.
-layout(scalar) buffer Scattered { uint word[]; } scattered;
 // Width of the kernel that put a tile on the list of holes [px]; 0 for other tiles.
 layout(scalar) buffer Kernels { uint tile[]; } kernels;
 
@@ -122,8 +120,6 @@ bool may_lie(ivec2 cell, int sector) {
 
 // A bit beside a verdict: points in front span more than half a turn, as never on a surface,
 // however steep.
-const uint ALL_SIDES = 4u;
-const uint VERDICT = 3u;
 
 // Judges a pixel without a point by the nearest in each sector: squared distances [px], and cells.
 uint between(float nearest[8], uint nearest_in[8]) {
@@ -248,16 +244,13 @@ uint judge(ivec2 pixel, int across) {
     }
     float squares = 0.0;
     float cones = 0.0;
-    int sides = 0;
     [[unroll]] for (int s = 0; s < 8; ++s) {
         squares += min(nearest[s], rim * rim);
         float hypotenuse = 1.0 + max(most[s], 0.0);
         float left = 1.0 / (hypotenuse + sqrt(hypotenuse * max(most[s], 0.0)));
         cones += most[s] < 0.0 ? 1.0 : left;
-        sides += int(most[s] >= 0.0);
     }
-    uint said = verdict(leaders, push.fewest, pairs, neighbours, squares / (side * side), cones, push.closed, push.expected);
-    return sides > 4 ? said | ALL_SIDES : said;
+    return verdict(leaders, push.fewest, pairs, neighbours, squares / (side * side), cones, push.closed, push.expected);
 }
 
 // Returns the first pixel of those that are left: numbers run down a column, then down the next.
@@ -315,7 +308,7 @@ void judge_tile(uint n, uint lane, uint lanes) {
     uvec2 closed = uvec2(0u);
     if (left != uvec2(0u)) for (;;) {
         int first = first_of(left);
-        uint said = judge(corner + ivec2(first / 8, first % 8), across) & VERDICT;
+        uint said = judge(corner + ivec2(first / 8, first % 8), across);
         uvec2 square = square_at(first, across) & pixels;
         settled |= said == OPEN || said == CLOSED ? square : uvec2(0u);
         closed |= said == CLOSED ? square : uvec2(0u);
@@ -338,15 +331,9 @@ void judge_point(uint n) {
     ivec2 at = pixel % TILE_PX;
     uint tile = uint(pixel.y / TILE_PX) * push.tiles_across + uint(pixel.x / TILE_PX);
     uint levels = WORD(asked_words, asked, 3u * tile + 2u);
-    uint judged = judge(pixel, 1);
-    uint said = judged & VERDICT;
-    said = (levels >> push.level & 1u) == 1u ? said : TOO_FEW;
+    uint said = (levels >> push.level & 1u) == 1u ? judge(pixel, 1) : TOO_FEW;
     uvec2 bits = square_at(8 * at.x + at.y, 1);
     keep(tile, said == CLOSED ? bits : uvec2(0u), said != TOO_FEW ? bits : uvec2(0u));
-    uint word = 2u * tile + uint(at.x / 4);
-    uint bit = bits.x | bits.y;
-    if (said == UNDECIDED && judged != said) atomicOr(scattered.word[word], bit);
-    if (said == OPEN) atomicAnd(scattered.word[word], ~bit);
     if ((said == TOO_FEW || said == UNDECIDED) && levels >> (push.level + 1) != 0u) {
         uint place;
         LEAVE(counts, push.level + 1, 1u, place)

@@ -118,18 +118,6 @@ pub struct Holes {
     pub kernels: Buffer,
     /// Width of the widest kernel that looked for them `[px]`.
     pub widest: u32,
-    /// Where points lie on no surface, if visibility has looked.
-    pub scattered: Option<Scattered>,
-}
-
-/// Points that lie on no surface, found by visibility.
-pub struct Scattered {
-    /// Contents of tiles (glsl/lib/tile.glsl).
-    pub tiles: Buffer,
-    /// Hidden points: two words per tile, one bit per pixel.
-    pub invisible: Buffer,
-    /// Points that are surrounded by nearer ones but may be visible: two words per tile.
-    pub scattered: Buffer,
 }
 
 /// Reach of passes that are no effects `[px]`: normals look at neighbours.

@@ -33,8 +33,7 @@
 
 use super::{
     Effect, EffectDecisions, Effects, FrameContext, GBuffer, Holes, LIST_HEADER, MOST_LEVELS,
-    Reason, Scattered, Setting, Switch, TILE_PX, TileLists, Value, fill, predicate, significant,
-    tiles,
+    Reason, Setting, Switch, TILE_PX, TileLists, Value, fill, predicate, significant, tiles,
 };
 use crate::graph::{Buffer, Dispatch, Graph, Image, Kind};
 use crate::shader::{
@@ -216,11 +215,10 @@ pub fn record(
         });
     }
     judged.hide(g, &mut gbuffer, true);
-    let Judged { holes, kernels, tiles, invisible, scattered, looked_at, .. } = judged;
+    let Judged { holes, kernels, looked_at, .. } = judged;
     let tile_lists = TileLists { looked_at, holes: Some(holes.alias()), ..gbuffer.tile_lists };
-    let scattered = (!is_single(settings)).then_some(Scattered { tiles, invisible, scattered });
     GBuffer {
-        holes: Some(Holes { list: holes, kernels, widest: 2 * kernel_px(settings), scattered }),
+        holes: Some(Holes { list: holes, kernels, widest: 2 * kernel_px(settings) }),
         tile_lists,
         ..gbuffer
     }
@@ -302,8 +300,6 @@ struct Judged<'s> {
     invisible: Buffer,
     /// Points that may be hidden, likewise: all at first, then those with enough points in front.
     candidates: Buffer,
-    /// Points with points in front on all sides that may still be visible, likewise.
-    scattered: Buffer,
     /// Pixels without a point that each level has decided, likewise for every level.
     decided: Buffer,
     /// Pyramid of the picture before anything was hidden.
@@ -333,7 +329,7 @@ impl<'s> Judged<'s> {
         let [invisible, candidates] = [("invisible", 0), ("candidates", u32::MAX)]
             .map(|(name, word)| filled(name, 2 * count, word));
         let kernels = filled("kernels", count, 0);
-        let [scattered, decided] = ["scattered", "decided"].map(|name| filled(name, 2 * count, 0));
+        let decided = filled("decided", 2 * count, 0);
         let mut tiles = g.buffer("tiles", std::mem::size_of::<Tile>() as u64 * count);
         let perspective = view.camera.projection == Projection::Perspective;
         let push = tile_classify::Push {
@@ -360,7 +356,6 @@ impl<'s> Judged<'s> {
             holes,
             invisible,
             candidates,
-            scattered,
             kernels,
             decided,
             projected: None,
@@ -628,9 +623,8 @@ impl<'s> Judged<'s> {
         };
         let Left { from, to, counts } = left;
         let (earlier, counted) = (self.decided.racy_alias(), counts.racy_alias());
-        let Judged { holes, invisible, kernels, decided, candidates: led, scattered, .. } = self;
+        let Judged { holes, invisible, kernels, decided, candidates: led, .. } = self;
         let shader = shader::VisibilityLevels {
-            scattered,
             depth,
             pyramid,
             asked,

@@ -9,16 +9,13 @@
 //!     relax   level k             pixels without a value take the mean of their neighbours, so that
 //!                                 coarse cells leave no corners
 //! ```
-//! Leaves and branches are not surfaces (glsl/fill/fill_scattered.comp): their pixels take the
-//! colour of the nearest point, never a mixture.
-//!
 //! If visibility ran, its holes are filled, and background neither gives nor takes. If not, holes
 //! are unknown: all empty pixels are filled, including the background.
 
 use super::{Settings, tolerance};
-use crate::graph::{Buffer, Dispatch, Graph, Image, Kind};
-use crate::passes::{self, GBuffer, Scattered};
-use crate::shader::{self, fill_pull, fill_push, fill_relax, fill_scattered};
+use crate::graph::{Dispatch, Graph, Image, Kind};
+use crate::passes::GBuffer;
+use crate::shader::{self, fill_pull, fill_push, fill_relax};
 use crate::view::{Projection, View};
 
 /// Relaxations per level. One leaves blocks of coarse cells where depths curve, two leave none, and
@@ -38,20 +35,11 @@ pub fn record(
     gbuffer: GBuffer,
 ) -> GBuffer {
     let flood = gbuffer.holes.is_none();
-    let known = gbuffer
-        .holes
-        .as_ref()
-        .and_then(|holes| holes.scattered.as_ref())
-        .map(|scattered| rough(g, view, scattered));
-    // Unread bindings need a buffer, too.
-    let rough = known.as_ref().unwrap_or(&gbuffer.spacings);
     let mut pyramid = Pyramid {
         view,
         settings,
         flood,
         labels,
-        rough,
-        is_rough_known: known.is_some(),
         perspective: view.camera.projection == Projection::Perspective,
     };
     let (depth, color) = pyramid.filled(g, &gbuffer.depth, &gbuffer.color);
@@ -59,26 +47,6 @@ pub fn record(
     let shadow_factor =
         gbuffer.shadow_factor.as_ref().map(|factor| pyramid.filled(g, &gbuffer.depth, factor).1);
     GBuffer { depth, color, shadow_factor, holes: None, ..gbuffer }
-}
-
-/// Share of scattered points, one in eight, from which a neighbourhood is no surface.
-const SCATTERED_PART: u32 = 8;
-
-/// Returns for each tile how little its surroundings are a surface: from 1 on they are none.
-fn rough(
-    g: &mut Graph,
-    view: &View,
-    Scattered { tiles, invisible, scattered }: &Scattered,
-) -> Buffer {
-    let across = passes::tiles(view.size);
-    let count = across[0] * across[1];
-    let mut rough = g.buffer("rough", 4 * count as u64);
-    let push = fill_scattered::Push { tiles: across, part: SCATTERED_PART };
-    g.run(
-        shader::FillScattered { tiles, invisible, scattered, rough: &mut rough, push },
-        Dispatch::Groups([count.div_ceil(64), 1, 1]),
-    );
-    rough
 }
 
 /// The inputs of filling a picture.
@@ -89,9 +57,6 @@ struct Pyramid<'s> {
     perspective: bool,
     /// Whether colours are labels, which are never mixed.
     labels: bool,
-    /// How little there is a surface, for every tile of the picture: from 1 on there is none.
-    rough: &'s Buffer,
-    is_rough_known: bool,
 }
 
 /// A level above the picture: depths with their places, and colours.
@@ -182,7 +147,6 @@ impl Pyramid<'_> {
         let places_size = if picture { [1, 1] } else { size };
         let mut filled_places = g.image("filled places", places_size, Kind::Rgba32f);
         let (coarse_tolerance, relative) = tolerance(self.view, self.settings, number + 1);
-        let tiles_across = passes::tiles(self.view.size)[0];
         let (coarse_size, flood, surrounded) =
             (coarse_depth.desc.size, self.flood as u32, self.settings.surrounded as u32);
         let push = fill_push::Push {
@@ -191,8 +155,6 @@ impl Pyramid<'_> {
             tolerance: coarse_tolerance,
             relative,
             flood,
-            level: number,
-            tiles_across,
             surrounded,
         };
         let spec = fill_push::Spec {
@@ -200,7 +162,6 @@ impl Pyramid<'_> {
             coarsest: coarser.is_none(),
             picture,
             labels: self.labels,
-            rough: self.is_rough_known,
         };
         let [filled_depth, _] = &mut filled;
         g.run(
@@ -211,7 +172,6 @@ impl Pyramid<'_> {
                 depth,
                 places,
                 color,
-                rough: self.rough,
                 filled_depth,
                 filled_color: &mut filled_color,
                 filled_places: &mut filled_places,
