@@ -102,7 +102,7 @@ impl Default for Options {
             data: "../shared/data".into(),
             scenes: Vec::new(),
             views: 3,
-            densities: vec![0.04, 0.1, 0.25, 0.5, 1.0, 2.0, 5.0, 10.0],
+            densities: vec![0.0025, 0.01, 0.04, 0.1, 0.25, 0.5, 1.0, 2.0, 5.0, 10.0],
             noises_px: vec![0.0, 0.5],
         }
     }

@@ -11,8 +11,8 @@ use super::configurations::AUTO;
 use super::mesh::Mesh;
 use super::report::{self, Section, Table};
 use super::surface::{draw, render_settings};
-use super::truth::{Surface, Truth, compare};
-use super::{Plan, mark_fronts, rows, sweep};
+use super::truth::{Errors, Surface, Truth, compare};
+use super::{Plan, mark_fronts, rows, sweep, yardstick};
 use crate::cloud::attribute::{Attribute, DisplayAttribute};
 use crate::error::Result;
 use crate::graph::Gpu;
@@ -56,7 +56,7 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
         .iter()
         .map(|(name, settings)| Ok((*name, render_settings(settings)?)))
         .collect::<Result<Vec<_>>>()?;
-    let mut all = Vec::new();
+    let (mut all, mut linear) = (Vec::new(), Vec::new());
     let mut table = Table {
         title: "All meshes".into(),
         head: HEAD.map(String::from).to_vec(),
@@ -75,6 +75,15 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
         for (view_name, view) in views(&mesh, plan.size)? {
             progress.tick("study meshes", 0, 0)?;
             let truth = Truth::cast(&view, &mesh);
+            let mut add = |names: &[&str; 3], errors: &Errors| {
+                let names = names.map(String::from).into_iter();
+                let line: Vec<String> = names
+                    .chain([errors.interior.to_string()])
+                    .chain(shares(errors).map(|share| format!("{share:.1e}")))
+                    .collect();
+                progress.note(&line.join("  "));
+                table.rows.push(line);
+            };
             let resident = Resident::fill(
                 gpu,
                 cloud.clone(),
@@ -97,33 +106,31 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
             })?;
             for (((style, _), depth), times) in styles.iter().zip(&depths).zip(&times) {
                 let errors = compare(&truth, 0.0, &raw, depth, None);
-                let shares = [
-                    errors.misplaced_share(),
-                    errors.wrong_layer_share(),
-                    errors.hole_share(),
-                    errors.spilled_share(),
-                ];
                 let parameter = if *style == AUTO { AUTO } else { "fill" };
+                let shares = shares(&errors);
                 all.extend(rows([scene, view_name], [parameter, style], METRICS, &shares, times));
-                let line = [scene, view_name, style]
-                    .map(String::from)
-                    .into_iter()
-                    .chain([errors.interior.to_string()]);
-                let line: Vec<String> =
-                    line.chain(shares.map(|share| format!("{share:.1e}"))).collect();
-                progress.note(&line.join("  "));
-                table.rows.push(line);
+                add(&[scene, view_name, style], &errors);
             }
+            let errors = compare(&truth, 0.0, &raw, &yardstick::linear(&truth, 0.0, &raw), None);
+            linear.extend(rows(
+                [scene, view_name],
+                ["fill", yardstick::NAME],
+                yardstick::METRICS,
+                &yardstick::values(&errors),
+                &[0.0],
+            ));
+            add(&[scene, view_name, yardstick::NAME], &errors);
         }
     }
     mark_fronts(&mut all);
+    all.extend(linear);
     let charts = METRICS.map(|metric| {
         let axes = ["milliseconds of a frame", "share of pixels"];
         report::chart(metric, axes, &metric.replace('_', " "), &all, &|row| row.value.clone())
     });
     let method = format!(
         "Vertices of meshes, and their triangles as truth, ray-cast in f64 as in <em>surface</em>. With c the middle of the bounding box and e its diagonal the eye is at \
-         c + e (0.1, 0.15, 1.3), 45 degrees (whole), and at c + e (0.3, 0.35, 0.9), 30 degrees (near). n = {} interleaved rounds.",
+         c + e (0.1, 0.15, 1.3), 45 degrees (whole), and at c + e (0.3, 0.35, 0.9), 30 degrees (near). <em>Linear</em> is the best that vertices can tell: the truth says which are visible, depths between them are interpolated linearly. n = {} interleaved rounds.",
         plan.repeat
     );
     Ok(Section {
@@ -134,6 +141,15 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
         charts: charts.into(),
         tables: vec![table],
     })
+}
+
+fn shares(errors: &Errors) -> [f64; 4] {
+    [
+        errors.misplaced_share(),
+        errors.wrong_layer_share(),
+        errors.hole_share(),
+        errors.spilled_share(),
+    ]
 }
 
 fn views(mesh: &Mesh, size: [u32; 2]) -> Result<Vec<(&'static str, View)>> {

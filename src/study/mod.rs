@@ -40,6 +40,7 @@ pub mod truth;
 pub mod tune;
 pub mod tuner;
 pub mod visibility;
+pub mod yardstick;
 pub mod zoom;
 
 use crate::error::{Error, Result};

@@ -9,7 +9,7 @@ use super::cases::{self, Case, Options, Sampling};
 use super::chart::{Chart, Mark, Panel};
 use super::report::{Section, Table};
 use super::truth::Errors;
-use super::{Plan, Row, mark_fronts, metrics, sweep};
+use super::{Plan, Row, mark_fronts, metrics, sweep, yardstick};
 use crate::cloud::attribute::{Attribute, DisplayAttribute};
 use crate::config::NO_POINT;
 use crate::error::{Error, Result};
@@ -139,6 +139,15 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
             table.rows.push(counted(case, style, &errors, ms));
         }
         mark_fronts(&mut own);
+        let linear = yardstick::linear(&case.truth, case.noise_px, &drawings[0].depth);
+        let errors = case.errors(&drawings[0].depth, &linear, None);
+        own.extend(
+            yardstick::METRICS
+                .iter()
+                .zip(yardstick::values(&errors))
+                .map(|(metric, error)| row(case, yardstick::NAME, metric, error, [0.0; 3], 0)),
+        );
+        table.rows.push(counted(case, yardstick::NAME, &errors, [0.0; 3]));
         own.iter().for_each(|row| mark(&mut marks, case, row));
         rows.extend(own);
         Ok(())
@@ -152,7 +161,7 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
         "Truth is the surface itself, ray-cast in f64 at centres, corners and sides of all pixels. Scenes and meshes are sampled uniformly by area, hidden sides too, the street by its \
          scanner; <em>vertices</em> are a mesh's own. Points a pixel are those of the first surface. Noise is Gaussian along the ray to the eye, cut off at three sigma. Here points a \
          pixel, not time, lie to the right. Interior pixels are more than 2 px from creases and edges of the true depth (bent by more than 1 % of the depth, and of the depth range); \
-         shares are of those that have a depth. What no scanner saw is not counted. Aimed at: 1e-4 of depth, 1e-3 of layers, 1e-3 of holes, 1e-4 spilled. n = {} interleaved rounds. \
+         shares are of those that have a depth. What no scanner saw is not counted. <em>Linear</em> is the best that points can tell: the truth says which are visible, depths between them are interpolated linearly. Aimed at: 1e-4 of depth, 1e-3 of layers, 1e-3 of holes, 1e-4 spilled. n = {} interleaved rounds. \
          Left out: {}.",
         plan.repeat,
         if left_out.is_empty() { "nothing".into() } else { left_out.join("; ") }
