@@ -36,6 +36,10 @@ layout(r32f) writeonly uniform image2D filled_depth;
 layout(rgba32f) writeonly uniform image2D filled_color;
 // Where the nearest known place of each cell is, its own or another's, as in `places`.
 layout(rgba32f) writeonly uniform image2D filled_places;
+// How far the value of a cell lies from the mean that it would take without: metres, or a share of
+// inverse depth with perspective. None for a cell without a value, and the negative of none where
+// there is no mean.
+layout(r32f) writeonly uniform image2D missed;
 
 layout(constant_id = 0) const bool PERSPECTIVE = true;
 // Whether there is no coarser level.
@@ -109,6 +113,7 @@ void main() {
         imageStore(filled_depth, cell, vec4(place.x));
         imageStore(filled_color, cell, own_color);
         imageStore(filled_places, cell, place);
+        imageStore(missed, cell, vec4(has_own ? -NONE : NONE));
         return;
     }
     float z = has_own && !PICTURE ? in_middle(place, parent) : place.x;
@@ -138,7 +143,8 @@ void main() {
     vec4 parent_place = imageLoad(coarse_places, parent);
     bool lone = has_own && !LABELS && parent_place.w == place.w && abs(parent_place.x - place.x) <= tolerance_at(place.x);
     bool filling = !has_own && (!PICTURE || own == UNKNOWN_BITS || push.flood == 1u || solid >= push.surrounded);
-    if (filling || lone || !PICTURE) {
+    float missed_by = has_own ? -NONE : NONE;
+    if (filling || has_own || !PICTURE) {
         ivec2 toward = 2 * (cell % 2) - 1;
         float from[4];
         vec4 c[4];
@@ -162,7 +168,7 @@ void main() {
             farthest = has ? max(farthest, from[k]) : farthest;
         }
         // A lone point behind all around it counts as hidden.
-        bool hidden = place.w == 1.0 && farthest > 0.0 && like - tolerance_at(like) > farthest;
+        bool hidden = !PICTURE && place.w == 1.0 && farthest > 0.0 && like - tolerance_at(like) > farthest;
         filling = filling || hidden;
         vec4 like_color = nearest < FAR ? imageLoad(color, nearest_at) : vec4(0.0);
         if (nearest == FAR || hidden) {
@@ -186,10 +192,13 @@ void main() {
         float many = valued ? weights : 1.0;
         float mean = PERSPECTIVE ? like / (valued ? sum / many : 1.0) : like + sum / many;
         vec4 filled = LABELS || !valued ? like_color : colors / many;
+        bool compared = has_own && !hidden && valued;
+        missed_by = compared ? (PERSPECTIVE ? mean / z - 1.0 : z - mean) : hidden ? NONE : missed_by;
         z = !filling ? z : !reached ? NONE : valued ? mean : like;
         own_color = filling || (lone && valued) ? filled : own_color;
     }
     imageStore(filled_depth, cell, vec4(z));
     imageStore(filled_color, cell, own_color);
+    imageStore(missed, cell, vec4(missed_by));
     if (!PICTURE) imageStore(filled_places, cell, place);
 }

@@ -15,6 +15,13 @@ bool has_depth(uint bits) {
     return (bits & 0x7FFFFFFFu) - 1u < BACKGROUND_BITS - 1u;
 }
 
+// Returns how much two depths are of one surface: 1 - min(1, |difference| / tolerance) as in
+// anisotropic filling (Pintus et al. 2011, sec. 5). Without a tolerance, only equal ones are.
+float likeness(float difference, float tolerance) {
+    float strictness = tolerance > 0.0 ? min(1.0 / tolerance, 3.402823466e38) : 3.402823466e38;
+    return 1.0 - min(1.0, abs(difference) * strictness);
+}
+
 // Linear colour as square roots of 8 bits each, which is near sRGB and decoded by a multiplication:
 // the 23 mantissa bits of a float and its sign. The float's exponent, from 1 to 254, is the
 // opacity, so that it is always a normal number. `light_of` is linear, in units of its own that

@@ -6,8 +6,8 @@
 //!     push    level k + 1 -> k    pixels without a value belong to the surface of the nearest
 //!                                 known place and take the bilinear mean of the coarser level;
 //!                                 values are carried to the middle of their cell
-//!     relax   level k             pixels without a value take the mean of their neighbours, so that
-//!                                 coarse cells leave no corners
+//!     correct level k             pixels without a value are moved by what the coarser level has
+//!                                 missed in their neighbours, so that surfaces bend between points
 //! ```
 //! If visibility ran, its holes are filled, and background neither gives nor takes. If not, holes
 //! are unknown: all empty pixels are filled, including the background.
@@ -15,16 +15,13 @@
 use super::{Settings, tolerance};
 use crate::graph::{Dispatch, Graph, Image, Kind};
 use crate::passes::GBuffer;
-use crate::shader::{self, fill_pull, fill_push, fill_relax};
+use crate::shader::{self, fill_correct, fill_pull, fill_push, fill_spread};
 use crate::view::{Projection, View};
 
-/// Relaxations per level. One leaves blocks of coarse cells where depths curve, two leave none, and
-/// more flatten surfaces between their points (a fifth more pixels on a wrong layer after four).
-const RELAXATIONS: u32 = 2;
-
-/// Reach of every level `[px]`: the adjacent coarser cells, and those that relaxing reads.
+/// Reach of every level `[px]`: three cells up to the ends of adjacent coarser ones, and one that
+/// corrections read.
 pub(super) fn reach_px(settings: &Settings) -> u32 {
-    (2 + RELAXATIONS) << settings.levels as u32
+    4 << settings.levels as u32
 }
 
 pub fn record(
@@ -141,8 +138,9 @@ impl Pyramid<'_> {
         let (coarse_depth, coarse_color) =
             coarser.map_or((depth, color), |Filled { depth, color, .. }| (depth, color));
         let coarse_places = coarser.map_or(color, |coarser| &coarser.places);
-        let mut filled =
-            [g.image("filled depth", size, Kind::R32f), g.image("relaxed depth", size, Kind::R32f)];
+        let mut depths = ["filled depth", "missed", "correction", "corrected depth"]
+            .map(|name| g.image(name, size, Kind::R32f));
+        let [filled_depth, missed, correction, corrected_depth] = &mut depths;
         let mut filled_color = g.image("filled color", size, Kind::Rgba32f);
         let places_size = if picture { [1, 1] } else { size };
         let mut filled_places = g.image("filled places", places_size, Kind::Rgba32f);
@@ -163,7 +161,6 @@ impl Pyramid<'_> {
             picture,
             labels: self.labels,
         };
-        let [filled_depth, _] = &mut filled;
         g.run(
             shader::FillPush {
                 coarse_depth,
@@ -175,23 +172,22 @@ impl Pyramid<'_> {
                 filled_depth,
                 filled_color: &mut filled_color,
                 filled_places: &mut filled_places,
+                missed,
                 push,
                 spec,
             },
             Dispatch::PerPixel,
         );
         let (tolerance, relative) = tolerance(self.view, self.settings, number);
-        for _ in 0..RELAXATIONS {
-            let [from_depth, to_depth] = &mut filled;
-            let push = fill_relax::Push { size, tolerance, relative };
-            let spec = fill_relax::Spec { perspective: self.perspective, picture };
-            g.run(
-                shader::FillRelax { depth, places, from_depth, to_depth, push, spec },
-                Dispatch::PerPixel,
-            );
-            filled.swap(0, 1);
-        }
-        let [depth, _] = filled;
+        let push = fill_spread::Push { size, tolerance, relative };
+        g.run(shader::FillSpread { filled_depth, missed, correction, push }, Dispatch::PerPixel);
+        let push = fill_correct::Push { size, tolerance, relative };
+        let spec = fill_correct::Spec { perspective: self.perspective };
+        g.run(
+            shader::FillCorrect { filled_depth, missed, correction, corrected_depth, push, spec },
+            Dispatch::PerPixel,
+        );
+        let [_, _, _, depth] = depths;
         Filled { depth, color: filled_color, places: filled_places }
     }
 }
