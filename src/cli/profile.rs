@@ -74,15 +74,16 @@ pub struct Arguments {
     /// Where it ends
     #[arg(long, value_name = "X,Y", allow_hyphen_values = true)]
     pub to: Place,
-    /// Width of the slab, in the files' unit, or such as 0.5m: half of it on either side
-    #[arg(long, value_name = "LENGTH", default_value = "1", value_parser = units::length)]
+    /// Width of the slab, in the files' unit, or such as 0.5m; metres for coordinates in degrees. Half
+    /// of it lies on either side
+    #[arg(long, value_name = "LENGTH", default_value = "1", value_parser = units::length, allow_hyphen_values = true)]
     pub width: Length,
     /// The files to write: a picture with axes, a table with a line a point. Repeatable
     #[arg(short, long, required = true, value_name = "OUT.svg|csv")]
     pub output: Vec<PathBuf>,
     /// How much larger heights are drawn than distances [default: a round number that fills the
     /// picture]
-    #[arg(long, value_name = "FACTOR", value_parser = above_zero)]
+    #[arg(long, value_name = "FACTOR", value_parser = above_zero, allow_hyphen_values = true)]
     pub exaggeration: Option<f64>,
     /// Largest size of the picture, pixels
     #[arg(long, value_name = "WxH", default_value_t = Size([1600, 800]))]

@@ -98,9 +98,6 @@ pub enum Format {
     Csv,
 }
 
-/// Ends of names of files of points.
-pub const ENDINGS: [&str; 4] = ["laz", "las", "ply", "csv"];
-
 impl Format {
     /// Returns the format of a name.
     pub fn of(path: &Path) -> Result<Format> {

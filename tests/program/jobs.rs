@@ -288,6 +288,22 @@ fn job_10_points_in_a_box_are_counted() {
 }
 
 #[test]
+fn points_that_are_drawn_narrower_than_asked_for_are_said() {
+    let Some(desk) = Desk::with(STRIPS) else { return };
+    let line = "render SCAN -o @drawn.png --size 640x480 --point-size 10m";
+    let said = desk.types(&format!("{line} --explain"));
+    let words = "points are drawn at most 64 px wide, where they would be up to ";
+    assert_eq!(said.matches(words).count(), 2, "{said}");
+    let narrow = read_png(&desk.at("drawn.png"));
+    let said = desk.types(&format!("{line} --effect splat=on,largest=1024"));
+    assert!(!said.contains("at most"), "{said}");
+    assert_ne!(narrow.pixels, read_png(&desk.at("drawn.png")).pixels);
+    // Centimetres are a unit.
+    let same = ["0.5m", "50cm"].map(|size| desk.draws(&format!("--point-size {size}")).pixels);
+    assert_eq!(same[0], same[1]);
+}
+
+#[test]
 fn job_11_a_profile_has_the_points_of_its_slab() {
     let Some(desk) = Desk::with(STRIPS) else { return };
     let said = desk.types(
@@ -532,6 +548,18 @@ fn job_15_a_mistake_is_answered_by_what_to_do() {
     assert!(said.contains("class has labels, whose colours"), "{said}");
     if let Some(feet) = Desk::with("data/aerial/autzen_trim.laz") {
         let said = feet.types("export SCAN -o @thin.laz --thin 20");
+    for (line, why) in [
+        ("render SCAN -o @no.png --point-size 2000", "more than 1024; 2000m is a length"),
+        ("render SCAN -o @no.png --point-size -3m", "units are mm, cm, km, m, ftUS, ft"),
+        ("render SCAN -o @no.png --layer 3meter", "units are mm, cm, km, m, ftUS, ft"),
+        ("render SCAN -o @no.png --contrast abc", "is not a number, such as 1.5"),
+        ("profile SCAN --from 0,0 --to 1,1 -o @no.svg --width -1", "is not a length above 0"),
+    ] {
+        let said = failed(&desk.run(line), 2);
+        assert!(said.contains(why), "{said}");
+    }
+    let said = failed(&desk.run("export SCAN -o @no.txt"), 1);
+    assert!(said.contains("must end in .copc.laz, .laz, .las, .ply or .csv"), "{said}");
         assert!(said.contains("--thin is in the files' unit: 20 ft, which are 6.0960 m"), "{said}");
         let said = feet.types("export SCAN -o @thin.laz --thin 6.096m");
         assert!(!said.contains("files' unit"), "{said}");
