@@ -317,6 +317,7 @@ impl DetailOptions {
             read,
             filter,
             index,
+            indexes_octrees: false,
             place,
             shadows: self.shadows.clone().map(|path| (path, light)),
             fault: None,

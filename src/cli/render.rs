@@ -233,7 +233,11 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
         Some(_) => tune::opening(&picture, arguments.strict),
     };
     let opening = match arguments.resolution {
-        Some(_) => OpenOptions { index: opening.index.or(Some(MAPS_OF_INDEXES)), ..opening },
+        Some(_) => OpenOptions {
+            index: opening.index.or(Some(MAPS_OF_INDEXES)),
+            indexes_octrees: true,
+            ..opening
+        },
         None => opening,
     };
     let mut source = Source::open(&arguments.files, &opening, progress)?;

@@ -45,6 +45,8 @@ pub struct OpenOptions {
     pub filter: Filter,
     /// Reason to index files first, regardless of their number of points.
     pub index: Option<&'static str>,
+    /// Whether local octrees are indexed like other files, instead of being drawn in place.
+    pub indexes_octrees: bool,
     /// Where indexes are cached; the default location if `None`.
     pub place: Option<cache::CacheLocation>,
     /// Saved shadows of the index, and the light they must match.
@@ -77,6 +79,9 @@ impl OpenOptions {
     /// filtered, or else, with other columns, for exposures, which then stay as they are.
     fn in_place<'f>(&self, files: &'f [PathBuf]) -> Option<&'f Path> {
         let [path] = files else { return None };
+        if self.indexes_octrees && !is_address(path) {
+            return None;
+        }
         let wanted = self.reading().wanted;
         let stations = self.filter.wanted().source
             || wanted.source && !(wanted.rgb || wanted.intensity || wanted.class);
