@@ -10,6 +10,7 @@
 //! memory. All of it runs without a Vulkan device.
 
 pub mod count;
+pub mod extent;
 mod fields;
 pub mod input;
 mod las;
