@@ -15,6 +15,7 @@ mod fields;
 pub mod input;
 mod las;
 mod ply;
+pub mod profile;
 pub mod raster;
 mod table;
 mod thin;
