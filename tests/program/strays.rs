@@ -151,8 +151,8 @@ fn strays_are_drawn_where_they_lie_unless_they_are_to_be_hidden() {
 #[test]
 fn rasters_are_those_of_the_cloud_without_strays() {
     let place = Place::new();
-    let points = sheet(5_000, DVec3::new(500_000.0, 5_000_000.0, 100.0));
-    let bird = DVec3::new(500_007.0, 5_000_007.0, 900.0);
+    let points = sheet(5_000, DVec3::new(50_000.0, 500_000.0, 100.0));
+    let bird = DVec3::new(50_007.0, 500_007.0, 900.0);
     let none = place.las("none", &points);
     let with = place.las("with", &[&points[..], &[DVec3::ZERO, bird]].concat());
     let raster = |cloud: &Path| {
