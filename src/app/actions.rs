@@ -4,9 +4,10 @@ use super::history::History;
 use super::navigation::Input;
 use super::profile;
 use super::render_thread::Message;
-use super::{App, clip_box_widget};
+use super::{App, Event, clip_box_widget};
 use crate::atomic_file::write_atomically;
 use crate::error::{Error, Result};
+use crate::extract::{self, Selection};
 use crate::render::scene::Scene;
 use crate::select::slab::Slab;
 use crate::tune::Limit;
@@ -184,7 +185,11 @@ impl App {
             .zip(places.last())
             .and_then(|(&start, &end)| Slab::new(start, end, width));
         match slab {
-            Some(slab) => self.post(Message::Section(slab)),
+            Some(slab) => {
+                let Scene { filter, clips, opacities, .. } = self.scene.clone();
+                self.profiled = Some(Selection { filter, clips, opacities, slab: Some(slab) });
+                self.post(Message::Section(slab));
+            }
             None => self.report_error(&Error::Request(
                 "a profile needs two picked points, not one above the other; shift and click to pick one more".into(),
             )),
@@ -205,11 +210,43 @@ impl App {
         self.post(Message::Save { path, size, layers, over: Box::new(over.unwrap_or_default()) });
     }
 
+    /// Writes the points of the profile on a thread, since they are read from the files.
     fn save_profile(&mut self) {
-        if let Some(text) =
-            self.ui.profile.as_ref().map(|profile| profile.csv(&self.ui.measure.reference))
-        {
-            self.save(&unused_name("profile.csv"), |_, path| write(path, text));
+        let (Some(profile), Some(selection)) = (&self.ui.profile, self.profiled.clone()) else {
+            return;
+        };
+        let path = unused_names("profile.csv")
+            .find(|path| !self.pending_saves.contains(path))
+            .expect("numbers do not end");
+        let (files, shown, done) =
+            (self.load.origins.clone(), profile.shown(), self.events.clone());
+        let (read, output) = (self.options.opening.read, path.clone());
+        let watch = self.progress_reporter(self.load.table_token.clone());
+        let work = move || {
+            let written =
+                extract::profile::write(&files, &read, &selection, Some(shown), &output, &watch);
+            drop(done.send_event(Event::Written(output, written)));
+        };
+        match std::thread::Builder::new().name("profile".into()).spawn(work) {
+            Ok(thread) => {
+                self.pending_saves.push(path);
+                self.load.workers.push(thread);
+            }
+            Err(error) => self.report_error(&Error::Request(format!(
+                "cannot start a thread to write {}: {error}",
+                path.display()
+            ))),
+        }
+    }
+
+    pub(super) fn table_written(&mut self, path: &Path, written: Result<u64>) {
+        self.pending_saves.retain(|pending| pending != path);
+        self.ui.doing = None;
+        match written {
+            Ok(points) => {
+                self.ui.doing = Some(format!("saved {}: {points} points", path.display()));
+            }
+            Err(error) => self.report_error(&error),
         }
     }
 

@@ -140,6 +140,7 @@ impl ApplicationHandler<Event> for App {
             Event::Loaded(Ok(opened), _) => self.loaded(*opened),
             Event::Loaded(Err(error), _) => self.load_failed(&error),
             Event::LookedUp(place, looked, _) => self.looked_up(place, looked),
+            Event::Written(path, written) => self.table_written(&path, written),
             Event::Chosen(files) => self.chosen(files),
             Event::Render(event) => return self.render_event(events, event),
             Event::Interrupted => {
@@ -237,6 +238,7 @@ impl ApplicationHandler<Event> for App {
     fn exiting(&mut self, _events: &ActiveEventLoop) {
         self.load.token.cancel();
         self.load.lookup_token.cancel();
+        self.load.table_token.cancel();
         network::stop();
         if let Some(mut thread) = self.render_thread.take() {
             thread.close();

@@ -35,6 +35,8 @@ pub(super) struct LoadState {
     pub token: CancelToken,
     /// Token of threads that look up picked points.
     pub lookup_token: CancelToken,
+    /// Token of threads that write tables.
+    pub table_token: CancelToken,
     pub workers: Vec<JoinHandle<()>>,
 }
 

@@ -36,6 +36,7 @@ pub mod viewport;
 
 use crate::cloud::point_lookup::Record;
 use crate::error::{Error, Result};
+use crate::extract::Selection;
 use crate::network;
 use crate::progress::Progress;
 use crate::render::annotations::Annotations;
@@ -70,6 +71,8 @@ enum Event {
     Loaded(Result<Box<LoadedCloud>>, CancelToken),
     /// The record of the point at a place (world); None if it is a sample of an index.
     LookedUp(DVec3, Result<Option<Record>>, CancelToken),
+    /// The table of a profile, and its number of points.
+    Written(PathBuf, Result<u64>),
     Render(RenderEvent),
     /// Files that the user chose; None if the system has no dialog, or none was chosen.
     Chosen(Option<Vec<PathBuf>>),
@@ -96,6 +99,7 @@ pub fn run(options: Options, progress: &dyn Progress) -> Result<Summary> {
             ..UiState::default()
         },
         window_title: String::new(),
+        profiled: None,
         pending_saves: Vec::new(),
         panel: None,
         panel_due: None,
@@ -157,7 +161,9 @@ struct App {
     /// Mark that the next layout of the panel answers input.
     answers: bool,
     window_title: String,
-    /// Pictures that are being saved.
+    /// The points of the profile that was asked for last.
+    profiled: Option<Selection>,
+    /// Pictures and tables that are being saved.
     pending_saves: Vec<PathBuf>,
     pick_buffer: Option<Arc<PickBuffer>>,
     /// Time of the last loss of the device.

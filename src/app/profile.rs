@@ -1,15 +1,14 @@
-//! Profiles: the points between two picked places, as a picture of heights over distance and as
-//! CSV.
+//! Profiles: the points between two picked places, as a picture of heights over distance.
 
 use super::actions::Action;
 use super::measure;
 use crate::cloud::Station;
-use crate::cloud::attribute::DisplayAttribute;
+use crate::cloud::attribute::{Attribute, DisplayAttribute};
 use crate::cloud::colormap;
 use crate::cloud::crs::Reference;
 use crate::cloud::histograms::Histograms;
 use crate::output::legend::{self, Legend};
-use crate::output::section::{self, Axes, Canvas, FINER, SectionPoint};
+use crate::output::section::{Axes, Canvas, FINER, SectionPoint};
 use crate::resident::slab_query::{SlabPoint, SlabPoints};
 use crate::select::slab::Slab;
 use egui::epaint::TextShape;
@@ -23,6 +22,11 @@ use std::f32::consts::FRAC_PI_2;
 
 /// Largest size of the field of points `[points]`.
 const SIZE: DVec2 = DVec2::new(560.0, 240.0);
+
+/// Least size of it, and what the window has beside it and the axes: its frame, its title and rows of
+/// text `[points]`.
+const LEAST: Vec2 = vec2(80.0, 40.0);
+const BESIDES: Vec2 = vec2(32.0, 124.0);
 
 /// Room for the axes at its left, top, right and bottom `[points]`.
 const AROUND: [f32; 4] = [64.0, 8.0, 16.0, 40.0];
@@ -55,8 +59,8 @@ pub struct Profile {
     heights: [f64; 2],
     /// Points of each class, of each return number and of each station.
     labels: [BTreeMap<u32, u64>; 3],
-    /// Axes and picture, made when first shown.
-    drawn: Option<(Axes, TextureHandle)>,
+    /// Axes and picture, and the room that they were made for.
+    drawn: Option<(DVec2, Axes, TextureHandle)>,
 }
 
 impl Profile {
@@ -76,9 +80,7 @@ impl Profile {
     fn point(&self, found: &SlabPoint) -> SectionPoint {
         SectionPoint {
             place: found.place,
-            position: found.point.position,
-            labels: measure::kind(&found.point),
-            numbers: Vec::new(),
+            height: found.point.position.z,
             color: colormap::color_of(&self.shown, found.shown),
         }
     }
@@ -92,13 +94,9 @@ impl Profile {
         ColorImage::from_rgba_unmultiplied(size, &canvas.rgba())
     }
 
-    /// Returns a CSV table with a line per point: its place in the profile, its place in the world,
-    /// and their unit.
-    pub fn csv(&self, reference: &Reference) -> String {
-        let line = |found: &SlabPoint| section::line(&self.point(found), reference);
-        std::iter::once(section::head("station", &[]))
-            .chain(self.section.points.iter().map(line))
-            .collect()
+    /// Returns what its points show.
+    pub fn shown(&self) -> Attribute {
+        self.shown.attribute
     }
 
     /// Drops the texture, whose device is lost.
@@ -140,15 +138,21 @@ impl Profile {
         legend: Option<&Legend>,
         actions: &mut Vec<Action>,
     ) {
-        let drawn = self.drawn.take();
-        let (axes, texture) = drawn.unwrap_or_else(|| {
-            let axes = Axes::fitting(self.slab.length, self.heights, None, SIZE, reference);
-            let image = self.image(&axes);
-            (axes, ui.ctx().load_texture("profile", image, TextureOptions::LINEAR))
-        });
         let [left, top, right, bottom] = AROUND;
+        let room = ui.ctx().content_rect().size() - vec2(left + right, top + bottom) - BESIDES;
+        let room = room.max(LEAST);
+        // In a small window the legend is left out.
+        let legend = legend.map(|legend| LegendText::of(legend, ui.painter(), room.y + bottom));
+        let legend = legend.filter(|legend| legend.size.x <= 0.5 * room.x);
+        let aside = legend.as_ref().map_or(0.0, |legend| legend.size.x);
+        let room = SIZE.min(DVec2::new(f64::from(room.x - aside), f64::from(room.y)));
+        let drawn = self.drawn.take().filter(|(made_for, ..)| *made_for == room);
+        let (_, axes, texture) = drawn.unwrap_or_else(|| {
+            let axes = Axes::fitting(self.slab.length, self.heights, None, room, reference);
+            let image = self.image(&axes);
+            (room, axes, ui.ctx().load_texture("profile", image, TextureOptions::LINEAR))
+        });
         let size = vec2(axes.size.x as f32, axes.size.y as f32);
-        let legend = legend.map(|legend| LegendText::of(legend, ui.painter()));
         let aside = legend.as_ref().map_or(vec2(0.0, 0.0), |legend| legend.size);
         // A legend may reach below the axes of a flat profile.
         let high = (size.y + bottom).max(aside.y);
@@ -173,7 +177,7 @@ impl Profile {
             }
             None => axes.ratio(),
         });
-        self.drawn = Some((axes, texture));
+        self.drawn = Some((room, axes, texture));
         ui.label(RichText::new(self.summary(reference)).weak());
         ui.horizontal(|ui| {
             if ui.button("csv").on_hover_text("C").clicked() {
@@ -235,16 +239,20 @@ struct LegendText {
 }
 
 impl LegendText {
-    fn of(legend: &Legend, painter: &Painter) -> LegendText {
+    /// Returns a legend that is at most this high; labels that have no room are counted.
+    fn of(legend: &Legend, painter: &Painter, most: f32) -> LegendText {
         let (heading, ramp, rows, height) = match legend {
             Legend::Ramp { heading, ends, shown } => {
-                let ticks = legend::ticks(*ends, 5.0).into_iter();
+                let ramp = RAMP.min(most - 1.8 * LETTERS).max(LETTERS);
+                let ticks = legend::ticks(*ends, f64::from(5.0 * ramp / RAMP).max(1.0)).into_iter();
                 let rows: Vec<_> = ticks.map(|(share, label)| (share, None, label)).collect();
                 let colors = legend::colors(shown, PARTS).collect();
-                (heading.clone(), colors, rows, 1.8 * LETTERS + RAMP)
+                (heading.clone(), colors, rows, 1.8 * LETTERS + ramp)
             }
             Legend::Labels(all) => {
-                let (kept, left_out) = legend::most_frequent(all, all.len());
+                let lines = ((most / (1.4 * LETTERS)) as usize).max(2);
+                let shown = if all.len() > lines { lines - 1 } else { all.len() };
+                let (kept, left_out) = legend::most_frequent(all, shown);
                 let row = |row: legend::Row| (0.0, Some(row.color), row.name);
                 let mut rows: Vec<_> = kept.into_iter().map(row).collect();
                 if left_out > 0 {
@@ -270,8 +278,9 @@ impl LegendText {
             painter.text(at, anchor, text, FontId::proportional(LETTERS), ink);
         };
         text(at, Align2::LEFT_TOP, &self.heading);
-        let bar = Rect::from_min_size(at + vec2(0.0, 1.8 * LETTERS), vec2(1.4 * LETTERS, RAMP));
-        let part = RAMP / self.ramp.len().max(1) as f32;
+        let ramp = self.size.y - 1.8 * LETTERS;
+        let bar = Rect::from_min_size(at + vec2(0.0, 1.8 * LETTERS), vec2(1.4 * LETTERS, ramp));
+        let part = ramp / self.ramp.len().max(1) as f32;
         for (k, [r, g, b]) in self.ramp.iter().enumerate() {
             let top = bar.bottom() - part * (k + 1) as f32;
             let part = Rect::from_min_size(pos2(bar.left(), top), vec2(bar.width(), part));
@@ -299,7 +308,7 @@ impl LegendText {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::cloud::attribute::{Attribute, class_name};
+    use crate::cloud::attribute::class_name;
     use crate::resident::Point;
     use glam::DVec3;
 
@@ -329,5 +338,53 @@ mod tests {
         let wanted =
             [2, 6].map(|class| (colormap::color_of(&shown, class.into()), class_name(class)));
         assert_eq!(found, wanted);
+    }
+
+    /// Returns the profile's window in a window of a size.
+    fn laid_out(size: Vec2) -> Rect {
+        let slab = Slab::new(DVec3::ZERO, DVec3::new(100.0, 0.0, 0.0), 2.0).unwrap();
+        let point = |i: u32| SlabPoint {
+            point: Point {
+                position: DVec3::new(f64::from(i), 0.0, f64::from(i % 37)),
+                exact: true,
+                color: [0; 3],
+                value: None,
+                kind: Some(i % 12 | 1 << 8),
+            },
+            shown: i % 12,
+            place: DVec2::new(f64::from(i), 0.0),
+        };
+        let points = (0..100).map(point).collect();
+        let section = SlabPoints { points, resident: 100, all: 100 };
+        let shown = DisplayAttribute::indexed(Attribute::Class, [0.0; 2], [0, 255]);
+        let mut profile = Profile::new(slab, section, shown);
+        let reference = Reference::default();
+        let legend = profile.legend(&reference, &[]);
+        let context = egui::Context::default();
+        let screen = Rect::from_min_size(Pos2::ZERO, size);
+        let mut place = Rect::NOTHING;
+        // Its size is known after the first frame.
+        for _ in 0..4 {
+            let input = egui::RawInput { screen_rect: Some(screen), ..Default::default() };
+            let _ = context.run_ui(input, |ui| {
+                let window = egui::Window::new("profile").default_pos([336.0, 60.0]);
+                let show =
+                    |ui: &mut Ui| profile.show(ui, &reference, legend.as_ref(), &mut Vec::new());
+                place = window.show(ui.ctx(), show).expect("it is open").response.rect;
+            });
+        }
+        place
+    }
+
+    #[test]
+    fn a_profile_fits_into_small_windows() {
+        for size in [vec2(1280.0, 800.0), vec2(730.0, 500.0), vec2(480.0, 300.0)] {
+            let place = laid_out(size);
+            let screen = Rect::from_min_size(Pos2::ZERO, size);
+            assert!(screen.contains_rect(place), "{size}: {place}");
+        }
+        // Where there is room, it is as large as ever.
+        let place = laid_out(vec2(1280.0, 800.0));
+        assert!(f64::from(place.width()) > SIZE.x, "{place}");
     }
 }

@@ -37,7 +37,7 @@ impl App {
             lost.push(format!("a camera path of {}; F7 saves it", count(keys.len(), "view")));
         }
         if saves > 0 {
-            lost.push(format!("{} that are being saved", count(saves, "picture")));
+            lost.push(format!("{} that are being saved", count(saves, "file")));
         }
         lost
     }

@@ -1,7 +1,7 @@
 //! `pointillist export`: files or an index in; the points that filters, boxes and opacities leave
 //! out, complete or absent. No Vulkan device is opened.
 
-use super::files::{check_extension, refuse_to_overwrite};
+use super::files::refuse_to_overwrite;
 use super::filters::{ClipOptions, FilterOptions};
 use super::options::{CacheOptions, ColorOptions, TextArguments};
 use super::streams;
@@ -11,7 +11,7 @@ use crate::cloud::scalar::{Scalar, Scalars};
 use crate::cloud::{ColumnSet, ReadOptions};
 use crate::error::{Error, Result};
 use crate::extract::input::Input;
-use crate::extract::{self, ENDINGS, Selection, Thinning};
+use crate::extract::{self, Format, Selection, Thinning};
 use crate::index::format::Index;
 use crate::progress::Progress;
 use crate::render::scene::Scene;
@@ -135,7 +135,7 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
     arguments.cache.use_for_servers(progress);
     let output: &Path = &arguments.output;
     refuse_to_overwrite(output, &arguments.files)?;
-    check_extension(output, &ENDINGS)?;
+    Format::of(output)?;
     let selection = arguments.selection()?;
     let added: Scalars = arguments.add.into_iter().collect();
     let wanted = selection.wanted();

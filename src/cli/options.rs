@@ -58,13 +58,13 @@ pub struct ScaleOptions {
     #[arg(long, value_name = "LOW,HIGH", value_parser = range, allow_hyphen_values = true)]
     pub range: Option<Range>,
     /// Added to colours and places on the ramp, -1 to 1
-    #[arg(long, value_name = "NUMBER", default_value_t = 0.0, allow_hyphen_values = true)]
+    #[arg(long, value_name = "NUMBER", default_value_t = 0.0, value_parser = number, allow_hyphen_values = true)]
     pub brightness: f64,
     /// Slope of colours about the middle grey
-    #[arg(long, value_name = "NUMBER", default_value_t = 1.0, allow_hyphen_values = true)]
+    #[arg(long, value_name = "NUMBER", default_value_t = 1.0, value_parser = number, allow_hyphen_values = true)]
     pub contrast: f64,
     /// Above 1 brightens what is dark, and keeps black and white
-    #[arg(long, value_name = "NUMBER", default_value_t = 1.0, allow_hyphen_values = true)]
+    #[arg(long, value_name = "NUMBER", default_value_t = 1.0, value_parser = number, allow_hyphen_values = true)]
     pub gamma: f64,
 }
 
@@ -116,6 +116,11 @@ fn range(text: &str) -> std::result::Result<Range, String> {
     }
 }
 
+fn number(text: &str) -> std::result::Result<f64, String> {
+    let number = text.trim().parse::<f64>().ok().filter(|number| number.is_finite());
+    number.ok_or(format!("{text:?} is not a number, such as 1.5"))
+}
+
 impl ScaleOptions {
     pub fn scale(&self) -> Result<ColorScale> {
         let ScaleOptions { ramp, range, brightness, contrast, gamma } = *self;
@@ -163,7 +168,7 @@ pub struct PictureOptions {
     pub style: Option<Style>,
     /// Diameter of points, for --style splats and points: pixels such as 3, a length such as 0.05m
     /// or 0.2ft, or auto, which follows the spacing of the points
-    #[arg(long, value_name = "PIXELS|LENGTHm|auto")]
+    #[arg(long, value_name = "PIXELS|LENGTHm|auto", allow_hyphen_values = true)]
     pub point_size: Option<PointSize>,
     /// Light: headlight; direction:X,Y,Z in which it travels; position:X,Y,Z; world coordinates
     #[arg(long, value_name = "KIND[:X,Y,Z]", default_value_t, allow_hyphen_values = true)]
@@ -312,6 +317,7 @@ impl DetailOptions {
             read,
             filter,
             index,
+            indexes_octrees: false,
             place,
             shadows: self.shadows.clone().map(|path| (path, light)),
             fault: None,

@@ -14,18 +14,20 @@ use crate::atomic_file::AtomicFile;
 use crate::cloud::attribute::{Attribute, DisplayAttribute, percentiles};
 use crate::cloud::colormap;
 use crate::cloud::crs::Reference;
+use crate::cloud::digits::Digits;
 use crate::cloud::histograms::Histograms;
 use crate::cloud::length::Length;
 use crate::cloud::{ColumnSet, Station};
 use crate::error::{Error, Result};
 use crate::extract::Selection;
 use crate::extract::input::{Batch, Input};
+use crate::extract::profile::Table;
 use crate::output::legend::Legend;
-use crate::output::section::{self, AROUND, Axes, Canvas, FINER, SectionPoint};
+use crate::output::section::{self, AROUND, Axes, Beside, Canvas, FINER, SectionPoint};
 use crate::progress::Progress;
 use crate::select::opacity::Opacities;
 use crate::select::slab::Slab;
-use glam::{DVec2, DVec3};
+use glam::DVec2;
 use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::{BufWriter, Write};
@@ -68,28 +70,30 @@ pub struct Arguments {
     /// into memory whole; or one index, PNTI
     #[arg(required = true, value_name = "FILE")]
     pub files: Vec<PathBuf>,
-    /// Where the profile begins, in the coordinates that `info` prints
+    /// Where the profile begins, in the coordinates of the files: degrees stay degrees
     #[arg(long, value_name = "X,Y", allow_hyphen_values = true)]
     pub from: Place,
     /// Where it ends
     #[arg(long, value_name = "X,Y", allow_hyphen_values = true)]
     pub to: Place,
-    /// Width of the slab, in the files' unit, or such as 0.5m: half of it on either side
-    #[arg(long, value_name = "LENGTH", default_value = "1", value_parser = units::length)]
+    /// Width of the slab, in the files' unit, or such as 0.5m; metres for coordinates in degrees. Half
+    /// of it lies on either side
+    #[arg(long, value_name = "LENGTH", default_value = "1", value_parser = units::length, allow_hyphen_values = true)]
     pub width: Length,
     /// The files to write: a picture with axes, a table with a line a point. Repeatable
     #[arg(short, long, required = true, value_name = "OUT.svg|csv")]
     pub output: Vec<PathBuf>,
     /// How much larger heights are drawn than distances [default: a round number that fills the
     /// picture]
-    #[arg(long, value_name = "FACTOR", value_parser = above_zero)]
+    #[arg(long, value_name = "FACTOR", value_parser = above_zero, allow_hyphen_values = true)]
     pub exaggeration: Option<f64>,
-    /// Largest size of the picture, pixels
+    /// Largest size of the picture, pixels. In a small one the legend is left out first, then parts of
+    /// the words above and below
     #[arg(long, value_name = "WxH", default_value_t = Size([1600, 800]))]
     pub size: Size,
     /// What the points show [default: rgb if the files have it, else intensity, else elevation];
-    /// ramps are those of the profile's points. The table has intensities and times, and what the
-    /// points show
+    /// ramps are those of the profile's points. The table has the files' own colours, intensities and
+    /// times, and the numbers that the points show
     #[arg(
         long,
         value_name = "rgb|intensity|elevation|class|time|nir|height-above-ground|extra:NAME|..."
@@ -195,10 +199,10 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
             )));
         }
     }
-    let [from, to] = [arguments.from, arguments.to].map(|Place(place)| place.extend(0.0));
-    // The width is counted in the files' unit, once they are open.
-    let mut slab = Slab::new(from, to, 0.0)
-        .ok_or_else(|| Error::Request("--from and --to are the same place".into()))?;
+    let ends = [arguments.from, arguments.to].map(|Place(place)| place);
+    if ends[0] == ends[1] {
+        return Err(Error::Request("--from and --to are the same place".into()));
+    }
     let [left, top, right, bottom] = AROUND;
     let widest = f64::from(arguments.size.0[0]);
     let most =
@@ -215,7 +219,11 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
     let wanted = arguments.color.map(Attribute::wanted).unwrap_or_default().and(filter.wanted());
     let options = export::reading(&arguments.text, &arguments.colors, wanted, arguments.strict);
     let input = export::open(&arguments.files, &options, progress)?;
-    slab.width = units::counted("--width", arguments.width, &input.reference().unit());
+    let reference = input.reference();
+    let width = units::counted("--width", arguments.width, &reference.unit());
+    let [from, to] = ends.map(|end| reference.drawn(end).extend(0.0));
+    let slab = Slab::new(from, to, width)
+        .ok_or_else(|| Error::Request("--from and --to are nearly the same place".into()))?;
     let selection = Selection {
         filter,
         clips: arguments.clips.clips(),
@@ -229,37 +237,41 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
         return Err(Error::Request(nothing(&input, arguments, &slab)));
     }
     let parts = input.parts();
-    let reference = input.reference();
     let has = parts.iter().fold(ColumnSet::default(), |has, part| has.and(part.available));
     let shown = arguments.shown(has, &ranges)?;
     let legend = if arguments.legend { ranges.legend(&shown, &reference) } else { None };
-    let aside = legend.as_ref().map_or(0.0, section::legend_width);
-    let most = (most - DVec2::new(aside, 0.0)).max(DVec2::splat(50.0));
+    let has_legend = legend.is_some();
+    let legend = legend.and_then(|legend| Beside::fitting(legend, most));
+    if has_legend && legend.is_none() && !pictures.is_empty() {
+        streams::note(format_args!(
+            "--size {} has no room for the legend, which is left out",
+            arguments.size
+        ));
+    }
+    let most = most - DVec2::new(legend.as_ref().map_or(0.0, Beside::width), 0.0);
     let axes = Axes::fitting(slab.length, ranges.heights, arguments.exaggeration, most, &reference);
     let mut canvas = (!pictures.is_empty()).then(|| Canvas::new(&axes));
     let wrote = |path: &Path| {
         let path = path.to_owned();
         move |error| Error::io("write", &path, error)
     };
-    let numbers = numbers(has, shown.attribute);
-    let names: Vec<String> = numbers.iter().map(|own| own.name()).collect();
+    let table = Table::new(&input, slab, Some(shown.attribute));
     let mut files = Vec::new();
-    for table in &tables {
-        let file = File::create(table.whole.partial()).map_err(wrote(&table.path))?;
+    for Output { path, whole } in &tables {
+        let file = File::create(whole.partial()).map_err(wrote(path))?;
         let mut file = BufWriter::new(file);
-        file.write_all(section::head("source", &names).as_bytes()).map_err(wrote(&table.path))?;
+        file.write_all(table.head().as_bytes()).map_err(wrote(path))?;
         files.push(file);
     }
     let side = side(&axes, ranges.points);
-    let map = |batch: &Batch| Ok(points(&input, batch, &slab, &shown, &numbers));
-    let mut take = |points: Vec<SectionPoint>| {
+    let map = |batch: &Batch| {
+        let lines = if tables.is_empty() { String::new() } else { table.lines(batch) };
+        Ok((points(&input, batch, &slab, &shown), lines))
+    };
+    let mut take = |(points, lines): (Vec<SectionPoint>, String)| {
         canvas
             .iter_mut()
             .for_each(|canvas| points.iter().for_each(|point| canvas.draw(&axes, point, side)));
-        if tables.is_empty() {
-            return Ok(());
-        }
-        let lines: String = points.iter().map(|point| section::line(point, &reference)).collect();
         files.iter_mut().zip(&tables).try_for_each(|(file, table)| {
             file.write_all(lines.as_bytes()).map_err(wrote(&table.path))
         })
@@ -273,7 +285,9 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
         unit.length(slab.width, 3)
     );
     if let Some(canvas) = canvas {
-        let svg = section::svg(&axes, &said, &png(&canvas), legend.as_ref(), widest);
+        let count = format!("{} points", ranges.points);
+        let titles = [said.clone(), format!("{count}, {}", unit.length(slab.length, 3)), count];
+        let svg = section::svg(&axes, &titles, &png(&canvas), legend.as_ref(), widest);
         for Output { path, whole } in pictures {
             std::fs::write(whole.partial(), &svg).map_err(wrote(&path))?;
             whole.finish()?;
@@ -285,14 +299,6 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
     }
     streams::say(said);
     Ok(())
-}
-
-/// Returns the attributes that are numbers of tables: intensity, time, and what the points show.
-fn numbers(has: ColumnSet, shown: Attribute) -> Vec<Attribute> {
-    let intensity = has.intensity.then_some(Attribute::Intensity);
-    let time = has.gps_time.then_some(Attribute::Time);
-    let scalar = Some(shown).filter(|shown| matches!(shown, Attribute::Scalar(_)));
-    [intensity, time, scalar].into_iter().flatten().collect()
 }
 
 /// Returns the sides of points on a canvas: larger where there are few `[px]`.
@@ -307,13 +313,8 @@ fn points(
     batch: &Batch,
     slab: &Slab,
     shown: &DisplayAttribute,
-    numbers: &[Attribute],
 ) -> Vec<SectionPoint> {
     let (lattice, columns) = (&input.parts()[batch.part].lattice, batch.columns);
-    let number = |attribute: &Attribute, i: usize| match attribute {
-        Attribute::Intensity => columns.intensity.as_ref().map(|column| column[i] as f64),
-        other => other.numbers_of(columns).map(|column| column[i]),
-    };
     let point = |&i: &u32| {
         let i = i as usize;
         let position = lattice.world(batch.steps(i));
@@ -323,9 +324,7 @@ fn points(
         };
         Some(SectionPoint {
             place: slab.place(position)?,
-            position,
-            labels: Some(labels(batch, i).map(u32::from)),
-            numbers: numbers.iter().map(|of| number(of, i).unwrap_or(f64::NAN)).collect(),
+            height: position.z,
             color: colormap::color_of(shown, word),
         })
     };
@@ -413,16 +412,20 @@ fn ranges(
 
 /// Describes a profile without points, and where there are some.
 fn nothing(input: &Input, arguments: &Arguments, slab: &Slab) -> String {
-    let bounds = input.parts().iter().filter_map(|part| part.bounds);
-    let whole = bounds.reduce(|(low, high), (a, b)| (low.min(a), high.max(b)));
-    let there = whole.map_or(String::new(), |(low, high): (DVec3, DVec3)| {
-        let [low, high] = [low, high].map(|corner| input.reference().digits.round(corner));
+    // On the lattices of the files.
+    let bounds = input.parts().iter().filter_map(|part| Some((part.bounds?, part.own)));
+    let rounded = bounds.map(|((low, high), own)| {
+        let digits = Digits::of([own]);
+        [low, high].map(|corner| digits.round(corner))
+    });
+    let whole = rounded.reduce(|[low, high], [a, b]| [low.min(a), high.max(b)]);
+    let there = whole.map_or(String::new(), |[low, high]| {
         format!("; the points lie between {},{} and {},{}", low.x, low.y, high.x, high.y)
     });
     let [from, to] = [arguments.from.0, arguments.to.0];
     format!(
         "no point is left within {} of the line from {},{} to {},{}{there}",
-        slab.width / 2.0,
+        input.reference().unit().length(slab.width / 2.0, 3),
         from.x,
         from.y,
         to.x,

@@ -14,7 +14,7 @@ use crate::cloud::length::Length;
 use crate::cloud::scalar::Scalar;
 use crate::error::Result;
 use crate::extract::Selection;
-use crate::extract::count::count;
+use crate::extract::extent::extent;
 use crate::extract::raster::{self, Filled, NoData, Pick, Request, Value};
 use crate::output::geotiff::{self, Map, Sample};
 use crate::progress::Progress;
@@ -63,8 +63,8 @@ pub struct Arguments {
     /// [default: -9999; counts have 0, which is not stated]. Colours have an alpha of 0 instead
     #[arg(long, value_name = "NUMBER|nan", allow_hyphen_values = true)]
     pub no_data: Option<NoData>,
-    /// West, south, east and north of the map, widened to whole cells [default: around all points
-    /// that are left]
+    /// West, south, east and north of the map, in the coordinates of the files, widened to whole cells
+    /// [default: around all points that are left, but strays]
     #[arg(long, value_name = "X0,Y0,X1,Y1", allow_hyphen_values = true)]
     pub extent: Option<Extent>,
     /// Memory for cells; larger maps read the files several times
@@ -117,25 +117,35 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
         ..ReadOptions::new(selection.wanted().and(value.wanted()), arguments.strict)
     };
     let input = export::open(&arguments.files, &options, progress)?;
-    // The points' own bounds, since headers may be wrong.
-    let counted = count(&input, &selection, progress)?;
-    counted.notes.iter().for_each(streams::note);
-    let [low, high] = match counted.bounds {
-        Some(bounds) => bounds,
-        None => return Err(selection.leaves_none(&input, progress)),
-    };
+    // The points' own extent, since headers may be wrong.
+    let found = extent(&input, &selection, progress)?;
+    let Some(found) = found else { return Err(selection.leaves_none(&input, progress)) };
+    found.notes.iter().for_each(streams::note);
     let (parts, reference) = (input.parts(), input.reference());
     let resolution = units::counted("--resolution", *resolution, &reference.unit());
     let grid = match arguments.extent {
-        Some(extent) => MapGrid::covering(extent, resolution, LARGEST_SIDE)?,
-        None => MapGrid::around(low.truncate(), high.truncate(), resolution, LARGEST_SIDE)?,
+        Some(extent) => {
+            let extent = extent.map(|corner| reference.drawn(corner));
+            MapGrid::covering(extent, resolution, LARGEST_SIDE)?
+        }
+        None => {
+            if found.strays > 0 {
+                streams::note(format_args!(
+                    "points far outside of all others, {} of {}, are left out of the map; --extent maps them too",
+                    grouped(found.strays),
+                    grouped(found.points)
+                ));
+            }
+            let [low, high] = found.corners;
+            MapGrid::around(low, high, resolution, LARGEST_SIDE)?
+        }
     };
-    if grid.cells() > SPARSE * counted.points {
+    if grid.cells() > SPARSE * found.points {
         streams::note(format_args!(
             "the map has {} x {} cells for {} points; where some points are far outside, --extent, --clip or --not noise leave them out",
             grid.size[0],
             grid.size[1],
-            grouped(counted.points)
+            grouped(found.points)
         ));
     }
     let (unit, name) = (reference.height_unit(), value.to_string());

@@ -106,8 +106,8 @@ pub struct Arguments {
     /// nothing is drawn. `pointillist raster` writes heights, intensities and counts
     #[arg(long, value_name = "LENGTH", value_parser = units::length, allow_hyphen_values = true, requires = "output", conflicts_with_all = ["part", "size", "camera", "scene", "path", "turntable", "exr", "explain", "timings"])]
     pub resolution: Option<Length>,
-    /// West, south, east and north of the map, widened to whole pixels [default: around all points
-    /// but strays]
+    /// West, south, east and north of the map, in the coordinates of the files, widened to whole pixels
+    /// [default: around all points but strays]
     #[arg(long, value_name = "X0,Y0,X1,Y1", allow_hyphen_values = true, requires = "resolution")]
     pub extent: Option<Extent>,
     /// Write a raster of the points' own values with --resolution, instead of a picture. `pointillist
@@ -233,7 +233,11 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
         Some(_) => tune::opening(&picture, arguments.strict),
     };
     let opening = match arguments.resolution {
-        Some(_) => OpenOptions { index: opening.index.or(Some(MAPS_OF_INDEXES)), ..opening },
+        Some(_) => OpenOptions {
+            index: opening.index.or(Some(MAPS_OF_INDEXES)),
+            indexes_octrees: true,
+            ..opening
+        },
         None => opening,
     };
     let mut source = Source::open(&arguments.files, &opening, progress)?;
@@ -507,13 +511,18 @@ impl Arguments {
         let resolution = units::counted("--resolution", resolution, &source.reference().unit());
         let grid = match self.extent {
             Some(extent) => {
+                let reference = source.reference();
+                let extent = extent.map(|corner| reference.drawn(corner));
                 let Extent([from, to]) = extent;
                 if let Some(found) = bounds_of(&source.framed_points(&picture.clips())) {
                     let [low, high] = found.map(|corner| corner.truncate());
                     if from.cmpgt(high).any() || to.cmplt(low).any() {
                         return Err(Error::Request(format!(
-                            "--extent {},{},{},{} lies beside the points, which lie between {},{} and {},{}",
-                            from.x, from.y, to.x, to.y, low.x, low.y, high.x, high.y
+                            "--extent {},{} lies beside the points, which lie between {} and {}",
+                            reference.words(from),
+                            reference.words(to),
+                            reference.words(low),
+                            reference.words(high)
                         )));
                     }
                 }

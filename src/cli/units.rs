@@ -2,13 +2,16 @@
 
 use super::streams;
 use crate::cloud::crs::Unit;
-use crate::cloud::length::Length;
+use crate::cloud::length::{self, Length};
 
 /// Parses a length above 0.
 pub fn length(text: &str) -> Result<Length, String> {
     match text.parse::<Length>()? {
         length if length.number() > 0.0 => Ok(length),
-        _ => Err(format!("{text:?} is not a length above 0, such as 0.25, 0.25m or 10ft")),
+        _ => Err(format!(
+            "{text:?} is not a length above 0, such as 0.25, 0.25m or 10ft; units are {}",
+            length::units()
+        )),
     }
 }
 

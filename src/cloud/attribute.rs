@@ -531,18 +531,9 @@ impl DisplayAttribute {
 
     /// Stretches colours of which nearly all are in the lower half of the channels' range, as far as
     /// their median lies in the middle at most, and raises those in the middle, if it lies lower.
-    /// Black stays black.
-    pub fn brighten<'c>(&mut self, colors: impl Iterator<Item = &'c [[u8; 3]]>) {
-        let count = |colors: &[[u8; 3]]| {
-            let mut counts = [0u64; 256];
-            colors.iter().for_each(|[r, g, b]| counts[*r.max(g).max(b) as usize] += 1);
-            counts
-        };
-        let sum = |a: [u64; 256], b: [u64; 256]| std::array::from_fn(|value| a[value] + b[value]);
-        let none = || [0u64; 256];
-        let counts = colors.map(|colors| colors.par_chunks(1 << 16).map(count).reduce(none, sum));
-        let counts = counts.fold([0; 256], sum);
-        let [[_, most], [median, _]] = [STRETCH, [0.5; 2]].map(|shares| at_shares(&counts, shares));
+    /// Black stays black. `tones` are those of all points ([`tones`]).
+    pub fn brighten(&mut self, tones: &[u64]) {
+        let [[_, most], [median, _]] = [STRETCH, [0.5; 2]].map(|shares| at_shares(tones, shares));
         if self.attribute == Attribute::Rgb && (1..128).contains(&most) {
             let top = most.max(2 * median);
             self.stretch = [0, top];
@@ -593,6 +584,20 @@ impl DisplayAttribute {
         }
         percentiles(&counts)
     }
+}
+
+/// Returns the number of points of each value of their brightest channel.
+pub fn tones<'c>(colors: impl Iterator<Item = &'c [[u8; 3]]>) -> Vec<u64> {
+    let count = |mut counts: Vec<u64>, [r, g, b]: &[u8; 3]| {
+        counts[*r.max(g).max(b) as usize] += 1;
+        counts
+    };
+    let sum = |a: Vec<u64>, b: Vec<u64>| a.into_iter().zip(b).map(|(a, b)| a + b).collect();
+    let none = || vec![0; 256];
+    let of = |colors: &[[u8; 3]]| {
+        colors.par_iter().with_min_len(1 << 16).fold(none, count).reduce(none, sum)
+    };
+    colors.map(of).fold(none(), sum)
 }
 
 fn bytes([a, b, c]: [u8; 3]) -> u32 {

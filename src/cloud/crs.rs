@@ -10,7 +10,7 @@ pub mod wkt;
 use super::catch_panic::catch_panic;
 use super::digits::{Digits, round};
 use super::{Header, Lattice};
-use glam::DVec3;
+use glam::{DVec2, DVec3};
 use plane::Plane;
 use proj4rs::Proj;
 use serde::{Deserialize, Serialize};
@@ -361,6 +361,39 @@ impl Reference {
     /// Returns the unit of heights in units of lengths.
     pub fn height_scale(&self) -> f64 {
         self.height_unit().metres / self.unit().metres
+    }
+
+    /// Returns the plane on which angles of the files are drawn, and degrees per unit of these.
+    fn plane(&self) -> Option<(Plane, f64)> {
+        let system = self.system.as_ref()?;
+        Some((system.plane?, system.degrees?))
+    }
+
+    /// Tests whether the coordinates of the files are angles, drawn on a plane.
+    pub fn has_angles(&self) -> bool {
+        self.plane().is_some()
+    }
+
+    /// Converts a place on the map from the coordinates of the files to those that are drawn.
+    pub fn drawn(&self, place: DVec2) -> DVec2 {
+        let angles = |(plane, degrees): (Plane, f64)| plane.place((degrees * place).to_array());
+        self.plane().map_or(place, |own| angles(own).into())
+    }
+
+    /// Converts a place that is drawn to the coordinates of the files.
+    pub fn in_files(&self, place: DVec2) -> DVec2 {
+        let angles =
+            |(plane, degrees): (Plane, f64)| DVec2::from(plane.lonlat(place.extend(0.0))) / degrees;
+        self.plane().map_or(place, angles)
+    }
+
+    /// Writes a place that is drawn in the coordinates of the files.
+    pub fn words(&self, place: DVec2) -> String {
+        let DVec2 { x, y } = match self.has_angles() {
+            true => self.in_files(place).map(|angle| round(angle, 9)),
+            false => self.digits.round(place.extend(0.0)).truncate(),
+        };
+        format!("{x},{y}")
     }
 
     /// Returns longitude, latitude and height `[m]`.

@@ -326,7 +326,7 @@ impl Floats {
             (columns.intensity, intensity_range) = (Some(column), range);
         }
         let part = |axes: [Axis; 3], columns: Columns, strays: bool| {
-            let (lattice, columns, step) = on_a_lattice(axes, columns, is_angular, strays);
+            let (lattice, columns, rounded) = on_a_lattice(axes, columns, is_angular, strays);
             let header = Header { strays, ..header.clone() };
             (
                 Part {
@@ -338,7 +338,7 @@ impl Floats {
                     intensity_range,
                     rgb_scale,
                 },
-                step,
+                rounded,
             )
         };
         let place = |i: usize| DVec3::from_array(self.axes.each_ref().map(|axis| axis.at(i)));
@@ -355,8 +355,8 @@ impl Floats {
                 vec![part(inside, inside_columns, false), part(strays, strays_columns, true)]
             }
         };
-        let (_, step) = parts[0];
-        if step > LARGEST_QUIET_STEP {
+        let (_, rounded) = parts[0];
+        if let Some(step) = rounded.filter(|step| *step > LARGEST_QUIET_STEP) {
             notes.push(format!(
                 "{name}: the extent is so large that coordinates are rounded to steps of {}",
                 number(step)
@@ -366,15 +366,15 @@ impl Floats {
     }
 }
 
-/// Puts positions on a lattice as fine as their extent allows. Returns it with the step along z.
-/// The lattice of strays is as fine as their distance allows.
+/// Puts positions on a lattice as fine as their extent allows. Returns it with the step along z if
+/// that rounds positions. The lattice of strays is as fine as their distance allows.
 fn on_a_lattice(
     axes: [Axis; 3],
     mut columns: Columns,
     is_angular: bool,
     strays: bool,
-) -> (Lattice, Columns, f64) {
-    let Extent { offset, step } = extent(&axes, is_angular, strays);
+) -> (Lattice, Columns, Option<f64>) {
+    let Extent { offset, step, rounds } = extent(&axes, is_angular, strays);
     let [x, y, z] = axes;
     columns.x = x.quantise(offset[0], step[0]);
     columns.y = y.quantise(offset[1], step[1]);
@@ -383,7 +383,7 @@ fn on_a_lattice(
         step: DVec3::from_array(step) * coarsen(&mut columns) as f64,
         offset: DVec3::from_array(offset),
     };
-    (lattice, columns, step[2])
+    (lattice, columns, rounds[2].then_some(step[2]))
 }
 
 /// Largest step without a note, about a millimetre: above, positions lose visible detail.
@@ -395,6 +395,8 @@ const STEP_EXPONENTS: std::ops::RangeInclusive<i32> = -100..=1000;
 struct Extent {
     offset: [f64; 3],
     step: [f64; 3],
+    /// Axes with positions between steps.
+    rounds: [bool; 3],
 }
 
 /// Returns the extent that decides the step. Angles are finer than the heights beside them. Strays
@@ -406,7 +408,8 @@ fn extent(axes: &[Axis; 3], is_angular: bool, strays: bool) -> Extent {
     }
     let is_place = ranges.iter().all(|(lo, hi)| lo == hi);
     let first = if is_angular { 2 } else { 3 };
-    let mut extent = Extent { offset: ranges.map(|(lo, _)| lo), step: [1.0; 3] };
+    let mut extent =
+        Extent { offset: ranges.map(|(lo, _)| lo), step: [1.0; 3], rounds: [false; 3] };
     for group in [0..first, first..3].into_iter().filter(|group| !group.is_empty()) {
         let half = half_width(&ranges[group.clone()]);
         let (own, binary) = (&axes[group.clone()], binary_step(half));
@@ -418,6 +421,7 @@ fn extent(axes: &[Axis; 3], is_angular: bool, strays: bool) -> Extent {
         let step = decimal.unwrap_or(binary);
         for axis in group {
             extent.step[axis] = step;
+            extent.rounds[axis] = decimal.is_none() && !is_exact;
             let steps = (ranges[axis].0 / step).floor() * step;
             let is_level = ranges[axis].0 == ranges[axis].1 && is_angular && axis == 2;
             if decimal.is_none() && steps.is_finite() && !is_place && !is_level {

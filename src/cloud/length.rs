@@ -9,8 +9,20 @@ pub enum Length {
     Metres(f64),
 }
 
-/// Units that are written after a number, and how long they are `[m]`. Longer names come first.
-const WRITTEN: [(&str, f64); 3] = [("ftUS", 1200.0 / 3937.0), ("ft", 0.3048), ("m", 1.0)];
+/// Units that are written after a number, and how long they are `[m]`. Names come before their ends.
+const WRITTEN: [(&str, f64); 6] = [
+    ("mm", 0.001),
+    ("cm", 0.01),
+    ("km", 1000.0),
+    ("m", 1.0),
+    ("ftUS", 1200.0 / 3937.0),
+    ("ft", 0.3048),
+];
+
+/// Lists the units that may be written after a number.
+pub fn units() -> String {
+    WRITTEN.map(|(unit, _)| unit).join(", ")
+}
 
 impl Default for Length {
     fn default() -> Length {
@@ -42,7 +54,7 @@ impl std::str::FromStr for Length {
         let number = unit.map_or(text, |(number, _)| number).trim();
         let number = number.parse().ok().filter(|number: &f64| number.is_finite());
         let number = number.ok_or_else(|| {
-            format!("{text:?} is not a length, such as 0.25, 0.25m, 10ft or 10ftUS")
+            format!("{text:?} is not a length, such as 0.25, 0.25m or 10ft; units are {}", units())
         })?;
         Ok(unit.map_or(Length::OfCoordinates(number), |(_, m)| Length::Metres(number * m)))
     }
@@ -70,7 +82,11 @@ mod tests {
         assert_eq!(read("10 m"), Ok(Length::Metres(10.0)));
         assert_eq!(read("10ft"), Ok(Length::Metres(10.0 * 0.3048)));
         assert_eq!(read("3937ftUS"), Ok(Length::Metres(1200.0)));
-        for wrong in ["", "m", "1km", "x", "infm", "nan"] {
+        for (text, metres) in [("20mm", 0.02), ("5cm", 0.05), ("1km", 1000.0)] {
+            assert_eq!(read(text), Ok(Length::Metres(metres)));
+        }
+        assert!(read("3meter").unwrap_err().ends_with("units are mm, cm, km, m, ftUS, ft"));
+        for wrong in ["", "m", "1dm", "x", "infm", "nan"] {
             assert!(read(wrong).is_err(), "{wrong}");
         }
         assert_eq!(Length::Metres(3.048).counted_in(0.3048), 10.0);

@@ -73,36 +73,15 @@ impl RobustBounds {
         samples: Vec<DVec3>,
         place: impl Fn(usize) -> DVec3 + Sync,
     ) -> Option<RobustBounds> {
-        let middle = middle_half(samples.clone())?;
-        let size = (middle.high - middle.low).max_element();
-        if !(size > 0.0 && size.is_finite()) {
-            return None;
-        }
-        // The integer part of the binary logarithm.
-        let factor = |p: DVec3| {
-            (((1.0 + middle.beyond(p) / size).to_bits() >> 52) as usize - 1023).min(FACTORS - 1)
-        };
-        // If samples fill every bin, there is no gap and nothing to count.
-        let farthest = factor(all.low).max(factor(all.high));
-        let mut met = vec![false; farthest + 1];
-        samples.iter().for_each(|&p| met[factor(p)] = true);
-        if met[..farthest].iter().all(|&met| met) {
-            return None;
-        }
+        let bins = Bins::of(all, samples)?;
         let count_all = |range: Range<usize>| {
-            let mut counts = vec![0; farthest + 1];
-            range.for_each(|i| counts[factor(place(i))] += 1);
+            let mut counts = vec![0; bins.count];
+            range.for_each(|i| counts[bins.bin(place(i))] += 1);
             counts
         };
         let add = |a: Vec<u64>, b: Vec<u64>| a.into_iter().zip(b).map(|(a, b)| a + b).collect();
-        let counts = tasks(count).map(count_all).reduce(|| vec![0; farthest + 1], add);
-        let gap = counts.iter().position(|&points| points == 0)?;
-        let strays: u64 = counts[gap..].iter().sum();
-        let few = (count as f64).sqrt() as u64;
-        let reach = size * (2f64.powi(gap as i32) - 1.0);
-        (1..=few)
-            .contains(&strays)
-            .then(|| RobustBounds { low: middle.low - reach, high: middle.high + reach })
+        let counts = tasks(count).map(count_all).reduce(|| vec![0; bins.count], add);
+        bins.first_of_strays(&counts).map(|gap| bins.before(gap))
     }
 
     pub fn has(&self, p: DVec3) -> bool {
@@ -112,6 +91,51 @@ impl RobustBounds {
     /// Returns the largest distance outside along an axis.
     fn beyond(&self, p: DVec3) -> f64 {
         (self.low - p).max(p - self.high).max_element().max(0.0)
+    }
+}
+
+/// Bins of positions by their distance from the middle half of samples, of which some are empty.
+pub struct Bins {
+    middle: RobustBounds,
+    /// Its longest side.
+    size: f64,
+    pub count: usize,
+}
+
+impl Bins {
+    /// Returns the bins of all positions within a box; `None` if samples fill every bin, where there
+    /// is no gap.
+    pub fn of(all: RobustBounds, samples: Vec<DVec3>) -> Option<Bins> {
+        let middle = middle_half(samples.clone())?;
+        let size = (middle.high - middle.low).max_element();
+        if !(size > 0.0 && size.is_finite()) {
+            return None;
+        }
+        let mut bins = Bins { middle, size, count: FACTORS };
+        bins.count = 1 + bins.bin(all.low).max(bins.bin(all.high));
+        let mut met = vec![false; bins.count];
+        samples.iter().for_each(|&p| met[bins.bin(p)] = true);
+        met[..bins.count - 1].contains(&false).then_some(bins)
+    }
+
+    /// Returns the bin of a position: the integer part of a binary logarithm.
+    pub fn bin(&self, p: DVec3) -> usize {
+        (((1.0 + self.middle.beyond(p) / self.size).to_bits() >> 52) as usize - 1023)
+            .min(self.count - 1)
+    }
+
+    /// Returns the first empty bin of all positions, if few enough lie beyond to be strays.
+    pub fn first_of_strays(&self, counts: &[u64]) -> Option<usize> {
+        let gap = counts.iter().position(|&points| points == 0)?;
+        let strays: u64 = counts[gap..].iter().sum();
+        let few = (counts.iter().sum::<u64>() as f64).sqrt() as u64;
+        (1..=few).contains(&strays).then_some(gap)
+    }
+
+    /// Returns the box of the bins before one.
+    fn before(&self, gap: usize) -> RobustBounds {
+        let reach = self.size * (2f64.powi(gap as i32) - 1.0);
+        RobustBounds { low: self.middle.low - reach, high: self.middle.high + reach }
     }
 }
 

@@ -10,10 +10,12 @@
 //! memory. All of it runs without a Vulkan device.
 
 pub mod count;
+pub mod extent;
 mod fields;
 pub mod input;
 mod las;
 mod ply;
+pub mod profile;
 pub mod raster;
 mod table;
 mod thin;
@@ -97,9 +99,6 @@ pub enum Format {
     Ply,
     Csv,
 }
-
-/// Ends of names of files of points.
-pub const ENDINGS: [&str; 4] = ["laz", "las", "ply", "csv"];
 
 impl Format {
     /// Returns the format of a name.

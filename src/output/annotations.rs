@@ -382,9 +382,16 @@ impl Sheet<'_> {
             return Vec2::ZERO;
         };
         let [width, height] = view.whole.map(f64::from);
-        let (start, end) = (view.ray(0.0, height).0, view.ray(width, 0.0).0);
-        let step = round_above((end - start)[across].abs().max((end - start)[upward].abs()) / 8.0);
+        let reference = &self.shown.reference;
+        // Labels are coordinates of the files.
+        let [start, end] = [view.ray(0.0, height).0, view.ray(width, 0.0).0]
+            .map(|corner| reference.in_files(corner.truncate()).extend(corner.z));
+        let is_angle = |axis: usize| reference.has_angles() && axis < 2;
         let ticks = |axis: usize| {
+            // Axes of one unit have the same step.
+            let same = [across, upward].into_iter().filter(|own| is_angle(*own) == is_angle(axis));
+            let step =
+                round_above(same.map(|own| (end - start)[own].abs()).fold(0.0, f64::max) / 8.0);
             let (from, to) = (start[axis], end[axis]);
             multiples(step, [from.min(to), from.max(to)])
                 .into_iter()

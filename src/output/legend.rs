@@ -10,7 +10,7 @@ use crate::cloud::histograms::Histograms;
 use crate::cloud::scalar::Scalar;
 
 /// Rows of a legend of labels at most.
-const ROWS: usize = 16;
+pub const ROWS: usize = 16;
 
 /// A label that occurs.
 #[derive(Clone, Debug, PartialEq)]

@@ -1,4 +1,4 @@
-//! Profiles as pictures and as CSV: the points of a slab over distance and height, with axes.
+//! Profiles as pictures: the points of a slab over distance and height, with axes.
 //!
 //! The nearest point of a pixel is seen: that farthest to the right of the way from the start to
 //! the end. So pictures do not depend on the order of the points, and take memory by their size
@@ -7,42 +7,16 @@
 use super::legend::{self, Legend};
 use super::ticks::{multiples, number, round_above, round_below};
 use crate::cloud::crs::Reference;
-use glam::{DVec2, DVec3};
+use glam::DVec2;
 use std::fmt::Write;
 
 /// A point of a profile.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SectionPoint {
     /// Distance from the start along the slab, and to its left `[m]`.
     pub place: DVec2,
-    /// World coordinates.
-    pub position: DVec3,
-    /// Class, return number, and station or source.
-    pub labels: Option<[u32; 3]>,
-    /// Intensity, time and others, as tables name them ([`head`]); not a number if unknown.
-    pub numbers: Vec<f64>,
+    pub height: f64,
     pub color: [u8; 3],
-}
-
-/// Returns the names of the columns of a table; the last label and the numbers have their own.
-pub fn head(label: &str, numbers: &[String]) -> String {
-    let quoted = |name: &String| format!(",\"{}\"", name.replace('"', "\"\""));
-    let numbers: String = numbers.iter().map(quoted).collect();
-    format!("distance,height,left,x,y,z,class,return,{label},red,green,blue,unit{numbers}\n")
-}
-
-/// Returns the line of a point in a table: its place in the profile, its place in the world, and
-/// their unit.
-pub fn line(point: &SectionPoint, reference: &Reference) -> String {
-    let unit = reference.unit();
-    let unit = if reference.says_unit() { unit.symbol() } else { "" };
-    let DVec3 { x, y, z } = reference.digits.round(point.position);
-    let labels =
-        point.labels.map_or(",,".into(), |labels| labels.map(|label| label.to_string()).join(","));
-    let ([r, g, b], DVec2 { x: along, y: left }) = (point.color, point.place);
-    let known = |number: &f64| if number.is_nan() { ",".into() } else { format!(",{number}") };
-    let numbers: String = point.numbers.iter().map(known).collect();
-    format!("{along},{z},{left},{x},{y},{z},{labels},{r},{g},{b},{unit}{numbers}\n")
 }
 
 /// What a picture of a profile shows, and how large.
@@ -144,7 +118,7 @@ impl Canvas {
 
     /// Draws a point as a square of this side `[px of the canvas]`.
     pub fn draw(&mut self, axes: &Axes, point: &SectionPoint, side: usize) {
-        let at = FINER as f64 * axes.place(point.place.x, point.position.z);
+        let at = FINER as f64 * axes.place(point.place.x, point.height);
         let [r, g, b] = point.color.map(u64::from);
         let left = (point.place.y as f32).to_bits();
         let near = if left >> 31 == 1 { !left } else { left | 1 << 31 };
@@ -180,12 +154,13 @@ impl Canvas {
 pub const LETTERS: f64 = 15.0;
 pub const AROUND: [f64; 4] = [96.0, 48.0, 32.0, 64.0];
 
-/// Rows of labels, and the height of one, in a picture of a file `[px]`.
-const ROWS: usize = 16;
+/// Height of a row of labels in a picture of a file `[px]`.
 const ROW: f64 = 1.4 * LETTERS;
-/// Height of a ramp, and colours in it.
-const RAMP: f64 = 200.0;
+/// Greatest and least height of a ramp `[px]`, and colours in it.
+const RAMP: [f64; 2] = [200.0, 60.0];
 const PARTS: u32 = 64;
+/// Height of a ramp's heading `[px]`.
+const HEADING: f64 = 1.8 * LETTERS;
 /// Distance of a legend from the points `[px]`.
 const BESIDE: f64 = 24.0;
 
@@ -195,25 +170,46 @@ fn wide(text: &str) -> f64 {
     0.62 * LETTERS * text.chars().count() as f64
 }
 
-/// Returns the room that a legend takes at the right of the points `[px]`.
-pub fn legend_width(legend: &Legend) -> f64 {
-    let widest = |texts: &mut dyn Iterator<Item = &str>| texts.map(wide).fold(0.0, f64::max);
-    BESIDE
-        + match legend {
+/// A legend in a picture of a file.
+#[derive(Clone, Debug)]
+pub struct Beside {
+    legend: Legend,
+    /// Room that it takes at the right of the points `[px]`.
+    width: f64,
+    /// Height of the ramp, or of all rows `[px]`.
+    height: f64,
+}
+
+impl Beside {
+    /// Returns a legend that fits into a size beside points, which take half the width at least;
+    /// `None` if there is no room.
+    pub fn fitting(legend: Legend, room: DVec2) -> Option<Beside> {
+        let widest = |texts: &mut dyn Iterator<Item = &str>| texts.map(wide).fold(0.0, f64::max);
+        let (wanted, least, width) = match &legend {
             Legend::Ramp { heading, ends, .. } => {
                 let ticks = legend::ticks(*ends, 6.0);
                 let labels = widest(&mut ticks.iter().map(|(_, label)| &label[..]));
-                wide(heading).max(2.4 * LETTERS + labels)
+                let width = wide(heading).max(2.4 * LETTERS + labels);
+                (HEADING + RAMP[0], HEADING + RAMP[1], width)
             }
             Legend::Labels(rows) => {
                 let names = widest(&mut rows.iter().map(|row| &row.name[..]));
-                1.5 * LETTERS + names.max(wide("and 99 more"))
+                let width = 1.5 * LETTERS + names.max(wide("and 99 more"));
+                let rows = rows.len().min(legend::ROWS) + 1;
+                (ROW * rows as f64, ROW * rows.min(3) as f64, width)
             }
-        }
+        };
+        let (width, height) = (BESIDE + width, wanted.min(room.y));
+        (height >= least && width <= 0.5 * room.x).then_some(Beside { legend, width, height })
+    }
+
+    pub fn width(&self) -> f64 {
+        self.width
+    }
 }
 
 /// Returns a legend as SVG, with its top left corner at a place.
-fn svg_legend(legend: &Legend, [x, y]: [f64; 2]) -> String {
+fn svg_legend(Beside { legend, height, .. }: &Beside, [x, y]: [f64; 2]) -> String {
     let mut out = String::new();
     let mut write = |words: std::fmt::Arguments| {
         // Never fails, since it writes to memory.
@@ -222,20 +218,21 @@ fn svg_legend(legend: &Legend, [x, y]: [f64; 2]) -> String {
     let hex = |[r, g, b]: [u8; 3]| format!("#{r:02x}{g:02x}{b:02x}");
     match legend {
         Legend::Ramp { heading, ends, shown } => {
-            let (top, part) = (y + 1.8 * LETTERS, RAMP / f64::from(PARTS));
+            let (top, ramp) = (y + HEADING, height - HEADING);
+            let part = ramp / f64::from(PARTS);
             write(format_args!(r#"<text x="{x}" y="{}">{}</text>"#, y + LETTERS, escaped(heading)));
             for (k, color) in (1..).zip(legend::colors(shown, PARTS)) {
                 // Each reaches below the next, so that no seam is between them.
                 write(format_args!(
                     r#"<rect x="{x}" y="{:.2}" width="{}" height="{:.2}" fill="{}"/>"#,
-                    top + RAMP - part * f64::from(k),
+                    top + ramp - part * f64::from(k),
                     1.4 * LETTERS,
                     part * f64::from(k.min(2)),
                     hex(color)
                 ));
             }
-            for (share, label) in legend::ticks(*ends, 6.0) {
-                let (x, y) = (x + 1.4 * LETTERS, top + RAMP * (1.0 - share));
+            for (share, label) in legend::ticks(*ends, 6.0 * ramp / RAMP[0]) {
+                let (x, y) = (x + 1.4 * LETTERS, top + ramp * (1.0 - share));
                 write(format_args!(
                     r##"<path d="M{x} {y:.1}h6" stroke="#22262b"/><text x="{}" y="{y:.1}" dy="0.35em">{label}</text>"##,
                     x + 10.0
@@ -243,7 +240,7 @@ fn svg_legend(legend: &Legend, [x, y]: [f64; 2]) -> String {
             }
         }
         Legend::Labels(rows) => {
-            let (rows, left_out) = legend::most_frequent(rows, ROWS);
+            let (rows, left_out) = legend::most_frequent(rows, (height / ROW) as usize - 1);
             for (k, row) in rows.iter().enumerate() {
                 let y = y + ROW * k as f64;
                 write(format_args!(
@@ -266,36 +263,34 @@ fn svg_legend(legend: &Legend, [x, y]: [f64; 2]) -> String {
     out
 }
 
-/// Returns the height of a legend `[px]`.
-fn legend_height(legend: &Legend) -> f64 {
-    match legend {
-        Legend::Ramp { .. } => 1.8 * LETTERS + RAMP + 0.5 * LETTERS,
-        Legend::Labels(rows) => ROW * (rows.len().min(ROWS) + 1) as f64,
-    }
-}
-
 fn escaped(text: &str) -> String {
     text.replace('&', "&amp;").replace('<', "&lt;")
 }
 
 /// Returns a picture as SVG: axes and their names, around the points as PNG, and a legend at their
-/// right. A narrow profile gets room for its words, up to a width `[px]`.
+/// right. A narrow profile gets room for its words, up to a width `[px]`; of titles, which come from
+/// the longest on, and of the words below, it has the first that fits.
 pub fn svg(
     axes: &Axes,
-    title: &str,
+    titles: &[String],
     points: &[u8],
-    legend: Option<&Legend>,
+    legend: Option<&Beside>,
     widest: f64,
 ) -> String {
     let [left, top, right, bottom] = AROUND;
     let DVec2 { x: width, y: height } = axes.size;
     let (low, end) = (top + height, left + width);
-    let [aside, tall] = legend.map_or([0.0; 2], |own| [legend_width(own), legend_height(own)]);
+    let [aside, tall] = legend.map_or([0.0; 2], |own| [own.width, own.height]);
+    let fitting = |texts: &[String]| {
+        texts.iter().find(|text| left + wide(text) <= widest).cloned().unwrap_or_default()
+    };
+    let distance = format!("distance [{}]", axes.units[0]);
+    let across = fitting(&[format!("{distance}; {}", axes.ratio()), distance]);
+    let title = fitting(titles);
+    let words = left + wide(&title).max(wide(&across));
     // A legend may reach below the axes of a flat profile.
-    let across = format!("distance [{}]; {}", axes.units[0], axes.ratio());
-    let words = (left + wide(title).max(wide(&across))).min(widest);
     let whole = [(end + aside + right).max(words), (low + bottom).max(top + tall)];
-    let title = escaped(title);
+    let title = escaped(&title);
     let mut out = format!(
         r##"<svg xmlns="http://www.w3.org/2000/svg" width="{}" height="{}" viewBox="0 0 {0} {1}" font-family="Helvetica, Arial, sans-serif" font-size="{LETTERS}" fill="#22262b">
 <rect width="100%" height="100%" fill="#ffffff"/>
@@ -398,9 +393,7 @@ mod tests {
         );
         let point = |left: f64, color: [u8; 3]| SectionPoint {
             place: DVec2::new(5.0, left),
-            position: DVec3::new(0.0, 0.0, 2.5),
-            labels: None,
-            numbers: Vec::new(),
+            height: 2.5,
             color,
         };
         let points = [point(0.2, [9; 3]), point(-0.3, [1, 2, 3]), point(0.0, [7; 3])];

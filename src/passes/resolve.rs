@@ -327,6 +327,7 @@ pub fn levels(shown: &DisplayAttribute, gains: &[f64]) -> Vec<u32> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::cloud::attribute::tones;
 
     #[test]
     fn a_factor_of_one_changes_nothing_and_values_grow_with_light() {
@@ -340,7 +341,7 @@ mod tests {
         // The median of dark colours lies in the middle, unless ends are asked for.
         let mut uneven = DisplayAttribute::indexed(Attribute::Rgb, [0.0; 2], [0, 255]);
         let colors: Vec<[u8; 3]> = (0..=100).map(|v| [v / 4 + v / 51 * 50, 0, 0]).collect();
-        uneven.brighten([&colors[..]].into_iter());
+        uneven.brighten(&tones([&colors[..]].into_iter()));
         let [middle, most] = [12, 73].map(|v| at(&uneven, v)[0]);
         assert!((127.0..=129.0).contains(&middle) && most > 250.0, "{middle} {most}");
         assert_eq!(at(&uneven, 0)[0], 0.0);

@@ -9,7 +9,7 @@ use super::project::{KEY_BYTES, strips};
 use super::{
     Effect, EffectDecisions, Effects, FrameContext, GBuffer, Reason, Setting, TILE_PX, Value,
 };
-use crate::cloud::length::Length;
+use crate::cloud::length::{self, Length};
 use crate::graph::{Dispatch, Graph, Image, Kind};
 use crate::shader::{self, splat_points, splat_resolve, splat32, splat64};
 use crate::view::{Projection, View};
@@ -64,15 +64,25 @@ impl std::str::FromStr for PointSize {
             PointSize::Pixels(pixels) if pixels > 0.0 && pixels < 1.0 => {
                 Err(format!("{pixels} pixels are less than one; {pixels}m is a length"))
             }
+            PointSize::Pixels(pixels) if pixels > WIDEST => {
+                Err(format!("{pixels} pixels are more than {WIDEST}; {pixels}m is a length"))
+            }
             PointSize::Pixels(number) | PointSize::Metres(number) if number > 0.0 => Ok(size),
             _ => Err(format!(
-                "{text:?} is not a size; give pixels such as 3, a length such as 0.05m or 0.2ft, or auto"
+                "{text:?} is not a size; give pixels such as 3, a length such as 0.05m, or auto; units are {}",
+                length::units()
             )),
         }
     }
 }
 
 impl Settings {
+    /// Returns how wide points are in pixels of a size `[m]`, where that is wider than they are drawn.
+    pub fn narrowed(&self, pixel_m: f64) -> Option<f64> {
+        let asked = if self.pixels == 0.0 { self.metres / pixel_m } else { self.pixels };
+        (asked.is_finite() && asked > self.largest).then_some(asked)
+    }
+
     pub fn set_size(&mut self, size: PointSize) {
         (self.pixels, self.metres) = match size {
             PointSize::Auto => (0.0, 0.0),
@@ -82,6 +92,9 @@ impl Settings {
         self.largest = self.largest.max(self.pixels);
     }
 }
+
+/// Largest diameter that can be asked for `[px]`.
+pub const WIDEST: f64 = 1024.0;
 
 /// Depth of a paraboloid's rim behind its point `[radii]`.
 const BULGE: f64 = 1.0;
@@ -104,7 +117,7 @@ impl super::Settings for Settings {
             Setting::new(
                 "pixels",
                 "diameter [px]; 0: by metres",
-                number(&mut self.pixels, 0.0..=128.0),
+                number(&mut self.pixels, 0.0..=WIDEST),
             ),
             Setting::new(
                 "metres",
@@ -113,8 +126,8 @@ impl super::Settings for Settings {
             ),
             Setting::new(
                 "largest",
-                "largest diameter [px]",
-                number(&mut self.largest, 1.0..=128.0),
+                "largest diameter [px]; the time to draw grows with its square",
+                number(&mut self.largest, 1.0..=WIDEST),
             ),
             // For studies.
             Setting::variant("cover", number(&mut self.cover, 0.0..=16.0)),

@@ -186,7 +186,7 @@ impl FrameConfig {
             // Warnings are of what was asked for.
             effects.fill.settings.method = settings.effects.fill.settings.method;
         }
-        FrameConfig {
+        let mut config = FrameConfig {
             effects,
             decisions,
             sampling: context.sampling,
@@ -204,7 +204,14 @@ impl FrameConfig {
             precision: settings.precision,
             light_at_once: None,
             strokes_at_once: None,
+        };
+        if let (Some(narrowed), Some(splats)) =
+            (config.narrowed(), config.decisions.reason(Effect::Splat))
+        {
+            let why = format!("{}; {narrowed}", splats.why);
+            config.decisions.explain(Effect::Splat, &why);
         }
+        config
     }
 
     /// Returns the context of effects for a picture or a part of it.

@@ -1,6 +1,6 @@
 //! Sources of points: files read whole, or an index read on demand, through one interface.
 
-use crate::cloud::attribute::{Attribute, DisplayAttribute, ExtraAttributes};
+use crate::cloud::attribute::{Attribute, DisplayAttribute, ExtraAttributes, tones};
 use crate::cloud::color_scale::ColorScale;
 use crate::cloud::crs::Reference;
 use crate::cloud::digits::number;
@@ -45,6 +45,8 @@ pub struct OpenOptions {
     pub filter: Filter,
     /// Reason to index files first, regardless of their number of points.
     pub index: Option<&'static str>,
+    /// Whether local octrees are indexed like other files, instead of being drawn in place.
+    pub indexes_octrees: bool,
     /// Where indexes are cached; the default location if `None`.
     pub place: Option<cache::CacheLocation>,
     /// Saved shadows of the index, and the light they must match.
@@ -77,6 +79,9 @@ impl OpenOptions {
     /// filtered, or else, with other columns, for exposures, which then stay as they are.
     fn in_place<'f>(&self, files: &'f [PathBuf]) -> Option<&'f Path> {
         let [path] = files else { return None };
+        if self.indexes_octrees && !is_address(path) {
+            return None;
+        }
         let wanted = self.reading().wanted;
         let stations = self.filter.wanted().source
             || wanted.source && !(wanted.rgb || wanted.intensity || wanted.class);
@@ -426,13 +431,19 @@ impl Source {
         Ok((shown, format!("requested with --color {}", attribute.name())))
     }
 
-    /// Stretches dark colours: of all points of files, or of an index of the roots' samples.
+    /// Stretches dark colours: by all points, or by the roots' samples of an index that is filtered, old,
+    /// or an octree.
     fn brighten(&self, shown: &mut DisplayAttribute) {
         match self {
             _ if shown.attribute != Attribute::Rgb => {}
             Source::Files(cloud) => {
                 let colors = cloud.parts.iter().filter_map(|part| part.columns.rgb.as_deref());
-                shown.brighten(colors);
+                shown.brighten(&tones(colors));
+            }
+            Source::Index(index)
+                if index.filter.is_none() && !index.directory.contents.tones.is_empty() =>
+            {
+                shown.brighten(&index.directory.contents.tones);
             }
             Source::Index(index) => {
                 let roots = &index.nodes()[..index.directory.roots as usize];
@@ -444,7 +455,7 @@ impl Source {
                         colors.extend_from_slice(bytes.as_chunks().0);
                     }
                 }
-                shown.brighten([&colors[..]].into_iter());
+                shown.brighten(&tones([&colors[..]].into_iter()));
             }
         }
     }

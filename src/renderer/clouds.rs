@@ -226,6 +226,7 @@ impl Entry {
             ),
             filter: Filter::default(),
             index: None,
+            indexes_octrees: false,
             place: None,
             shadows: None,
             fault: None,

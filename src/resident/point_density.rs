@@ -13,6 +13,8 @@ pub struct PointDensity {
     /// Pixel size `[m]` at the centre of the node of the median point, from near nodes to far ones; 0
     /// if there are none.
     pub pixel_m: f64,
+    /// Least pixel size `[m]` at the centre of a node; 0 if there are none.
+    pub finest_m: f64,
     /// Points per pixel at the median point, from sparse nodes to dense ones; 0 if there are none.
     pub density: f64,
     /// Point spacing on the screen `[px]` that 90% of the covered area does not exceed; 0 if there
@@ -37,6 +39,7 @@ impl PointDensity {
         PointDensity {
             spacing_m: resident.spacing_m(),
             pixel_m: weighted_median(number(|node| Some(node.pixel_m))),
+            finest_m: seen.iter().map(|node| node.pixel_m).reduce(f64::min).unwrap_or(0.0),
             density: weighted_median(number(density)),
             scattered: scattered(resident, view),
             apart_px: quantile(seen.iter().map(|node| (node.apart, node.covered)).collect(), 0.9),

@@ -19,6 +19,13 @@ pub struct MapGrid {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Extent(pub [DVec2; 2]);
 
+impl Extent {
+    /// Returns the extent with its corners in other coordinates.
+    pub fn map(self, convert: impl FnMut(DVec2) -> DVec2) -> Extent {
+        Extent(self.0.map(convert))
+    }
+}
+
 impl std::str::FromStr for Extent {
     type Err = String;
 

@@ -920,6 +920,9 @@ fn extra_bytes_without_room_are_said_and_not_listed() {
             fit,
             "{extra}"
         );
+        // What is not one number is not shown.
+        let beam = "Beam: three numbers a point, which --color does not show";
+        assert_eq!(facts.iter().any(|(_, name)| name == beam), fit == 3, "{facts:?}");
         assert_eq!(
             cloud.notes.iter().any(|note| note.contains("declares the extra bytes")),
             fit < 3,

@@ -39,8 +39,8 @@ const EDGES: &[(&str, &[&str])] = &[
     (
         "app",
         &[
-            "cloud", "gpu", "graph", "index", "network", "output", "passes", "present", "prices",
-            "render", "renderer", "resident", "select", "tune", "view",
+            "cloud", "extract", "gpu", "graph", "index", "network", "output", "passes", "present",
+            "prices", "render", "renderer", "resident", "select", "tune", "view",
         ],
     ),
     (

@@ -26,6 +26,7 @@ fn opening() -> OpenOptions {
         read,
         filter: Default::default(),
         index: None,
+        indexes_octrees: false,
         place: Some(CacheLocation::Temporary),
         shadows: None,
         fault: None,

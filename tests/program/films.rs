@@ -81,6 +81,33 @@ fn a_profile_lists_the_points_of_its_slab() {
     assert!(picture.contains(&format!("{} points, 10.000 m long", expected.len())), "{picture}");
 }
 
+/// What the points show colours the picture alone.
+#[test]
+fn the_table_of_a_profile_has_the_colours_of_the_file() {
+    let folder = tempfile::tempdir().unwrap();
+    let [path, csv] = ["points.csv", "p.csv"].map(|name| folder.path().join(name));
+    let rows = (0..100).map(|i| format!("{},0,{},{i},7,200,{}\n", i, i % 9, 1000 + i));
+    let head = "x,y,z,red,green,blue,intensity\n".to_string();
+    std::fs::write(&path, std::iter::once(head).chain(rows).collect::<String>()).unwrap();
+    for color in ["rgb", "elevation", "intensity"] {
+        let mut command = pointillist();
+        command.arg("profile").arg(&path).args(["--from", "0,0", "--to", "99,0", "--width", "1"]);
+        succeeded(&command.args(["--color", color, "-o"]).arg(&csv).output().unwrap());
+        let table = std::fs::read_to_string(&csv).unwrap();
+        let mut lines = table.lines();
+        assert_eq!(
+            lines.next().unwrap(),
+            "distance,height,left,x,y,z,class,return,source,red,green,blue,unit,\"intensity\""
+        );
+        for (i, line) in lines.enumerate() {
+            let (z, grey) = (i % 9, 1000 + i);
+            let wanted = format!("{i},{z},0,{i},0,{z},,,,{i},7,200,,{grey}");
+            assert_eq!(line, wanted, "{color}");
+        }
+        assert_eq!(table.lines().count(), 101);
+    }
+}
+
 /// All of a cloud stays in view, whatever side it shows.
 #[test]
 fn no_frame_of_a_turntable_cuts_the_cloud() {

@@ -101,6 +101,22 @@ fn a_copc_file_drawn_to_its_last_node_is_the_picture_of_the_file() {
 }
 
 #[test]
+fn maps_of_a_copc_file_are_those_of_its_index() {
+    let place = Place::new(100_000);
+    let file = place.at("street.copc.laz");
+    let index =
+        pointillist().arg("index").arg(&file).arg("-o").arg(place.at("street.pnti")).output();
+    succeeded(&index.unwrap());
+    let line = "--view top --resolution 0.5 --color rgb -o";
+    let said = succeeded(&place.render(&file, &format!("{line} @file.tif")));
+    assert!(!said.contains("in place"), "{said}");
+    succeeded(&place.render(&place.at("street.pnti"), &format!("{line} @index.tif")));
+    let [file, index] =
+        ["file.tif", "index.tif"].map(|name| std::fs::read(place.at(name)).unwrap());
+    assert!(file == index);
+}
+
+#[test]
 fn a_coarse_picture_reads_few_bytes_of_a_copc_file() {
     let place = Place::new(1_000_000);
     let file = place.at("street.copc.laz");

@@ -288,6 +288,22 @@ fn job_10_points_in_a_box_are_counted() {
 }
 
 #[test]
+fn points_that_are_drawn_narrower_than_asked_for_are_said() {
+    let Some(desk) = Desk::with(STRIPS) else { return };
+    let line = "render SCAN -o @drawn.png --size 640x480 --point-size 10m";
+    let said = desk.types(&format!("{line} --explain"));
+    let words = "points are drawn at most 64 px wide, where they would be up to ";
+    assert_eq!(said.matches(words).count(), 2, "{said}");
+    let narrow = read_png(&desk.at("drawn.png"));
+    let said = desk.types(&format!("{line} --effect splat=on,largest=1024"));
+    assert!(!said.contains("at most"), "{said}");
+    assert_ne!(narrow.pixels, read_png(&desk.at("drawn.png")).pixels);
+    // Centimetres are a unit.
+    let same = ["0.5m", "50cm"].map(|size| desk.draws(&format!("--point-size {size}")).pixels);
+    assert_eq!(same[0], same[1]);
+}
+
+#[test]
 fn job_11_a_profile_has_the_points_of_its_slab() {
     let Some(desk) = Desk::with(STRIPS) else { return };
     let said = desk.types(
@@ -310,6 +326,19 @@ fn job_11_a_profile_has_the_points_of_its_slab() {
         let width = svg.split_once("width=\"").unwrap().1.split_once('"').unwrap().0;
         assert!(width.parse::<f64>().unwrap() <= 1600.5, "{width}");
     }
+    // In a small picture the legend is left out, and words are shortened.
+    let line = "profile SCAN --from 770505,6277510 --to 770545,6277540 --width 1 --color elevation --legend -o @small.svg";
+    let said = desk.types(&format!("{line} --size 300x200"));
+    assert!(said.contains("--size 300x200 has no room for the legend"), "{said}");
+    let svg = fs::read_to_string(desk.at("small.svg")).unwrap();
+    let title = format!(">{rows} points, 50.000 m</text>");
+    assert!(svg.contains(&title) && svg.contains(">distance [m]</text>"), "{svg}");
+    assert!(!svg.contains("elevation [m]"), "{svg}");
+    let side = |name: &str| -> f64 {
+        let (_, rest) = svg.split_once(&format!("{name}=\"")).unwrap();
+        rest.split_once('"').unwrap().0.parse().unwrap()
+    };
+    assert!(side("width") <= 300.0 && side("height") <= 200.0);
     // 40 and 30 m of the way, over its 50 m.
     let condition = "(np.abs((x - 770505) * -0.6 + (y - 6277510) * 0.8) <= 0.5) & (np.abs((x - 770505) * 0.8 + (y - 6277510) * 0.6 - 25) <= 25)";
     let Some(count) = counted(&desk, condition) else { return };
@@ -519,6 +548,18 @@ fn job_15_a_mistake_is_answered_by_what_to_do() {
     assert!(said.contains("lie in 770500 6277500 20.25 to 770550 6277550 43.49"), "{said}");
     let said = failed(&desk.run("render SCAN -o @no.png --point-size 0.05"), 2);
     assert!(said.contains("0.05m is a length"), "{said}");
+    for (line, why) in [
+        ("render SCAN -o @no.png --point-size 2000", "more than 1024; 2000m is a length"),
+        ("render SCAN -o @no.png --point-size -3m", "units are mm, cm, km, m, ftUS, ft"),
+        ("render SCAN -o @no.png --layer 3meter", "units are mm, cm, km, m, ftUS, ft"),
+        ("render SCAN -o @no.png --contrast abc", "is not a number, such as 1.5"),
+        ("profile SCAN --from 0,0 --to 1,1 -o @no.svg --width -1", "is not a length above 0"),
+    ] {
+        let said = failed(&desk.run(line), 2);
+        assert!(said.contains(why), "{said}");
+    }
+    let said = failed(&desk.run("export SCAN -o @no.txt"), 1);
+    assert!(said.contains("must end in .copc.laz, .laz, .las, .ply or .csv"), "{said}");
     let said = failed(&desk.run("render SCAN -o @no.mp4"), 1);
     assert!(said.contains("is a film, of many frames; give --turntable 120, or --path"), "{said}");
     for (options, code, why) in [

@@ -415,6 +415,66 @@ fn maps_of_degrees_lie_in_degrees() {
     assert!(south <= 48.0 && south > 48.0 - 1e-5 && (48.00025..48.0003).contains(&north));
 }
 
+/// Places are in degrees, as in the files, and lengths in metres.
+#[test]
+fn places_of_degrees_are_in_degrees() {
+    let place = Place::new();
+    let file = place.at("degrees.las");
+    let lattice =
+        Lattice { step: DVec3::new(1e-7, 1e-7, 0.01), offset: DVec3::new(11.0, 48.0, 0.0) };
+    write(&file, &points(2_000), lattice, &[[1024, 0, 1, 2], [2048, 0, 1, 4326]]);
+    let extent = "--extent 11.0001,48.0001,11.0003,48.0002";
+    let [raster_map, picture] = ["raster.tif", "picture.tif"].map(|name| place.at(name));
+    succeeded(&raster(&file, &raster_map, &format!("--resolution 0.5 {extent}")));
+    let line = format!("--view top --resolution 0.5 --no-cache {extent}");
+    succeeded(&render(&file, &format!("-o {} {line}", picture.display())));
+    let beside = extent.replace("11.", "12.");
+    let line = format!("-o {} --view top --resolution 0.5 --no-cache {beside}", picture.display());
+    let output = render(&file, &line);
+    let said = text(&output.stderr);
+    assert_eq!(output.status.code(), Some(1), "{said}");
+    assert!(said.contains("--extent 12.0001,48.0001,12.0003,48.0002 lies beside"), "{said}");
+    let between = |said: &str| {
+        let (_, rest) = said.split_once("lie between ").unwrap();
+        rest.split([',', ' ']).next().unwrap().parse::<f64>().unwrap()
+    };
+    assert!((between(&said) - 11.0).abs() < 1e-4, "{said}");
+    let csv = place.at("p.csv");
+    let profile = |ends: [&str; 2]| {
+        let mut command = pointillist();
+        command.arg("profile").arg(&file).args(["--from", ends[0], "--to", ends[1]]);
+        command.args(["--width", "2m", "-o"]).arg(&csv).output().unwrap()
+    };
+    let said = succeeded(&profile(["11.0001,48.0001", "11.0003,48.0001"]));
+    // A degree of longitude has 74,600 m there.
+    assert!(said.contains("14.9") && said.contains("2.000 m wide"), "{said}");
+    let table = fs::read_to_string(&csv).unwrap();
+    let rows: Vec<Vec<f64>> = table
+        .lines()
+        .skip(1)
+        .map(|line| line.split(',').map(|word| word.parse().unwrap_or(f64::NAN)).collect())
+        .collect();
+    assert!(rows.len() > 20, "{table}");
+    for row in rows {
+        assert!((11.0001..=11.0003).contains(&row[3]) && (row[4] - 48.0001).abs() < 1e-5);
+    }
+    let output = profile(["12.0001,48.0001", "12.0003,48.0001"]);
+    let said = text(&output.stderr);
+    assert_eq!(output.status.code(), Some(1), "{said}");
+    assert!((between(&said) - 11.0).abs() < 1e-4, "{said}");
+    for map in [raster_map, picture] {
+        let Some(info) = gdalinfo(&map) else { return };
+        let (place, size) = (numbers(&info["geoTransform"]), numbers(&info["size"]));
+        let [east, south] = [0, 1].map(|k| place[3 * k] + size[k] * place[1 + 4 * k]);
+        // To a cell.
+        for (edge, wanted) in
+            [(place[0], 11.0001), (east, 11.0003), (south, 48.0001), (place[3], 48.0002)]
+        {
+            assert!((edge - wanted).abs() < 7e-6, "{edge} {wanted}");
+        }
+    }
+}
+
 /// Single points are drawn in the pixels that they lie in, whole and in pieces.
 #[test]
 fn pictures_are_maps() {

@@ -138,7 +138,7 @@ fn dark_colours_are_brightened_and_the_scale_is_what_is_asked_for() {
     // One colour alone is in the middle, not white.
     let largest = auto.pixels.iter().flatten().max().unwrap();
     assert!((120..=130).contains(largest), "{largest}");
-    // From an index too, from the samples of its roots.
+    // From an index too.
     assert!((mean(&drawn("--lod 0.5")) / mean(&auto) - 1.0).abs() < 0.2);
     assert!(mean(&drawn("--range 0,255 --gamma 2")) > 1.5 * mean(&full));
     assert!(mean(&drawn("--range 0,255 --brightness 0.3")) > 1.5 * mean(&full));
@@ -146,6 +146,18 @@ fn dark_colours_are_brightened_and_the_scale_is_what_is_asked_for() {
     let bright = ply(folder.path(), "bright.ply", &cone([200, 30, 20]));
     let same = ["", "--range 0,255"].map(|line| draw(&bright, line).0);
     assert_eq!(difference(&same[0], &same[1]), 0);
+}
+
+/// Samples of an index have means of colours, which are less bright than the brightest points.
+#[test]
+fn dark_colours_of_an_index_are_as_bright_as_those_of_its_file() {
+    let Some(file) = shared("data/e57/pumpARowColumnIndexNoInvalidPoints.e57") else { return };
+    let folder = tempfile::tempdir().unwrap();
+    let cloud = folder.path().join("pump.e57");
+    std::fs::copy(file, &cloud).unwrap();
+    let line = "--style points --background 000000 --view top";
+    let [file, index] = ["", "--lod 0"].map(|lod| mean(&draw(&cloud, &format!("{line} {lod}")).0));
+    assert!((index / file - 1.0).abs() < 0.01, "{index} {file}");
 }
 
 #[test]

@@ -3,7 +3,7 @@
 
 use crate::commands::run;
 use crate::png_file::{Png, read_png};
-use crate::program::{render, succeeded, text};
+use crate::program::{pointillist, render, succeeded, text};
 use glam::DVec3;
 use las::point::Classification;
 use las::{Builder, Point, Transform, Vector, Writer};
@@ -145,6 +145,32 @@ fn strays_are_drawn_where_they_lie_unless_they_are_to_be_hidden() {
         assert_eq!(differ.len(), 1, "{}: {differ:?}", cloud.display());
         assert!(differ[0] < shown.pixels.len() / 3, "it lies above the sheet");
     }
+}
+
+/// Strays are beside the map; a bird above the points does not move its edges.
+#[test]
+fn rasters_are_those_of_the_cloud_without_strays() {
+    let place = Place::new();
+    let points = sheet(5_000, DVec3::new(50_000.0, 500_000.0, 100.0));
+    let bird = DVec3::new(50_007.0, 500_007.0, 900.0);
+    let none = place.las("none", &points);
+    let with = place.las("with", &[&points[..], &[DVec3::ZERO, bird]].concat());
+    let raster = |cloud: &Path| {
+        let output = cloud.with_extension("tif");
+        let mut command = pointillist();
+        command.arg("raster").arg(cloud).arg("-o").arg(&output);
+        succeeded(&command.args(["--resolution", "1", "--value", "count"]).output().unwrap())
+    };
+    let size = |said: &str| {
+        let (_, rest) = said.split_once(".tif: ").unwrap();
+        rest.split_once(',').unwrap().0.to_string()
+    };
+    let (clean, said) = (raster(&none), raster(&with));
+    assert_eq!(size(&clean), size(&said));
+    assert!(!clean.contains("left out of the map"), "{clean}");
+    assert!(said.contains("far outside of all others, 1 of 5,002, are left out"), "{said}");
+    let index = place.index(&with);
+    assert_eq!(size(&raster(&index)), size(&said));
 }
 
 #[test]

@@ -1240,6 +1240,8 @@ fn files_of_other_programs_have_their_values() {
         words.iter().for_each(|words| {
             assert!(says(&cloud, words), "{name}: no word of {words:?}: {:?}", cloud.notes)
         });
+        // Decimals are kept.
+        assert!(!says(&cloud, "are rounded"), "{name}: {:?}", cloud.notes);
         let columns = &cloud.parts[0].columns;
         match *name {
             "riegl.csv" => assert_eq!(cloud.parts[0].intensity_range, [-19.5, -0.5]),

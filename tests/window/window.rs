@@ -781,7 +781,18 @@ fn profile_has_the_points_of_the_file_along_its_line() {
         .filter(|p| slab.place(*p).is_some())
         .map(bits)
         .collect();
-    let rows = table(&place.at("pointillist-1.profile.csv"));
+    let written = place.at("pointillist-1.profile.csv");
+    viewer.until("table", |_| written.exists());
+    let rows = table(&written);
+    // The table is that of the command line.
+    let [from, to] = [ends[0], ends[1]].map(|end| format!("{},{}", end.x, end.y));
+    let output = place.at("own.csv");
+    let mut command = pointillist();
+    command.arg("profile").arg(&cloud).args(["--from", &from, "--to", &to]);
+    command.args(["--width", &width.to_string(), "-o"]).arg(&output);
+    assert!(command.output().unwrap().status.success());
+    let texts = [&written, &output].map(|path| std::fs::read_to_string(path).unwrap());
+    assert_eq!(texts[0], texts[1]);
     let mut found: Vec<_> = rows.iter().map(|row| bits(DVec3::from_slice(&row[3..]))).collect();
     expected.sort_unstable();
     found.sort_unstable();

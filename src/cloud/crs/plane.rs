@@ -52,6 +52,12 @@ impl Plane {
         Lattice { step: lattice.step * scale, offset: (lattice.offset - middle) * scale }
     }
 
+    /// Converts longitude and latitude `[degrees]`.
+    pub fn place(&self, lonlat: [f64; 2]) -> [f64; 2] {
+        let [east, north] = self.metres_per_degree;
+        [(lonlat[0] - self.longitude) * east, (lonlat[1] - self.latitude) * north]
+    }
+
     pub fn lonlat(&self, place: DVec3) -> [f64; 2] {
         let [east, north] = self.metres_per_degree;
         [self.longitude + place.x / east, self.latitude + place.y / north]

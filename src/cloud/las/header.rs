@@ -311,7 +311,7 @@ fn vlrs(
                 facts.extend(
                     declared[..fit]
                         .iter()
-                        .map(|attribute| ("extra attribute".into(), attribute.name.clone())),
+                        .map(|attribute| ("extra attribute".into(), attribute.title())),
                 );
                 if fit < declared.len() {
                     let names: Vec<&str> =
@@ -383,6 +383,17 @@ impl ExtraBytes {
     /// Tests whether it is one number, with a name.
     pub fn is_number(&self) -> bool {
         (1..=10).contains(&self.kind) && !self.name.is_empty()
+    }
+
+    /// Returns the name, and why it is not shown if it is not one number.
+    fn title(&self) -> String {
+        let what = match self.kind {
+            0 => format!("{} bytes of no type", self.bytes),
+            11..=20 => "two numbers a point".into(),
+            21.. => "three numbers a point".into(),
+            _ => return self.name.clone(),
+        };
+        format!("{}: {what}, which --color does not show", self.name)
     }
 
     /// Returns bytes of the name, or numbers, as declared without a scale.

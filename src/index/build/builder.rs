@@ -101,6 +101,8 @@ pub(super) struct Survey<'a> {
     pub colors: Vec<Colors>,
     /// Histogram of intensities.
     pub intensities: Vec<u64>,
+    /// Histogram of the brightest channels of colours.
+    pub tones: Vec<u64>,
     pub tally: Tally,
     /// Corner of the tree of every lattice `[steps]`.
     pub corners: Vec<[i64; 3]>,
@@ -126,6 +128,7 @@ impl<'a> Survey<'a> {
             parts: vec![None; sources.len()],
             colors: vec![Colors::Bytes; sources.len()],
             intensities: vec![0; 1 << 16],
+            tones: vec![0; 256],
             tally: Tally::default(),
             corners: Vec::new(),
             numbers: BTreeMap::new(),

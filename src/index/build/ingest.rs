@@ -6,6 +6,7 @@ use super::builder::{Survey, lock};
 use super::kd_cell::KdCell;
 use super::point_record::{Batch, Colors, Layout};
 use super::spill_bucket::{self, Bucket, Grid, Sorter, Spill};
+use crate::cloud::attribute::tones;
 use crate::cloud::histograms::Tally;
 use crate::cloud::stream::{self, Source};
 use crate::cloud::{ColumnSet, Columns, Lattice, Station};
@@ -169,6 +170,7 @@ impl Survey<'_> {
             let outside = AtomicBool::new(false);
             let stations = Mutex::new(BTreeMap::<(u16, u16), u64>::new());
             let tally = Mutex::new(Tally::default());
+            let brightest = Mutex::new(vec![0; 256]);
             let sorters = Mutex::new(Vec::<(Sorter, Vec<Cell>, Vec<u64>)>::new());
             let mut points = 0;
             let (mut own, mut worlds) = (Vec::new(), Vec::new());
@@ -204,6 +206,8 @@ impl Survey<'_> {
                     let mut own = Tally::default();
                     own.add(columns);
                     lock(&tally).join(&own);
+                    let own = tones(columns.rgb.as_deref().into_iter());
+                    lock(&brightest).iter_mut().zip(own).for_each(|(sum, own)| *sum += own);
                     intensities.resize(1 << 16, 0);
                     let seen = columns.intensity.iter().flatten();
                     seen.for_each(|&v| intensities[v as usize] += 1);
@@ -242,6 +246,8 @@ impl Survey<'_> {
             self.contents.notes.extend(notes);
             self.contents.points += points;
             self.tally.join(&lock(&tally));
+            let brightest: Vec<u64> = std::mem::take(&mut *lock(&brightest));
+            self.tones.iter_mut().zip(brightest).for_each(|(sum, own)| *sum += own);
             for (_, _, counts) in lock(&sorters).iter() {
                 self.intensities.iter_mut().zip(counts).for_each(|(sum, count)| *sum += count);
             }

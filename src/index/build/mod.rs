@@ -227,6 +227,8 @@ impl Survey<'_> {
     ) -> Result<()> {
         self.stations(trees.clone().map(|(ingested, _)| ingested))?;
         self.contents.intensity_stretch = percentiles(&self.intensities);
+        let tones = std::mem::take(&mut self.tones);
+        self.contents.tones = if tones.iter().any(|&n| n > 0) { tones } else { Vec::new() };
         let [colors, intensities] =
             self.balances(trees, |ingested, of, look| records(self, ingested, of, look))?;
         (self.contents.balance, self.contents.intensity_balance) = (colors, intensities);

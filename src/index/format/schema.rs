@@ -261,6 +261,9 @@ pub struct Contents {
     pub bounds: Option<[DVec3; 2]>,
     /// Intensities at the 2nd and 98th percentile.
     pub intensity_stretch: [u32; 2],
+    /// Number of points of each value of their brightest channel. Missing in old indexes.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub tones: Vec<u64>,
     /// Heights at the same percentiles, in units of `attribute::DisplayAttribute`.
     pub elevation_stretch: [u32; 2],
     /// Whether all derived normals are those of the files, and thus oriented outwards.

@@ -5,7 +5,7 @@ use crate::passes::fill::Method;
 use crate::passes::phong::{Backfaces, Normals};
 use crate::passes::shadows::{self, cameras::WIDEST_DEGREES};
 use crate::passes::smooth::Pixels;
-use crate::passes::{Effect, Effects, Setting, Settings, Switch, layer_m, significant};
+use crate::passes::{Effect, Effects, Setting, Settings, Switch, layer_m, significant, splat};
 use crate::resident::Resident;
 use crate::view::light::Light;
 
@@ -42,6 +42,7 @@ impl FrameConfig {
             );
         }
         notes.extend(self.coarse(resident.unit_m()));
+        notes.extend(self.narrowed());
         let fills_by_masks = self.effects.fill.settings.method == Method::Mask;
         let using = [
             self.decisions.runs(Effect::Fill) && fills_by_masks,
@@ -81,6 +82,22 @@ impl FrameConfig {
                 })
             })
             .collect()
+    }
+
+    /// Returns a warning if points are drawn narrower than they should be.
+    pub fn narrowed(&self) -> Option<String> {
+        let splat = &self.effects.splat.settings;
+        let asked = self
+            .decisions
+            .runs(Effect::Splat)
+            .then(|| splat.narrowed(self.sampling.finest_m))
+            .flatten()?;
+        let largest = splat.largest;
+        Some(format!(
+            "points are drawn at most {largest} px wide, where they would be up to {} px: --effect splat=on,largest={} draws them wider, and slower",
+            asked.round(),
+            asked.ceil().min(splat::WIDEST)
+        ))
     }
 
     /// Returns a warning if depths are coarser than the settings need (guide: numerics, case 4).

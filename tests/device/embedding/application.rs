@@ -456,6 +456,7 @@ pub(super) fn rendered(
         ),
         filter: Default::default(),
         index: None,
+        indexes_octrees: false,
         place: None,
         shadows: None,
         fault: None,
