@@ -349,7 +349,7 @@ mod tests {
                 exact: true,
                 color: [0; 3],
                 value: None,
-                kind: Some(i % 12 | 1 << 8),
+                kind: Some((i % 12) | (1 << 8)),
             },
             shown: i % 12,
             place: DVec2::new(f64::from(i), 0.0),
