@@ -226,6 +226,7 @@ impl Entry {
             ),
             filter: Filter::default(),
             index: None,
+            strokes,
             place: None,
             shadows: None,
             fault: None,

@@ -45,6 +45,7 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
             read: ReadOptions::new(ColumnSet::ALL, false),
             filter: Filter::default(),
             index,
+            strokes: false,
             place: None,
             shadows: None,
             fault: None,

@@ -26,6 +26,7 @@ fn opening() -> OpenOptions {
         read,
         filter: Default::default(),
         index: None,
+        strokes: false,
         place: Some(CacheLocation::Temporary),
         shadows: None,
         fault: None,

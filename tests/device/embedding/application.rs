@@ -456,6 +456,7 @@ pub(super) fn rendered(
         ),
         filter: Default::default(),
         index: None,
+        strokes: false,
         place: None,
         shadows: None,
         fault: None,

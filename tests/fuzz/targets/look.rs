@@ -150,6 +150,7 @@ pub fn opening() -> OpenOptions {
         read: ReadOptions::new(ColumnSet::ALL, false),
         filter: Filter::default(),
         index: None,
+        strokes: false,
         place: None,
         shadows: None,
         fault: None,
