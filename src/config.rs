@@ -65,6 +65,10 @@ pub const POOL_BYTES: u64 = 1 << 30;
 /// Files with more points are indexed before they are drawn: whole clouds take 60 bytes a point.
 pub const WHOLE_POINTS: u64 = 20_000_000;
 
+/// The same of files that are painted as strokes, which take 330 bytes a point and long to find: of
+/// an index they are found for the nodes of a view.
+pub const WHOLE_STROKES: u64 = 4_000_000;
+
 /// Points of a preview while a file is read or indexed: read within a second, and enough to see
 /// what it is.
 pub const PREVIEW_POINTS: u64 = 1_000_000;

@@ -14,7 +14,7 @@
 //!   attributes derived from neighbouring points.
 //! - [`view`]: the camera in f64, camera paths, and the light.
 //! - [`select`]: which points are drawn: clip boxes, opacities, and the LOD cut of an index.
-//! - [`extract`]: points that filters, boxes and opacities leave, counted or written to files.
+//! - [`extract`]: points that filters, boxes and opacities leave: counts, statistics, files.
 //! - [`gpu`]: Vulkan without any notion of points. [`graph`]: the render graph, which derives all
 //!   barriers. [`shader`]: Rust structs generated from the shaders' SPIR-V.
 //! - [`loader`]: the thread that reads nodes of an index. [`resident`]: nodes in device memory.

@@ -155,6 +155,7 @@ pub fn start(
         ExtraAttributes { strokes: further.strokes && first == FirstStage::All, ..further };
     let opening = OpenOptions {
         read: ReadOptions { wanted: shown.and(of_files.wanted()), ..opening.read },
+        strokes: of_files.strokes,
         ..opening
     };
     let (files, color) = (request.files.clone(), request.color);

@@ -17,8 +17,12 @@
 //! `extra` [{`name`, `min`, `max`, `missing`}] of columns of text that are none of these},
 //! `colors` \[`name`\] for `--color`}] ·
 //! `stations` [{`part`, `source`, `name`, `points`}] · `exposures` {`values`, `overlaps`
-//! [{`stations`, `cells`, `step`, `gain`}], `balance` {`gains`, `uneven`}} where two stations have
-//! colours · `notes` [`line`]. An attribute that a part lacks is absent.
+//! [{`stations`, `cells`, `step`, `gain`}], `compared`, `balance` {`gains`, `uneven`}} where two
+//! stations have colours · `notes` [`line`]. An attribute that a part lacks is absent. `compared`
+//! is the number of points among which overlaps were sought; it is absent where these are all: up
+//! to four million.
+//!
+//! LAS files of more than four million points are read a batch at a time, twice or a few times.
 //!
 //! `--count` reads a batch at a time and gives `points` · `of` · `bounds` · `classes` [{`class`,
 //! `points`}] · `returns` [{`return`, `points`}] · `notes` [`line`].
@@ -36,11 +40,12 @@ use crate::cloud::input::Input;
 use crate::cloud::rgb_range::Scale;
 use crate::cloud::scalar;
 use crate::cloud::strays::Strays;
-use crate::cloud::{self, Cloud, ColumnSet, Extra, Header, Part, ReadOptions, Station, spacing};
+use crate::cloud::{self, ColumnSet, Extra, Header, ReadOptions, Station, stream};
 use crate::error::{Error, Result};
-use crate::extract::Selection;
 use crate::extract::count::{self, Count};
-use crate::index::attributes::exposure::{Exposures, exposures};
+use crate::extract::statistics::{PartStatistics, Statistics, statistics};
+use crate::extract::{self, Selection};
+use crate::index::attributes::exposure::Exposures;
 use crate::index::format::{Balance, Index};
 use crate::network;
 use crate::progress::Progress;
@@ -57,7 +62,7 @@ use std::path::{Path, PathBuf};
   pointillist info site.pnti                 an index: what went into it, and the tree
   pointillist info s3://bucket/a.copc.laz    an octree on a server: its header and tree
   pointillist info scan.laz --only ground --clip box:0,0,0,10,10,5 --count    exactly how many points
-  pointillist info --strict survey.las       exit code 1 if anything is cut off or the header lies")]
+  pointillist info --strict found.las       exit code 1 if anything is cut off or the header lies")]
 pub struct Arguments {
     /// Point clouds: LAS, LAZ, COPC, Potree 2, EPT, PLY, E57, OBJ, XYZ, CSV, TXT, PTS, PTX; or one index, PNTI
     #[arg(required = true, value_name = "FILE")]
@@ -125,22 +130,39 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
     super::streams::print(&text)
 }
 
+/// Most points that are read whole, which takes less than 200 MB. Of more, a batch a thread is in
+/// memory, and files are read again for what all points tell together.
+const WHOLE: u64 = 4_000_000;
+
 fn of_files(arguments: &Arguments, progress: &dyn Progress) -> Result<String> {
     let (text, rgb_range) = (arguments.text.options(), arguments.colors.rgb_range);
-    let filter = arguments.filters.filter();
+    let (filter, clips) = (arguments.filters.filter(), arguments.clips.clips());
     let options = ReadOptions {
         text,
         rgb_range,
         extras: true,
         ..ReadOptions::new(ColumnSet::ALL.and(filter.wanted()), arguments.strict)
     };
-    let mut cloud = cloud::read(&arguments.files, &options, progress)?;
-    cloud.filter(&filter)?;
-    let clips = arguments.clips.clips();
-    if clips.active() > 0 {
-        cloud.keep("--clip", &|place| clips.keep(place))?;
+    // Other formats than LAS are read whole in any case, and notes on their axes need all points.
+    let is_large =
+        stream::are_las(&arguments.files)? && stream::summary(&arguments.files)?.points > WHOLE;
+    let (mut input, selection, mut notes) = if is_large {
+        let selection = Selection { filter, clips, ..Selection::default() };
+        (extract::input::Input::open(&arguments.files, &options, progress)?, selection, Vec::new())
+    } else {
+        let mut cloud = cloud::read(&arguments.files, &options, progress)?;
+        cloud.filter(&filter)?;
+        if clips.active() > 0 {
+            cloud.keep("--clip", &|place| clips.keep(place))?;
+        }
+        let notes = std::mem::take(&mut cloud.notes);
+        (extract::input::Input::of_cloud(cloud), Selection::default(), notes)
+    };
+    let found = statistics(&mut input, &selection, progress)?;
+    if is_large {
+        notes.extend(found.notes.iter().cloned());
     }
-    let report = Report::new(&cloud);
+    let report = Report::new(&input, &found, &notes);
     if arguments.json {
         return serde_json::to_string_pretty(&report).map_err(|error| {
             Error::Request(format!("the report cannot be written as JSON: {error}"))
@@ -201,7 +223,7 @@ struct Report<'a> {
     parts: Vec<PartReport<'a>>,
     stations: &'a [Station],
     #[serde(skip_serializing_if = "Option::is_none")]
-    exposures: Option<Exposures>,
+    exposures: Option<&'a Exposures>,
     notes: &'a [String],
 }
 
@@ -303,7 +325,7 @@ struct Times {
     min: Option<f64>,
     max: Option<f64>,
     /// Points without a time.
-    nan: usize,
+    nan: u64,
     nan_share: f64,
 }
 
@@ -313,24 +335,33 @@ struct Normals {
 }
 
 impl<'a> Report<'a> {
-    fn new(cloud: &'a Cloud) -> Self {
-        let reference = Reference::of(cloud.parts.iter().map(|part| (&part.header, part.lattice)));
+    fn new(input: &'a extract::input::Input, found: &'a Statistics, notes: &'a [String]) -> Self {
+        let reference = Reference::of(found.parts.iter().map(|own| {
+            let part = &input.parts()[own.part];
+            (&part.header, part.lattice)
+        }));
+        let all = found.parts.iter().filter_map(|part| part.bounds);
+        let all = all.reduce(|(low, high), (a, b)| (low.min(a), high.max(b)));
+        let sources =
+            |part: usize| found.stations.iter().filter(|station| station.part == part).count();
         Self {
-            points: cloud.len(),
-            bounds: bounds(cloud.bounds(), &reference.digits),
+            points: found.parts.iter().map(|part| part.points).sum(),
+            bounds: bounds(all, &reference.digits),
             unit: reference.unit(),
             unit_is_stated: reference.says_unit(),
-            spacing: Spacing { value: spacing::spacing(cloud), how: HOW_SPACING },
-            parts: cloud
+            spacing: Spacing { value: found.spacing, how: HOW_SPACING },
+            parts: found
                 .parts
                 .iter()
                 .enumerate()
-                .map(|(index, part)| PartReport::new(part, index, cloud))
+                .map(|(number, own)| {
+                    PartReport::new(&input.parts()[own.part], own, sources(number))
+                })
                 .collect(),
-            strays: cloud.strays(),
-            stations: &cloud.stations,
-            exposures: exposures(cloud),
-            notes: &cloud.notes,
+            strays: found.strays.clone(),
+            stations: &found.stations,
+            exposures: found.exposures.as_ref(),
+            notes,
         }
     }
 
@@ -351,7 +382,7 @@ impl<'a> Report<'a> {
             .map_or("unknown, fewer than two places".into(), |value| self.unit.length(value, 6));
         line("spacing", format!("{value} ({})", self.spacing.how));
         line("stations", self.stations.len().to_string());
-        let exposures = self.exposures.as_ref();
+        let exposures = self.exposures;
         for (number, station) in self.stations.iter().enumerate().take(LISTED) {
             let value = exposures
                 .and_then(|exposures| exposures.values[number])
@@ -366,8 +397,7 @@ impl<'a> Report<'a> {
         if self.stations.len() > LISTED {
             line("", format!("and {} more; --json lists them all", self.stations.len() - LISTED));
         }
-        for overlap in self.exposures.iter().flat_map(|exposures| &exposures.overlaps).take(LISTED)
-        {
+        for overlap in exposures.iter().flat_map(|exposures| &exposures.overlaps).take(LISTED) {
             let [one, two] = overlap.stations.map(|number| &self.stations[number].name);
             line(
                 "overlap",
@@ -376,6 +406,10 @@ impl<'a> Report<'a> {
                     overlap.step, overlap.cells, overlap.gain
                 ),
             );
+        }
+        if let Some(compared) = exposures.and_then(|exposures| exposures.compared) {
+            let (compared, points) = (grouped(compared), grouped(self.points));
+            line("overlaps", format!("of a sample of {compared} of {points} points"));
         }
         self.strays.note().into_iter().for_each(|said| line("strays", said));
         for note in self.notes {
@@ -411,21 +445,18 @@ pub fn listed(counts: impl ExactSizeIterator<Item = (u8, u64)>) -> String {
 pub const LISTED: usize = 16;
 
 impl<'a> PartReport<'a> {
-    fn new(part: &'a Part, index: usize, cloud: &Cloud) -> Self {
+    fn new(part: &'a extract::input::Part, own: &PartStatistics, stations: usize) -> Self {
         Self {
             path: part.path.to_string_lossy().into_owned(),
             name: part.name.as_deref(),
             format: &part.header.format,
-            points: part.columns.len() as u64,
+            points: own.points,
             header: &part.header,
-            bounds: bounds(part.bounds(), &Digits::of([part.lattice])),
+            bounds: bounds(own.bounds, &Digits::of([part.lattice])),
             step: part.lattice.step,
             offset: part.lattice.offset,
-            attributes: Attributes::new(
-                part,
-                cloud.stations.iter().filter(|station| station.part == index).count(),
-            ),
-            colors: Attribute::names_of(part),
+            attributes: Attributes::new(part, own, stations),
+            colors: Attribute::names_of(&part.header, own.available),
         }
     }
 
@@ -472,58 +503,34 @@ impl<'a> PartReport<'a> {
 }
 
 impl Attributes {
-    fn new(part: &Part, stations: usize) -> Self {
-        let columns = &part.columns;
-        let share = |count: usize, of: usize| count as f64 / of.max(1) as f64;
+    fn new(part: &extract::input::Part, own: &PartStatistics, stations: usize) -> Self {
+        let share = |count: u64| count as f64 / own.points.max(1) as f64;
+        let has = own.available;
+        // Of no points at all there are least and largest colours, the wrong way round.
+        let [rgb_min, rgb_max] = own.rgb.unwrap_or([[255; 3], [0; 3]]);
         Self {
-            rgb: columns.rgb.as_ref().map(|colors| {
-                let extremes = colors.iter().fold(
-                    ([255; 3], [0; 3]),
-                    |(min, max): ([u8; 3], [u8; 3]), color| {
-                        (
-                            std::array::from_fn(|i| min[i].min(color[i])),
-                            std::array::from_fn(|i| max[i].max(color[i])),
-                        )
-                    },
-                );
-                Rgb {
-                    bits: part.rgb_scale.bits(),
-                    scale: part.rgb_scale,
-                    min: extremes.0,
-                    max: extremes.1,
-                }
+            rgb: has.rgb.then(|| Rgb {
+                bits: own.rgb_scale.bits(),
+                scale: own.rgb_scale,
+                min: rgb_min,
+                max: rgb_max,
             }),
-            intensity: columns.intensity.as_ref().and_then(|column| cloud::range(column)).map(
-                |(min, max)| {
-                    let value = |stored: u16| cloud::intensity_of(stored, part.intensity_range);
-                    Range { min: value(min), max: value(max) }
-                },
-            ),
-            class: columns.class.as_ref().map(|_| Class::list(&Histograms::of([columns]))),
-            returns: columns.returns.as_ref().map(|column| Returns {
-                most: column.iter().map(|packed| packed >> 4).max().unwrap_or(0),
-                impossible: column
-                    .iter()
-                    .filter(|&packed| packed & 15 == 0 || packed & 15 > packed >> 4)
-                    .count() as u64,
+            intensity: own.intensity.filter(|_| has.intensity).map(|ends| {
+                let [min, max] = ends.map(|end| cloud::intensity_of(end, part.intensity_range));
+                Range { min, max }
             }),
-            source: columns.source.as_ref().map(|_| Sources { ids: stations }),
-            gps_time: columns.gps_time.as_ref().map(|column| {
-                let nan = column.iter().filter(|time| time.is_nan()).count();
-                let times = || column.iter().copied().filter(|time| !time.is_nan());
-                Times {
-                    min: times().reduce(f64::min),
-                    max: times().reduce(f64::max),
-                    nan,
-                    nan_share: share(nan, column.len()),
-                }
+            class: has.class.then(|| Class::list(&own.histograms)),
+            returns: has
+                .returns
+                .then_some(Returns { most: own.most_returns, impossible: own.impossible_returns }),
+            source: has.source.then_some(Sources { ids: stations }),
+            gps_time: has.gps_time.then(|| Times {
+                min: own.gps_time.map(|[min, _]| min),
+                max: own.gps_time.map(|[_, max]| max),
+                nan: own.no_time,
+                nan_share: share(own.no_time),
             }),
-            normal: columns.normal.as_ref().map(|column| Normals {
-                zero_share: share(
-                    column.iter().filter(|normal| **normal == [0; 3]).count(),
-                    column.len(),
-                ),
-            }),
+            normal: has.normal.then(|| Normals { zero_share: share(own.no_normal) }),
             extra: part.header.extras.clone(),
         }
     }

@@ -309,7 +309,14 @@ impl DetailOptions {
         self.gpu_memory.map_or(config::POOL_BYTES, |bytes| bytes.0)
     }
 
-    pub fn opening(&self, read: ReadOptions, filter: Filter, light: Light) -> OpenOptions {
+    /// Returns how files are opened, to be painted as strokes or not.
+    pub fn opening(
+        &self,
+        read: ReadOptions,
+        filter: Filter,
+        light: Light,
+        strokes: bool,
+    ) -> OpenOptions {
         let chosen = self.point_budget.is_some() || self.lod.is_some();
         let index = chosen.then_some("--point-budget and --lod choose among the nodes of an index");
         let place = self.cache.place();
@@ -318,6 +325,7 @@ impl DetailOptions {
             filter,
             index,
             indexes_octrees: false,
+            strokes,
             place,
             shadows: self.shadows.clone().map(|path| (path, light)),
             fault: None,
@@ -473,7 +481,8 @@ impl PictureOptions {
 
     /// Returns how files are opened.
     pub fn opening(&self, strict: bool) -> OpenOptions {
-        self.detail.opening(self.read_options(strict), self.filters.filter(), self.light)
+        let (read, filter) = (self.read_options(strict), self.filters.filter());
+        self.detail.opening(read, filter, self.light, self.further().strokes)
     }
 
     /// Returns what the points show, and why.

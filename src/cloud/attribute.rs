@@ -138,24 +138,29 @@ impl Attribute {
 
     /// Tests whether points with these columns have it.
     pub fn is_of(self, columns: &Columns) -> bool {
+        self.is_among(columns.available())
+    }
+
+    /// Tests whether points with these columns have it.
+    pub fn is_among(self, columns: ColumnSet) -> bool {
         match self {
-            Attribute::Rgb | Attribute::Corrected => columns.rgb.is_some(),
-            Attribute::Intensity => columns.intensity.is_some(),
-            Attribute::Time => columns.gps_time.is_some(),
-            Attribute::Class => columns.class.is_some(),
-            Attribute::Source => columns.source.is_some(),
-            Attribute::Return => columns.returns.is_some(),
-            Attribute::Normal => columns.normal.is_some(),
-            Attribute::Scalar(scalar) => columns.scalar(scalar).is_some(),
+            Attribute::Rgb | Attribute::Corrected => columns.rgb,
+            Attribute::Intensity => columns.intensity,
+            Attribute::Time => columns.gps_time,
+            Attribute::Class => columns.class,
+            Attribute::Source => columns.source,
+            Attribute::Return => columns.returns,
+            Attribute::Normal => columns.normal,
+            Attribute::Scalar(scalar) => columns.scalars.has(scalar),
             Attribute::Elevation | Attribute::White => true,
         }
     }
 
-    /// Returns the names of all that the points of a part can show.
-    pub fn names_of(part: &Part) -> Vec<String> {
-        let own = Attribute::NAMED.into_iter().filter(|own| own.is_of(&part.columns));
+    /// Returns the names of all that points with these columns can show.
+    pub fn names_of(header: &Header, columns: ColumnSet) -> Vec<String> {
+        let own = Attribute::NAMED.into_iter().filter(|own| own.is_among(columns));
         let height = Attribute::Scalar(Scalar::HeightAboveGround);
-        let scalars = part.header.scalars.iter().cloned();
+        let scalars = header.scalars.iter().cloned();
         own.map(Attribute::name).chain([height.name()]).chain(scalars).collect()
     }
 }

@@ -289,6 +289,15 @@ impl Las {
         Scale::new(range, by)
     }
 
+    /// Reads only some of the columns from now on, which takes less time where they are compressed in
+    /// layers.
+    pub fn narrow(&mut self, wanted: ColumnSet) {
+        self.available = self.fields.available(wanted);
+        if let Packing::Laz(coding) = &mut self.packing {
+            *coding = coding.selecting(self.available);
+        }
+    }
+
     /// Returns the columns that can be read.
     pub fn holds(&self) -> ColumnSet {
         self.fields.available(ColumnSet::ALL)

@@ -11,8 +11,8 @@
 //! which one stray point inflates. It grows until the neighbours of three quarters of the seeds lie
 //! within a cell's width, where none can be missed.
 
-use super::strays::scatter_steps;
-use super::{Cloud, Columns, Lattice, Part};
+use super::strays::Samples;
+use super::{Cloud, Lattice, Part};
 use glam::DVec3;
 use rayon::prelude::*;
 use std::collections::HashMap;
@@ -52,30 +52,131 @@ pub fn spacing(cloud: &Cloud) -> Option<f64> {
     let bounds = parts().filter_map(Part::bounds);
     let (lo, hi) =
         bounds.reduce(|(lo, hi), (part_lo, part_hi)| (lo.min(part_lo), hi.max(part_hi)))?;
-    let seeds = seeds(cloud);
-    let widest = (hi - lo).max_element();
-    if !widest.is_finite() || widest <= 0.0 {
-        return None;
-    }
-    // On a surface, n points are closer than m of them by the square root of m / n, and the eighth
-    // is three times as far as the first.
-    let closer = (seeds.len() as f64 / cloud.len() as f64).sqrt();
-    let mut cell = between(&seeds)
-        .map_or(widest, |distance| 8.0 * distance * closer)
-        .max(widest * SMALLEST_CELL);
+    let samples =
+        cloud.parts.iter().filter_map(|part| Some((part.lattice, &part.columns.extent()?.samples)));
+    let seeds = seeds(samples, cloud.len());
+    let mut search = Search::new(seeds, cloud.len(), (hi - lo).max_element())?;
     loop {
-        let around = around(cloud, &seeds, cell);
+        for part in &cloud.parts {
+            let Some(extent) = part.columns.extent() else { continue };
+            let watch = search.watch(part.lattice, [extent.low, extent.high]);
+            let [x, y, z] = [0, 1, 2].map(|axis| part.columns.along(axis).par_chunks(TASK));
+            x.zip(y).zip(z).for_each(|((x, y), z)| search.look(&watch, [x, y, z]));
+        }
+        match search.settle() {
+            Round::Found(spacing) => return spacing,
+            Round::Wider(wider) => search = wider,
+        }
+    }
+}
+
+/// A search for the neighbours of seeds, in rounds in which every point is looked at once.
+pub struct Search {
+    seeds: Vec<DVec3>,
+    found: Vec<Mutex<Around>>,
+    /// The farthest relevant distance of each seed. Squared distances are positive, so their bits
+    /// order as they do.
+    bounds: Vec<AtomicU64>,
+    /// No position is missed within this distance.
+    cell: f64,
+    widest: f64,
+}
+
+/// Outcome of a round.
+pub enum Round {
+    Found(Option<f64>),
+    /// Too few neighbours were near enough: the points are looked at again.
+    Wider(Search),
+}
+
+/// The seeds that points of a part may be near.
+pub struct Watch {
+    grid: Grid,
+    watching: Watching,
+    /// Few points are near a seed: a bit per hash of the cell rejects the others before the map is
+    /// queried.
+    near: Box<[u64; FILTER_BITS / 64]>,
+}
+
+impl Search {
+    /// Begins a search among `count` points, whose box is `widest` along its longest side; `None`
+    /// if they have no extent.
+    pub fn new(seeds: Vec<DVec3>, count: u64, widest: f64) -> Option<Search> {
+        if !widest.is_finite() || widest <= 0.0 {
+            return None;
+        }
+        // On a surface, n points are closer than m of them by the square root of m / n, and the
+        // eighth is three times as far as the first.
+        let closer = (seeds.len() as f64 / count as f64).sqrt();
+        let cell = between(&seeds)
+            .map_or(widest, |distance| 8.0 * distance * closer)
+            .max(widest * SMALLEST_CELL);
+        Some(Search::of(seeds, cell, widest))
+    }
+
+    fn of(seeds: Vec<DVec3>, cell: f64, widest: f64) -> Search {
+        let found = seeds.iter().map(|_| Mutex::new(Around::NONE)).collect();
+        let bounds = seeds.iter().map(|_| AtomicU64::new(f64::INFINITY.to_bits())).collect();
+        Search { seeds, found, bounds, cell, widest }
+    }
+
+    /// Returns the seeds near points on a lattice, which lie within these corners
+    /// `[lattice steps]`.
+    pub fn watch(&self, lattice: Lattice, ends: [[i32; 3]; 2]) -> Watch {
+        let grid = Grid::new(lattice, self.cell);
+        let watching = grid.watching(ends, &self.seeds);
+        let mut near = Box::new([0u64; FILTER_BITS / 64]);
+        for cell in watching.keys() {
+            let bit = filter_bit(*cell);
+            near[bit / 64] |= 1 << (bit % 64);
+        }
+        Watch { grid, watching, near }
+    }
+
+    /// Looks at points, from any thread.
+    pub fn look(&self, watch: &Watch, [x, y, z]: [&[i32]; 3]) {
+        for ((&x, &y), &z) in x.iter().zip(y).zip(z) {
+            let q = [x, y, z].map(i64::from);
+            let cell = watch.grid.cell(q);
+            let bit = filter_bit(cell);
+            if watch.near[bit / 64] >> (bit % 64) & 1 != 0 {
+                self.visit(watch, q, cell);
+            }
+        }
+    }
+
+    /// Looks at a point that is probably near a seed.
+    fn visit(&self, watch: &Watch, q: [i64; 3], cell: [i64; 3]) {
+        let p = watch.grid.lattice.world(q);
+        for &seed in watch.watching.get(&cell).into_iter().flatten() {
+            let square = (p - self.seeds[seed]).length_squared();
+            if square > 0.0 && square.to_bits() < self.bounds[seed].load(Ordering::Relaxed) {
+                let mut around =
+                    self.found[seed].lock().unwrap_or_else(|poisoned| poisoned.into_inner());
+                around.add(square, p);
+                self.bounds[seed]
+                    .store(around.squares[NEIGHBOURS - 1].to_bits(), Ordering::Relaxed);
+            }
+        }
+    }
+
+    /// Ends a round.
+    pub fn settle(self) -> Round {
+        let Search { seeds, found, cell, widest, .. } = self;
         let is_last = cell > 2.0 * widest;
-        let is_settled = |found: &&Around| {
+        let is_settled = |found: &Around| {
             is_last || found.count == NEIGHBOURS && found.squares[NEIGHBOURS - 1] <= cell * cell
         };
+        let around = found
+            .into_iter()
+            .map(|around| around.into_inner().unwrap_or_else(|poisoned| poisoned.into_inner()));
         let mut settled: Vec<f64> =
-            around.iter().filter(is_settled).filter_map(Around::apart).collect();
+            around.filter(is_settled).filter_map(|found| found.apart()).collect();
         if is_last || settled.len() > seeds.len() * 3 / 4 {
             // Relative to all seeds: the unsettled ones are farther than any settled one.
-            return quartile(&mut settled, seeds.len());
+            return Round::Found(quartile(&mut settled, seeds.len()));
         }
-        cell *= GROWTH;
+        Round::Wider(Search::of(seeds, cell * GROWTH, widest))
     }
 }
 
@@ -125,69 +226,18 @@ fn between(seeds: &[DVec3]) -> Option<f64> {
     distances.get(distances.len() / 2).copied().filter(|distance| distance.is_finite())
 }
 
-/// Returns about this many distinct positions, chosen by a hash of their steps from the lower
-/// corner, in any order of points.
-fn seeds(cloud: &Cloud) -> Vec<DVec3> {
-    let every = cloud.len().div_ceil(SEEDS).max(1);
-    let of_part = |part: &Part| {
-        let Some(extent) = part.columns.extent() else { return Vec::new() };
-        let is_chosen =
-            |place: &&[i32; 3]| u64::from(scatter_steps(**place, extent.low)) < (1 << 32) / every;
-        let chosen = extent.samples.iter().filter(is_chosen);
-        chosen.map(|place| part.lattice.world(place.map(i64::from))).collect::<Vec<_>>()
-    };
-    let mut seeds: Vec<DVec3> = cloud.parts.iter().flat_map(of_part).collect();
+/// Returns about [`SEEDS`] distinct positions of `count` points, from lattices and samples of
+/// parts.
+pub fn seeds<'s>(parts: impl Iterator<Item = (Lattice, &'s Samples)>, count: u64) -> Vec<DVec3> {
+    let every = count.div_ceil(SEEDS).max(1);
+    let mut seeds = Vec::new();
+    for (lattice, samples) in parts {
+        let places = samples.places_below((1 << 32) / every);
+        seeds.extend(places.map(|place| lattice.world(place.map(i64::from))));
+    }
     seeds.sort_by(|a, b| a.x.total_cmp(&b.x).then(a.y.total_cmp(&b.y)).then(a.z.total_cmp(&b.z)));
     seeds.dedup();
     seeds
-}
-
-/// Returns the nearest positions of each seed, none missing within a distance of `cell`.
-fn around(cloud: &Cloud, seeds: &[DVec3], cell: f64) -> Vec<Around> {
-    let found: Vec<Mutex<Around>> = seeds.iter().map(|_| Mutex::new(Around::NONE)).collect();
-    // The farthest relevant distance. Squared distances are positive, so their bits order as they
-    // do.
-    let bounds: Vec<AtomicU64> =
-        seeds.iter().map(|_| AtomicU64::new(f64::INFINITY.to_bits())).collect();
-    for part in &cloud.parts {
-        let Columns { x, y, z, .. } = &part.columns;
-        let grid = Grid::new(part.lattice, cell);
-        let watching = grid.watching(part, seeds);
-        // Few points are near a seed: one bit per hash of the cell rejects the others before the
-        // map is queried.
-        let mut near = Box::new([0u64; FILTER_BITS / 64]);
-        for cell in watching.keys() {
-            let bit = filter_bit(*cell);
-            near[bit / 64] |= 1 << (bit % 64);
-        }
-        let visit = |q: [i64; 3], cell: [i64; 3]| {
-            let p = part.lattice.world(q);
-            for &seed in watching.get(&cell).into_iter().flatten() {
-                let square = (p - seeds[seed]).length_squared();
-                if square > 0.0 && square.to_bits() < bounds[seed].load(Ordering::Relaxed) {
-                    let mut around =
-                        found[seed].lock().unwrap_or_else(|poisoned| poisoned.into_inner());
-                    around.add(square, p);
-                    bounds[seed].store(around.squares[NEIGHBOURS - 1].to_bits(), Ordering::Relaxed);
-                }
-            }
-        };
-        let [x, y, z] = [x, y, z].map(|column| column.par_chunks(TASK));
-        x.zip(y).zip(z).for_each(|((x, y), z)| {
-            for ((&x, &y), &z) in x.iter().zip(y).zip(z) {
-                let q = [x, y, z].map(i64::from);
-                let cell = grid.cell(q);
-                let bit = filter_bit(cell);
-                if near[bit / 64] >> (bit % 64) & 1 != 0 {
-                    visit(q, cell);
-                }
-            }
-        });
-    }
-    found
-        .into_iter()
-        .map(|around| around.into_inner().unwrap_or_else(|poisoned| poisoned.into_inner()))
-        .collect()
 }
 
 /// Cells of a power of two lattice steps per axis, found by a shift.
@@ -209,10 +259,9 @@ impl Grid {
 
     /// Returns the seeds near each cell: each seed is listed in all cells that see it, so that a
     /// point visits one cell only. Seeds far from the part are left out.
-    fn watching(&self, part: &Part, seeds: &[DVec3]) -> Watching {
+    fn watching(&self, ends: [[i32; 3]; 2], seeds: &[DVec3]) -> Watching {
         let mut watching = Watching::default();
-        let Some(extent) = part.columns.extent() else { return watching };
-        let [low, high] = [extent.low, extent.high].map(|end| self.cell(end.map(i64::from)));
+        let [low, high] = ends.map(|end| self.cell(end.map(i64::from)));
         for (index, &seed) in seeds.iter().enumerate() {
             let q = ((seed - self.lattice.offset) / self.lattice.step).round();
             let near = self.cell(q.to_array().map(|q| q as i64));

@@ -11,6 +11,7 @@ use super::up::Up;
 use super::{Cloud, Columns, Lattice, Part};
 use glam::DVec3;
 use rayon::prelude::*;
+use std::collections::HashMap;
 use std::ops::Range;
 use std::sync::OnceLock;
 
@@ -58,30 +59,13 @@ impl RobustBounds {
         let samples_of =
             |range: Range<usize>| range.map(&place).filter(is_sample).collect::<Vec<_>>();
         let samples: Vec<DVec3> = tasks(count).flat_map_iter(samples_of).collect();
-        RobustBounds::among(count, all, samples, place)
+        let bins = Bins::of(all, samples.into_iter().map(|p| (p, 1)).collect())?;
+        bins.core(&bins.count(count, place))
     }
 
     /// Returns the box around both.
     fn and(self, other: RobustBounds) -> RobustBounds {
         RobustBounds { low: self.low.min(other.low), high: self.high.max(other.high) }
-    }
-
-    /// Returns the box, given the box around all positions and samples of them.
-    fn among(
-        count: usize,
-        all: RobustBounds,
-        samples: Vec<DVec3>,
-        place: impl Fn(usize) -> DVec3 + Sync,
-    ) -> Option<RobustBounds> {
-        let bins = Bins::of(all, samples)?;
-        let count_all = |range: Range<usize>| {
-            let mut counts = vec![0; bins.count];
-            range.for_each(|i| counts[bins.bin(place(i))] += 1);
-            counts
-        };
-        let add = |a: Vec<u64>, b: Vec<u64>| a.into_iter().zip(b).map(|(a, b)| a + b).collect();
-        let counts = tasks(count).map(count_all).reduce(|| vec![0; bins.count], add);
-        bins.first_of_strays(&counts).map(|gap| bins.before(gap))
     }
 
     pub fn has(&self, p: DVec3) -> bool {
@@ -94,37 +78,54 @@ impl RobustBounds {
     }
 }
 
-/// Bins of positions by their distance from the middle half of samples, of which some are empty.
+/// Bins of points by their distance from the middle half.
 pub struct Bins {
     middle: RobustBounds,
-    /// Its longest side.
+    /// Longest side of the middle half.
     size: f64,
-    pub count: usize,
+    farthest: usize,
 }
 
 impl Bins {
-    /// Returns the bins of all positions within a box; `None` if samples fill every bin, where there
-    /// is no gap.
-    pub fn of(all: RobustBounds, samples: Vec<DVec3>) -> Option<Bins> {
+    /// Returns the bins of points whose box and samples these are, the samples each with the number
+    /// of points there; `None` if there can be no strays.
+    pub fn of(all: RobustBounds, samples: Vec<(DVec3, u64)>) -> Option<Bins> {
         let middle = middle_half(samples.clone())?;
         let size = (middle.high - middle.low).max_element();
         if !(size > 0.0 && size.is_finite()) {
             return None;
         }
-        let mut bins = Bins { middle, size, count: FACTORS };
-        bins.count = 1 + bins.bin(all.low).max(bins.bin(all.high));
-        let mut met = vec![false; bins.count];
-        samples.iter().for_each(|&p| met[bins.bin(p)] = true);
-        met[..bins.count - 1].contains(&false).then_some(bins)
+        let mut bins = Bins { middle, size, farthest: 0 };
+        bins.farthest = bins.bin(all.low).max(bins.bin(all.high));
+        // If samples fill every bin, there is no gap and nothing to count.
+        let mut met = vec![false; bins.farthest + 1];
+        samples.iter().for_each(|&(p, _)| met[bins.bin(p)] = true);
+        (!met[..bins.farthest].iter().all(|&met| met)).then_some(bins)
     }
 
-    /// Returns the bin of a position: the integer part of a binary logarithm.
+    /// Returns how many of `count` points are in each bin.
+    pub fn count(&self, count: usize, place: impl Fn(usize) -> DVec3 + Sync) -> Vec<u64> {
+        let empty = || vec![0; self.number()];
+        let count_all = |range: Range<usize>| {
+            let mut counts = empty();
+            range.for_each(|i| counts[self.bin(place(i))] += 1);
+            counts
+        };
+        let add = |a: Vec<u64>, b: Vec<u64>| a.into_iter().zip(b).map(|(a, b)| a + b).collect();
+        tasks(count).map(count_all).reduce(empty, add)
+    }
+
+    /// Returns the bin of a point: the integer part of a binary logarithm.
     pub fn bin(&self, p: DVec3) -> usize {
         (((1.0 + self.middle.beyond(p) / self.size).to_bits() >> 52) as usize - 1023)
-            .min(self.count - 1)
+            .min(FACTORS - 1)
     }
 
-    /// Returns the first empty bin of all positions, if few enough lie beyond to be strays.
+    pub fn number(&self) -> usize {
+        self.farthest + 1
+    }
+
+    /// Returns the first empty bin from the points of each, if few enough lie beyond to be strays.
     pub fn first_of_strays(&self, counts: &[u64]) -> Option<usize> {
         let gap = counts.iter().position(|&points| points == 0)?;
         let strays: u64 = counts[gap..].iter().sum();
@@ -132,10 +133,74 @@ impl Bins {
         (1..=few).contains(&strays).then_some(gap)
     }
 
-    /// Returns the box of the bins before one.
-    fn before(&self, gap: usize) -> RobustBounds {
+    /// Returns the box around all points but strays, likewise.
+    pub fn core(&self, counts: &[u64]) -> Option<RobustBounds> {
+        let gap = self.first_of_strays(counts)?;
         let reach = self.size * (2f64.powi(gap as i32) - 1.0);
-        RobustBounds { low: self.middle.low - reach, high: self.middle.high + reach }
+        let Bins { middle, .. } = self;
+        Some(RobustBounds { low: middle.low - reach, high: middle.high + reach })
+    }
+}
+
+/// Samples of the points of a part, chosen by [`scatter_steps`] from their lower corner: several
+/// thousand, or all. The same points are chosen in any order.
+#[derive(Clone, Debug)]
+pub struct Samples {
+    low: [i32; 3],
+    /// Largest hash of a sample.
+    most: u32,
+    /// Points at each position.
+    places: HashMap<[i32; 3], u64>,
+}
+
+impl Samples {
+    /// Begins a sample of `count` points.
+    pub fn of(low: [i32; 3], count: u64) -> Samples {
+        let most = (chosen(count as usize) >> 32) as u32;
+        Samples { low, most, places: HashMap::new() }
+    }
+
+    /// Tests whether these are the samples of `count` points from this corner on.
+    pub fn are_of(&self, low: [i32; 3], count: u64) -> bool {
+        self.low == low && self.most == Samples::of(low, count).most
+    }
+
+    pub fn add(&mut self, [x, y, z]: [&[i32]; 3]) {
+        let [x, y, z] = [x, y, z].map(|column| column.chunks(BLOCK));
+        for ((x, y), z) in x.zip(y).zip(z) {
+            let places = || x.iter().zip(y).zip(z).map(|((&x, &y), &z)| [x, y, z]);
+            let (low, most) = (self.low, self.most);
+            let is_chosen = |place: &[i32; 3]| scatter_steps(*place, low) <= most;
+            // Most blocks have no sample, which SIMD finds for several points at a time.
+            if places().map(|place| u32::from(is_chosen(&place))).sum::<u32>() > 0 {
+                for place in places().filter(is_chosen) {
+                    *self.places.entry(place).or_default() += 1;
+                }
+            }
+        }
+    }
+
+    /// Adds the samples of other points from the same corner on.
+    pub fn join(&mut self, other: Samples) {
+        for (place, points) in other.places {
+            *self.places.entry(place).or_default() += points;
+        }
+    }
+
+    /// Returns the positions whose hash is below a number.
+    pub fn places_below(&self, hash: u64) -> impl Iterator<Item = [i32; 3]> {
+        let is_below = move |place: &[i32; 3]| u64::from(scatter_steps(*place, self.low)) < hash;
+        self.places.keys().copied().filter(is_below)
+    }
+
+    /// Returns the bins of `count` points within these corners `[lattice steps]`; `None` if there
+    /// can be no strays.
+    pub fn bins(&self, count: u64, [low, high]: [[i32; 3]; 2]) -> Option<Bins> {
+        if count < FEWEST as u64 {
+            return None;
+        }
+        let places = self.places.iter().map(|(place, points)| (steps(*place), *points)).collect();
+        Bins::of(RobustBounds { low: steps(low), high: steps(high) }, places)
     }
 }
 
@@ -144,8 +209,7 @@ impl Bins {
 pub struct Extent {
     pub low: [i32; 3],
     pub high: [i32; 3],
-    /// Positions chosen by [`scatter_steps`]: several thousand, or all.
-    pub samples: Vec<[i32; 3]>,
+    pub samples: Samples,
     /// The box around all points but strays, if there are strays.
     pub core: Option<RobustBounds>,
 }
@@ -165,29 +229,20 @@ impl Extent {
     /// Returns the extent of points between these corners.
     fn within(Corners { low, high }: Corners, columns: &Columns) -> Extent {
         let count = columns.len();
-        let chosen = (chosen(count) >> 32) as u32;
+        let none = || Samples::of(low, count as u64);
         let samples_of = |range: Range<usize>| {
-            let mut samples = Vec::new();
-            // Most blocks have no sample, which SIMD finds for several points at a time.
-            let [x, y, z] = [&columns.x, &columns.y, &columns.z]
-                .map(|column| column[range.clone()].chunks(BLOCK));
-            for ((x, y), z) in x.zip(y).zip(z) {
-                let places = || x.iter().zip(y).zip(z).map(|((&x, &y), &z)| [x, y, z]);
-                let is_chosen = |place: &[i32; 3]| scatter_steps(*place, low) <= chosen;
-                if places().map(|place| u32::from(is_chosen(&place))).sum::<u32>() > 0 {
-                    samples.extend(places().filter(is_chosen));
-                }
-            }
+            let mut samples = none();
+            let places = [&columns.x, &columns.y, &columns.z];
+            samples.add(places.map(|column| &column[range.clone()]));
             samples
         };
-        let samples: Vec<_> = tasks(count).flat_map_iter(samples_of).collect();
-        let core = if count < FEWEST {
-            None
-        } else {
-            let all = RobustBounds { low: steps(low), high: steps(high) };
-            let places = samples.iter().map(|&place| steps(place)).collect();
-            RobustBounds::among(count, all, places, |i| columns.place(i))
+        let join = |mut all: Samples, own: Samples| {
+            all.join(own);
+            all
         };
+        let samples = tasks(count).map(samples_of).reduce(none, join);
+        let bins = samples.bins(count as u64, [low, high]);
+        let core = bins.and_then(|bins| bins.core(&bins.count(count, |i| columns.place(i))));
         Extent { low, high, samples, core }
     }
 }
@@ -249,23 +304,31 @@ impl Columns {
     }
 }
 
-/// Returns the box between the first and the third quartile of every axis.
-fn middle_half(mut samples: Vec<DVec3>) -> Option<RobustBounds> {
-    let (first, third) = (samples.len() / 4, samples.len() * 3 / 4);
+/// Returns the box between the first and the third quartile of every axis, of samples with their
+/// numbers of points.
+fn middle_half(mut samples: Vec<(DVec3, u64)>) -> Option<RobustBounds> {
+    let count: u64 = samples.iter().map(|(_, points)| points).sum();
+    if count < 4 {
+        return None;
+    }
     let [mut low, mut high] = [DVec3::ZERO; 2];
     for axis in 0..3 {
-        if samples.len() < 4 {
-            return None;
-        }
-        let mut along = |k: usize| {
-            samples.select_nth_unstable_by(k, |a, b| a[axis].total_cmp(&b[axis])).1[axis]
+        samples.sort_unstable_by(|(a, _), (b, _)| a[axis].total_cmp(&b[axis]));
+        let along = |k: u64| {
+            let mut before = 0;
+            let reached = |(_, points): &&(DVec3, u64)| {
+                before += points;
+                before > k
+            };
+            samples.iter().find(reached).expect("k is below the count").0[axis]
         };
-        (low[axis], high[axis]) = (along(first), along(third));
+        (low[axis], high[axis]) = (along(count / 4), along(count * 3 / 4));
     }
     Some(RobustBounds { low, high })
 }
 
-fn steps(place: [i32; 3]) -> DVec3 {
+/// Returns a position as numbers.
+pub fn steps(place: [i32; 3]) -> DVec3 {
     DVec3::from_array(place.map(f64::from))
 }
 
@@ -308,7 +371,7 @@ impl Strays {
         Strays { points, places: places.take(Strays::LISTED).map(|p| p.to_array()).collect() }
     }
 
-    fn and(mut self, other: Strays) -> Strays {
+    pub fn and(mut self, other: Strays) -> Strays {
         self.points += other.points;
         self.places.extend(other.places);
         self.places.truncate(Strays::LISTED);

@@ -131,6 +131,16 @@ pub fn summary(paths: &[PathBuf]) -> Result<FileSummary> {
     Ok(about)
 }
 
+/// Returns whether all files are LAS, LAZ, or an octree of such.
+pub fn are_las(paths: &[PathBuf]) -> Result<bool> {
+    for path in paths {
+        if !las::is_one(&Input::open(path)?)? {
+            return Ok(false);
+        }
+    }
+    Ok(true)
+}
+
 impl Source {
     fn new(
         path: &Path,
@@ -150,6 +160,17 @@ impl Source {
         let mut notes = Vec::new();
         let lattice = crs::settle(header, lattice, plane, &title, &mut notes);
         Source { path: path.to_owned(), strict: options.strict, lattice, notes, contents }
+    }
+
+    /// Returns a part that was read whole, whose notes were given then.
+    pub fn of_part(part: Part) -> Source {
+        Source {
+            path: part.path.clone(),
+            strict: false,
+            lattice: part.lattice,
+            notes: Vec::new(),
+            contents: Contents::Part(Box::new(part)),
+        }
     }
 
     pub fn path(&self) -> &Path {
@@ -241,6 +262,13 @@ impl Source {
                 fits.then(|| [lo.as_ivec3().to_array(), hi.as_ivec3().to_array()])
             }
             Contents::Part(part) => part.columns.bounds(),
+        }
+    }
+
+    /// Reads only these of its columns from now on, and its scalars.
+    pub fn narrow(&mut self, wanted: ColumnSet) {
+        if let Contents::Las { las, .. } = &mut self.contents {
+            las.narrow(wanted);
         }
     }
 

@@ -40,13 +40,13 @@ pub fn extent(
             own.add(place);
             let columns = batch.columns;
             if scatter_steps([columns.x[i], columns.y[i], columns.z[i]], [0; 3]) <= largest {
-                samples.push(place);
+                samples.push((place, 1));
             }
         }
         Ok((own, samples))
     };
     let (mut all, mut samples) = (Around::default(), Vec::new());
-    let mut take = |(own, some): (Around, Vec<DVec3>)| {
+    let mut take = |(own, some): (Around, Vec<(DVec3, u64)>)| {
         all.join(&own);
         samples.extend(some);
         Ok(())
@@ -58,7 +58,7 @@ pub fn extent(
     let Some(bins) = Bins::of(all.corners, samples) else {
         return Ok(Some(all.extent(input, 0, notes)));
     };
-    let none = || vec![Around::default(); bins.count];
+    let none = || vec![Around::default(); bins.number()];
     let sort = |batch: &Batch| {
         let mut own = none();
         places(input, batch).for_each(|(_, place)| own[bins.bin(place)].add(place));

@@ -8,9 +8,9 @@ use crate::cloud::histograms::{CLASSES, RETURNS};
 use crate::cloud::las::Las;
 use crate::cloud::rgb_range::Scale;
 use crate::cloud::scalar::{Scalar, Scalars};
-use crate::cloud::stream::{self, Source};
+use crate::cloud::stream::{self, Source, Streamed};
 use crate::cloud::up::Up;
-use crate::cloud::{ColumnSet, Columns, Header, Lattice, ReadOptions, Station};
+use crate::cloud::{Cloud, ColumnSet, Columns, Header, Lattice, ReadOptions, Station};
 use crate::error::{Error, Result};
 use crate::index::format::Index;
 use crate::progress::Progress;
@@ -44,6 +44,9 @@ pub enum Input {
 
 /// Points on one lattice.
 pub struct Part {
+    pub path: PathBuf,
+    /// The scan's own name within its file, if any.
+    pub name: Option<String>,
     /// Name of the file or scan.
     pub title: String,
     /// Lattice on which points are drawn, filtered and clipped.
@@ -56,6 +59,14 @@ pub struct Part {
     pub header: Header,
     /// World corners of its points, by the file's header, on its own lattice.
     pub bounds: Option<(DVec3, DVec3)>,
+}
+
+/// Outcome of reading.
+pub struct Read {
+    pub notes: Vec<String>,
+    /// Summaries of the files, or scans of files, that were read; none of an index. Their notes are
+    /// above.
+    pub streamed: Vec<Streamed>,
 }
 
 /// Points of a part.
@@ -117,6 +128,13 @@ impl Input {
         Ok(Input::Files { sources, parts, notes, ground })
     }
 
+    /// Returns a cloud that was read whole.
+    pub fn of_cloud(cloud: Cloud) -> Input {
+        let sources: Vec<Source> = cloud.parts.into_iter().map(Source::of_part).collect();
+        let parts = sources.iter().map(Part::of).collect();
+        Input::Files { sources, parts, notes: Vec::new(), ground: None }
+    }
+
     pub fn parts(&self) -> &[Part] {
         match self {
             Input::Files { parts, .. } | Input::Index { parts, .. } => parts,
@@ -148,6 +166,25 @@ impl Input {
         }
     }
 
+    /// Returns the lower corner `[lattice steps]` and the number of points of a part, by the header of
+    /// its file.
+    pub fn stated(&self, part: usize) -> Option<([i32; 3], u64)> {
+        match self {
+            Input::Files { sources, .. } => {
+                let [low, _] = sources[part].stated_bounds()?;
+                Some((low, sources[part].points()))
+            }
+            Input::Index { .. } => None,
+        }
+    }
+
+    /// Reads only these columns of files from now on.
+    pub fn narrow(&mut self, wanted: ColumnSet) {
+        if let Input::Files { sources, .. } = self {
+            sources.iter_mut().for_each(|source| source.narrow(wanted));
+        }
+    }
+
     fn available(&self) -> ColumnSet {
         self.parts().iter().fold(ColumnSet::default(), |set, part| set.and(part.available))
     }
@@ -169,12 +206,24 @@ impl Input {
         map: &(dyn Fn(&Batch) -> Result<T> + Sync),
         take: &mut (dyn FnMut(T) -> Result<()> + Send),
     ) -> Result<Vec<String>> {
+        Ok(self.read(&|_| true, selection, progress, map, take)?.notes)
+    }
+
+    /// Maps the batches of the files, or scans of files, that are wanted.
+    pub fn read<T: Send>(
+        &self,
+        wants: &dyn Fn(usize) -> bool,
+        selection: &Selection,
+        progress: &dyn Progress,
+        map: &(dyn Fn(&Batch) -> Result<T> + Sync),
+        take: &mut (dyn FnMut(T) -> Result<()> + Send),
+    ) -> Result<Read> {
         let (clips, slab, parts) = (&selection.clips, selection.slab, self.parts());
         match self {
             Input::Files { sources, notes, ground, .. } => {
                 let opaque = Opaque::of_files(&selection.opacities, sources, progress)?;
-                let mut notes = notes.clone();
-                for (part, source) in sources.iter().enumerate() {
+                let mut read = Read { notes: notes.clone(), streamed: Vec::new() };
+                for (part, source) in sources.iter().enumerate().filter(|(part, _)| wants(*part)) {
                     let filter = &selection.filter.compile_for(
                         source.path(),
                         source.name(),
@@ -199,9 +248,11 @@ impl Input {
                         let left = chosen.left(Some(part), columns, lattice, shift);
                         map(&Batch { part, columns, shift, records, ids: None, left })
                     };
-                    notes.extend(source.stream_in_order(progress, &each, take)?.notes);
+                    let mut streamed = source.stream_in_order(progress, &each, take)?;
+                    read.notes.append(&mut streamed.notes);
+                    read.streamed.push(streamed);
                 }
-                Ok(notes)
+                Ok(read)
             }
             Input::Index { index, notes, .. } => {
                 let contents = &index.directory.contents;
@@ -236,7 +287,7 @@ impl Input {
                     done += points(leaves);
                     progress.tick(&doing, done, total)?;
                 }
-                Ok(notes.clone())
+                Ok(Read { notes: notes.clone(), streamed: Vec::new() })
             }
         }
     }
@@ -245,6 +296,8 @@ impl Input {
 impl Part {
     fn of(source: &Source) -> Part {
         Part {
+            path: source.path().to_owned(),
+            name: source.name().map(str::to_owned),
             title: source.title(),
             lattice: source.lattice(),
             own: source.own_lattice(),
@@ -268,6 +321,8 @@ fn parts_of(index: &Index) -> Vec<Part> {
         let nodes = index.nodes().iter().filter(|node| node.lattice as usize / 2 == tree);
         let available = nodes.fold(ColumnSet::default(), |set, node| set.and(node.available()));
         Part {
+            path: index.path().to_owned(),
+            name: None,
             title: index.path().file_name().unwrap_or_default().to_string_lossy().into_owned(),
             lattice: own,
             own,

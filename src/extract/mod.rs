@@ -1,9 +1,11 @@
-//! Points that filters, clip boxes and opacities leave: counted, written to a file, or put into the
-//! cells of a map.
+//! Points that filters, clip boxes and opacities leave: counted, described, written to a file, or put
+//! into the cells of a map.
 //!
 //! ```text
 //! files or an index -> batches -> points that are left -> thinned -> count, or file
 //!                      input      Selection               thin      las, table, ply
+//!                                     |
+//!                                     +-----------------------------> statistics, raster
 //! ```
 //!
 //! Points come in the order of the files, or in that of an index's leaves; a batch a thread is in
@@ -17,6 +19,7 @@ mod las;
 mod ply;
 pub mod profile;
 pub mod raster;
+pub mod statistics;
 mod table;
 mod thin;
 

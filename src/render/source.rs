@@ -47,6 +47,8 @@ pub struct OpenOptions {
     pub index: Option<&'static str>,
     /// Whether local octrees are indexed like other files, instead of being drawn in place.
     pub indexes_octrees: bool,
+    /// Whether all points are painted as strokes.
+    pub strokes: bool,
     /// Where indexes are cached; the default location if `None`.
     pub place: Option<cache::CacheLocation>,
     /// Saved shadows of the index, and the light they must match.
@@ -65,12 +67,13 @@ impl OpenOptions {
             return Ok(Some("it is on a server".into()));
         }
         let points = cloud::stream::summary(files)?.points;
-        let many = points > config::WHOLE_POINTS;
+        let (most, drawn) = match self.strokes {
+            true => (config::WHOLE_STROKES, "painted as strokes"),
+            false => (config::WHOLE_POINTS, "drawn"),
+        };
+        let many = points > most;
         Ok(many.then(|| {
-            format!(
-                "{points} points are more than are drawn without an index ({})",
-                config::WHOLE_POINTS
-            )
+            format!("{points} points are more than are {drawn} without an index ({most})")
         }))
     }
 

@@ -227,6 +227,7 @@ impl Entry {
             filter: Filter::default(),
             index: None,
             indexes_octrees: false,
+            strokes,
             place: None,
             shadows: None,
             fault: None,

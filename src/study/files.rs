@@ -46,6 +46,7 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
             filter: Filter::default(),
             index,
             indexes_octrees: false,
+            strokes: false,
             place: None,
             shadows: None,
             fault: None,

@@ -6,10 +6,15 @@
 use crate::files::scan;
 use crate::shared::shared;
 use laz::{LasZipCompressor, LazItemRecordBuilder, LazVlrBuilder};
+use pointillist::cloud::filter::Filter;
 use pointillist::cloud::stream::{self, BATCH, Streamed};
 use pointillist::cloud::{self, ColumnSet, Columns, ReadOptions};
 use pointillist::error::{Error, Result};
+use pointillist::extract::Selection;
+use pointillist::extract::input::Input;
+use pointillist::extract::statistics::{Statistics, statistics};
 use pointillist::progress::Silent;
+use pointillist::synth::SceneKind;
 use std::fs;
 use std::hash::{DefaultHasher, Hash, Hasher};
 use std::path::{Path, PathBuf};
@@ -619,4 +624,83 @@ fn a_sample_of_odd_files_is_what_they_have() {
         .len()
     };
     assert_eq!([0, 3, 120_000, u64::MAX].map(sampled), [0, 5, 120_000, 120_000]);
+}
+
+/// Returns the statistics of files read whole, and in batches.
+fn statistics_of(paths: &[PathBuf], selection: &Selection) -> [Result<Statistics>; 2] {
+    let options = ReadOptions { extras: true, ..ReadOptions::new(ColumnSet::ALL, false) };
+    let whole = cloud::read(paths, &options, &Silent).and_then(|mut cloud| {
+        cloud.filter(&selection.filter)?;
+        statistics(&mut Input::of_cloud(cloud), &Selection::default(), &Silent)
+    });
+    let batches = Input::open(paths, &options, &Silent)
+        .and_then(|mut input| statistics(&mut input, selection, &Silent));
+    // Notes of what was read whole were given before.
+    [whole, batches].map(|found| found.map(|found| Statistics { notes: Vec::new(), ..found }))
+}
+
+#[test]
+fn statistics_of_batches_are_those_of_files_read_whole() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name);
+    scan(&path("street.las"), SceneKind::Street, 200_000);
+    let bytes = fs::read(path("street.las")).unwrap();
+    let at = u32::from_le_bytes(bytes[96..100].try_into().unwrap()) as usize;
+    let record = u16::from_le_bytes(bytes[105..107].try_into().unwrap()) as usize;
+    // Three strays, of which two coincide, and a second station that is everywhere.
+    let mut strays = bytes.clone();
+    for k in [5, 77_777, 199_999] {
+        let x = if k == 5 { 2_000_000_000i32 } else { -1_999_999_999 };
+        strays[at + k * record..][..4].copy_from_slice(&x.to_le_bytes());
+    }
+    fs::write(path("strays.las"), &strays).unwrap();
+    // All points in one place.
+    let one: Vec<u8> = bytes[at..at + record].repeat(200_000);
+    fs::write(path("one.las"), [&bytes[..at], &one].concat()).unwrap();
+    // A file that is cut off.
+    fs::write(path("cut.las"), &bytes[..at + 150_000 * record]).unwrap();
+    let ground = Selection {
+        filter: Filter { only: vec!["ground".parse().unwrap()], not: Vec::new() },
+        ..Selection::default()
+    };
+    let mut checked = 0;
+    let mut check = |paths: &[PathBuf], selection: &Selection| {
+        let [whole, batches] = statistics_of(paths, selection);
+        match (whole, batches) {
+            (Ok(whole), Ok(batches)) => {
+                assert_eq!(whole, batches, "{paths:?}");
+                checked += 1;
+            }
+            (whole, batches) => {
+                let [whole, batches] = [whole, batches].map(|found| found.err());
+                let [whole, batches] = [whole, batches].map(|error| error.map(|e| e.to_string()));
+                assert_eq!(whole, batches, "{paths:?}");
+            }
+        }
+    };
+    for names in [
+        &["street.las"][..],
+        &["strays.las"],
+        &["one.las"],
+        &["cut.las"],
+        &["street.las", "one.las"],
+    ] {
+        let paths: Vec<PathBuf> = names.iter().map(|name| path(name)).collect();
+        check(&paths, &Selection::default());
+        check(&paths, &ground);
+    }
+    let [Ok(whole), _] = statistics_of(&[path("strays.las")], &Selection::default()) else {
+        panic!("it can be read")
+    };
+    assert_eq!(whole.strays.points, 3);
+    if let Some(folder) = shared("data") {
+        for path in files(folder) {
+            let is_small = fs::metadata(&path).unwrap().len() < 30 << 20;
+            if is_small && stream::are_las(std::slice::from_ref(&path)).unwrap_or(false) {
+                check(&[path], &Selection::default());
+            }
+        }
+    }
+    println!("{checked} inputs");
+    assert!(checked > 6);
 }

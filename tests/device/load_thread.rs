@@ -27,6 +27,7 @@ fn opening() -> OpenOptions {
         filter: Default::default(),
         index: None,
         indexes_octrees: false,
+        strokes: false,
         place: Some(CacheLocation::Temporary),
         shadows: None,
         fault: None,

@@ -39,6 +39,7 @@ mod indexed;
 mod inputs_and_outputs;
 mod jobs;
 mod maps;
+mod memory;
 mod network;
 mod pictures;
 mod python;

@@ -457,6 +457,7 @@ pub(super) fn rendered(
         filter: Default::default(),
         index: None,
         indexes_octrees: false,
+        strokes: false,
         place: None,
         shadows: None,
         fault: None,

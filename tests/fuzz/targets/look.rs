@@ -151,6 +151,7 @@ pub fn opening() -> OpenOptions {
         filter: Filter::default(),
         index: None,
         indexes_octrees: false,
+        strokes: false,
         place: None,
         shadows: None,
         fault: None,

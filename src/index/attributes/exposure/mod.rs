@@ -1,8 +1,8 @@
 //! Exposure of stations: brightness of each, differences where they overlap, and gains that
 //! equalise them.
 //!
-//! Returned are the mean value of each station's points; for every two overlapping stations the
-//! step between them and the gain that would remove it; and one gain per station that best removes
+//! Returned are, for every two overlapping stations, the step between their mean values and the
+//! gain that would remove it; and one gain per station that best removes
 //! all steps. Stations overlap in cells, some spacings wide, that hold points of both. A gain is a
 //! factor on light, so ratios are of linear values; the median over the cells rejects those that a
 //! shadow, a passer-by or a wall's other side made different (after Kanzok, Linsen and Rosenthal
@@ -14,8 +14,9 @@ mod sample;
 use crate::cloud::colormap::srgb_to_linear;
 use crate::cloud::{Cloud, Station};
 use crate::index::format::{Balance, MAX_STOPS};
+use glam::DVec3;
 use sample::{AXIS_BITS, Point};
-pub use sample::{Sample, Values, greys, point};
+pub use sample::{Sample, Values, greys, point, value};
 use serde::Serialize;
 use std::collections::BTreeMap;
 
@@ -24,6 +25,9 @@ pub struct Exposures {
     /// Mean V of HSV of each station's points, 0 to 255; `None` without colours.
     pub values: Vec<Option<f64>>,
     pub overlaps: Vec<Overlap>,
+    /// Points among which overlaps were sought, if these are not all.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub compared: Option<u64>,
     /// `None` if no two stations overlap.
     pub balance: Option<Balance>,
 }
@@ -103,24 +107,52 @@ struct SharedCell {
 
 type Pairs = BTreeMap<[usize; 2], Vec<SharedCell>>;
 
-/// Measures the exposures from all points. `None` if fewer than two stations have colours.
-pub fn exposures(cloud: &Cloud) -> Option<Exposures> {
-    let points = sample::all(cloud)?;
-    let (totals, pairs) = compare(&points, dropped_bits(&points), cloud.stations.len());
-    let values: Vec<_> = totals
-        .iter()
-        .map(|total| (total.count > 0).then(|| total.value / total.count as f64))
-        .collect();
-    let overlap = |(stations, cells): (&[usize; 2], &Vec<SharedCell>)| {
-        let step = cells.iter().map(|shared| shared.step).sum::<f64>() / cells.len() as f64;
-        Overlap { stations: *stations, cells: cells.len() as u64, step, gain: median(cells).exp2() }
-    };
-    let overlaps = pairs.iter().map(overlap).collect();
-    (values.iter().flatten().count() > 1).then(|| Exposures {
-        values,
-        overlaps,
-        balance: balance(cloud),
-    })
+/// Most points whose overlaps are measured; of more, those of some blocks of space.
+pub const MOST_COMPARED: usize = 1 << 22;
+
+/// Exposures of stations whose points come in any order, from any thread.
+pub struct Comparison {
+    /// Points whose overlaps are measured.
+    all: Sample,
+    /// Points that [`balance`] looks at.
+    some: Sample,
+}
+
+impl Comparison {
+    /// Begins with a number of points within a box.
+    pub fn new(bounds: (DVec3, DVec3), points: u64) -> Comparison {
+        let all = Sample::of(bounds, u64::MAX, MOST_COMPARED);
+        Comparison { all, some: Sample::new(bounds, points) }
+    }
+
+    /// Adds points: places, stations and colours.
+    pub fn add(&self, points: impl Iterator<Item = (DVec3, u16, [u8; 3])>) {
+        let mut kept = [Vec::new(), Vec::new()];
+        for (place, station, color) in points {
+            for (sample, kept) in [&self.all, &self.some].into_iter().zip(&mut kept) {
+                kept.extend(sample.cell(place).and_then(|cell| point(cell, station, color)));
+            }
+        }
+        let [all, some] = kept;
+        self.all.keep(all);
+        self.some.keep(some);
+    }
+
+    /// Returns the exposures of stations whose mean values are these.
+    pub fn exposures(self, stations: &[Station], values: Vec<Option<f64>>) -> Exposures {
+        let is_sample = self.all.is_thinned();
+        let points = self.all.into_points();
+        let compared = is_sample.then_some(points.len() as u64);
+        let pairs = compare(&points, dropped_bits(&points), stations.len()).1;
+        drop(points);
+        let overlap = |(stations, cells): (&[usize; 2], &Vec<SharedCell>)| {
+            let step = cells.iter().map(|shared| shared.step).sum::<f64>() / cells.len() as f64;
+            let gain = median(cells).exp2();
+            Overlap { stations: *stations, cells: cells.len() as u64, step, gain }
+        };
+        let overlaps = pairs.iter().map(overlap).collect();
+        Exposures { values, overlaps, compared, balance: of_sample(self.some, stations) }
+    }
 }
 
 /// Finds the gains from a sample of the points that is quick to process and independent of their
@@ -297,7 +329,6 @@ fn gains(pairs: &Pairs, groups: &mut Groups, points: &[u64]) -> Vec<f64> {
 mod tests {
     use super::*;
     use crate::cloud::{Columns, Header, Lattice, Part};
-    use glam::DVec3;
 
     /// Two stations of two square metres each, 0.8 of them shared, the second with half the light.
     /// Fewer than half of all points have a point of the other station beside them, so that the
@@ -333,8 +364,15 @@ mod tests {
                 points: 20_000,
             })
             .to_vec();
-        let found = exposures(&Cloud { parts: vec![part], stations, ..Cloud::default() }).unwrap();
-        assert_eq!(found.values, [Some(188.0), Some(137.0)]);
+        let comparison = Comparison::new(part.bounds().unwrap(), 40_000);
+        let Columns { x, y, z, rgb: Some(rgb), source: Some(source), .. } = &part.columns else {
+            panic!("columns that were made above")
+        };
+        let place = |i: usize| part.lattice.world([x[i], y[i], z[i]].map(i64::from));
+        comparison.add((0..40_000).map(|i| (place(i), source[i], rgb[i])));
+        let found = comparison.exposures(&stations, vec![Some(188.0), Some(137.0)]);
+        let cloud = Cloud { parts: vec![part], stations, ..Cloud::default() };
+        assert_eq!(found.balance, balance(&cloud));
         let Balance { gains, uneven } = found.balance.clone().unwrap();
         assert!(
             (gains[0] - 0.5f64.sqrt()).abs() < 0.01

@@ -79,11 +79,6 @@ pub fn greys(full: u32) -> Vec<u8> {
     (0..1 << 16).map(|v| (255.0 * grey(v)).round() as u8).collect()
 }
 
-/// Returns all coloured points, in order.
-pub fn all(cloud: &Cloud) -> Option<Vec<Point>> {
-    Some(Sample::of(cloud.bounds()?, u64::MAX, usize::MAX).points_of(cloud, &Values::Colors))
-}
-
 /// Returns the sample of a cloud, in order.
 pub fn some(cloud: &Cloud, values: &Values) -> Option<Vec<Point>> {
     Some(Sample::new(cloud.bounds()?, cloud.len()).points_of(cloud, values))
@@ -105,7 +100,7 @@ impl Sample {
 
     /// Creates a sample of the blocks whose hashed number is at most `most`, and of fewer if they
     /// hold more than `limit` points.
-    fn of(bounds: (DVec3, DVec3), most: u64, limit: usize) -> Sample {
+    pub fn of(bounds: (DVec3, DVec3), most: u64, limit: usize) -> Sample {
         // Bits of a number spread as in a code, x lowest.
         let spread: [u64; 1 << BLOCK_BITS] =
             std::array::from_fn(|axis| morton::code_63([axis as u32, 0, 0]));
@@ -197,6 +192,11 @@ impl Sample {
         self.into_points()
     }
 
+    /// Returns whether points were left out.
+    pub fn is_thinned(&self) -> bool {
+        self.kept.lock().unwrap_or_else(PoisonError::into_inner).most < u64::MAX
+    }
+
     /// Returns the sample, in order.
     pub fn into_points(self) -> Vec<Point> {
         let Kept { mut points, .. } =
@@ -236,7 +236,7 @@ pub fn point(cell: [u32; 3], station: u16, rgb: [u8; 3]) -> Option<Point> {
 }
 
 /// Returns V; `None` for white, which parts without colours show.
-fn value(rgb: [u8; 3]) -> Option<u8> {
+pub fn value(rgb: [u8; 3]) -> Option<u8> {
     (rgb != [255; 3]).then(|| rgb[0].max(rgb[1]).max(rgb[2]))
 }
 
