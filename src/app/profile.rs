@@ -268,7 +268,7 @@ impl LegendText {
         };
         let widest = rows.iter().map(|(_, _, text)| width_of(text)).fold(0.0, f32::max);
         let width = width_of(&heading).max(2.4 * LETTERS + widest);
-        LegendText { heading, ramp, rows, size: vec2(BESIDE + width, height) }
+        LegendText { heading, ramp, rows, size: vec2(BESIDE + width, height).ceil() }
     }
 
     /// Draws it with its top left corner at a place.

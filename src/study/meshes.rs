@@ -111,12 +111,14 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
                 all.extend(rows([scene, view_name], [parameter, style], METRICS, &shares, times));
                 add(&[scene, view_name, style], &errors);
             }
-            let errors = compare(&truth, 0.0, &raw, &yardstick::linear(&truth, 0.0, &raw), None);
+            let visible = yardstick::visible(&truth, 0.0, &raw);
+            let depth = yardstick::linear(&truth, &raw, &visible);
+            let errors = compare(&truth, 0.0, &raw, &depth, None);
             linear.extend(rows(
                 [scene, view_name],
                 ["fill", yardstick::NAME],
-                yardstick::METRICS,
-                &yardstick::values(&errors),
+                METRICS,
+                &shares(&errors),
                 &[0.0],
             ));
             add(&[scene, view_name, yardstick::NAME], &errors);

@@ -111,47 +111,46 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
         head: HEAD.map(String::from).to_vec(),
         rows: Vec::new(),
     };
-    let left_out = cases::each(&options, progress, |case| {
-        progress.tick("study surface", 0, 0)?;
-        let resident = Resident::fill(
-            gpu,
-            case.cloud.clone(),
-            DisplayAttribute::new(Attribute::White, &case.cloud),
-            progress,
-        )?;
-        let mut drawings: Vec<Drawing> = styles.iter().map(|_| Drawing::default()).collect();
-        let order: Vec<usize> = (0..styles.len()).collect();
-        let times = sweep::interleaved(&order, plan.repeat, |&style| {
-            drawings[style] = draw(gpu, &case.view, &resident, &styles[style].1)?;
-            Ok(drawings[style].ms)
-        })?;
-        let mut own = Vec::new();
-        for (((style, _), drawing), times) in styles.iter().zip(&drawings).zip(&times) {
+    let left_out =
+        cases::each(&options, progress, |case| {
+            progress.tick("study surface", 0, 0)?;
+            let resident = Resident::fill(
+                gpu,
+                case.cloud.clone(),
+                DisplayAttribute::new(Attribute::White, &case.cloud),
+                progress,
+            )?;
+            let mut drawings: Vec<Drawing> = styles.iter().map(|_| Drawing::default()).collect();
+            let order: Vec<usize> = (0..styles.len()).collect();
+            let times = sweep::interleaved(&order, plan.repeat, |&style| {
+                drawings[style] = draw(gpu, &case.view, &resident, &styles[style].1)?;
+                Ok(drawings[style].ms)
+            })?;
+            let mut own = Vec::new();
+            for (((style, _), drawing), times) in styles.iter().zip(&drawings).zip(&times) {
+                let raw = &drawings[0].depth;
+                let errors = case.errors(raw, &drawing.depth, Some(&drawing.visible(raw)));
+                let ms = metrics::quartiles(times);
+                own.extend(
+                    METRICS.iter().zip(values(&errors)).map(|((metric, ..), error)| {
+                        row(case, style, metric, error, ms, times.len())
+                    }),
+                );
+                table.rows.push(counted(case, style, &errors, ms));
+            }
+            mark_fronts(&mut own);
             let raw = &drawings[0].depth;
-            let errors = case.errors(raw, &drawing.depth, Some(&drawing.visible(raw)));
-            let ms = metrics::quartiles(times);
-            own.extend(
-                METRICS
-                    .iter()
-                    .zip(values(&errors))
-                    .map(|((metric, ..), error)| row(case, style, metric, error, ms, times.len())),
-            );
-            table.rows.push(counted(case, style, &errors, ms));
-        }
-        mark_fronts(&mut own);
-        let linear = yardstick::linear(&case.truth, case.noise_px, &drawings[0].depth);
-        let errors = case.errors(&drawings[0].depth, &linear, None);
-        own.extend(
-            yardstick::METRICS
-                .iter()
-                .zip(yardstick::values(&errors))
-                .map(|(metric, error)| row(case, yardstick::NAME, metric, error, [0.0; 3], 0)),
-        );
-        table.rows.push(counted(case, yardstick::NAME, &errors, [0.0; 3]));
-        own.iter().for_each(|row| mark(&mut marks, case, row));
-        rows.extend(own);
-        Ok(())
-    })?;
+            let visible = yardstick::visible(&case.truth, case.noise_px, raw);
+            let linear = yardstick::linear(&case.truth, raw, &visible);
+            let errors = case.errors(raw, &linear, Some(&visible));
+            own.extend(METRICS.iter().zip(values(&errors)).map(|((metric, ..), error)| {
+                row(case, yardstick::NAME, metric, error, [0.0; 3], 0)
+            }));
+            table.rows.push(counted(case, yardstick::NAME, &errors, [0.0; 3]));
+            own.iter().for_each(|row| mark(&mut marks, case, row));
+            rows.extend(own);
+            Ok(())
+        })?;
     left_out.iter().for_each(|line| progress.note(&format!("study surface leaves out {line}")));
     let charts = METRICS
         .iter()

@@ -3,33 +3,31 @@
 //! The truth says which points these are, and where the surface is, so that nothing is hidden
 //! wrongly, and no hole and no background is filled. What is left is what lies between points.
 
-use super::truth::{Errors, Truth};
+use super::truth::Truth;
 use crate::view::Projection;
 use delaunator::{Point, triangulate};
 
 /// Its name beside styles.
 pub const NAME: &str = "linear";
 
-/// Metrics that it has: it leaves no hole and fills no background.
-pub const METRICS: [&str; 2] = ["depth_share", "layer_share"];
-
-pub fn values(errors: &Errors) -> [f64; 2] {
-    [errors.misplaced_share(), errors.wrong_layer_share()]
+/// Returns which pixels have a visible point. `raw` is depth as projected.
+pub fn visible(truth: &Truth, noise_px: f64, raw: &[f32]) -> Vec<bool> {
+    let is_visible = |(i, depth): (usize, &f32)| {
+        depth.is_finite() && truth.is_visible(i, *depth as f64, noise_px) == Some(true)
+    };
+    raw.iter().enumerate().map(is_visible).collect()
 }
 
 /// Returns the depths of a picture, interpolated in the Delaunay triangulation of its visible
 /// points, in pixels entirely in the silhouette; infinite elsewhere. With perspective, inverse
-/// depths are interpolated, which are affine on planes. `raw` is depth as projected.
-pub fn linear(truth: &Truth, noise_px: f64, raw: &[f32]) -> Vec<f32> {
+/// depths are interpolated, which are affine on planes.
+pub fn linear(truth: &Truth, raw: &[f32], visible: &[bool]) -> Vec<f32> {
     let width = truth.view.size[0] as usize;
     let flat = |depth: f64| match truth.view.camera.projection {
         Projection::Perspective => 1.0 / depth,
         Projection::Orthographic => depth,
     };
-    let visible: Vec<usize> = (0..raw.len())
-        .filter(|&i| raw[i].is_finite())
-        .filter(|&i| truth.is_visible(i, raw[i] as f64, noise_px) == Some(true))
-        .collect();
+    let visible: Vec<usize> = (0..raw.len()).filter(|&i| visible[i]).collect();
     let places: Vec<Point> =
         visible.iter().map(|&i| Point { x: (i % width) as f64, y: (i / width) as f64 }).collect();
     let mut depths = vec![f32::INFINITY; raw.len()];
@@ -112,7 +110,7 @@ mod tests {
             let raw: Vec<f32> = (0..truth.depth.len())
                 .map(|i| if taken(i) { truth.depth[i] as f32 } else { f32::INFINITY })
                 .collect();
-            let depths = linear(&truth, 0.0, &raw);
+            let depths = linear(&truth, &raw, &visible(&truth, 0.0, &raw));
             for (i, (found, expected)) in depths.iter().zip(&truth.depth).enumerate() {
                 let off = (*found as f64 / expected - 1.0).abs();
                 assert!(off < 1e-6, "{projection:?}, pixel {i}: {found}, not {expected}");

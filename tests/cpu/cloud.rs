@@ -487,7 +487,7 @@ fn every_lying_header_field_is_survived() {
         (247, 8),
     ];
     for name in ["las1.2_pf2.las", "las1.2_pf2.laz", "las1.4_pf6_rand.laz", "las1.4_pf9.las"] {
-        let Some(path) = shared(&format!("data/{name}")) else { return };
+        let Some(path) = shared(&format!("data/formats/{name}")) else { return };
         let bytes = fs::read(path).unwrap();
         let mut places: Vec<(usize, usize)> =
             fields.into_iter().filter(|(at, _)| *at < 111 || bytes[25] >= 4 || *at < 227).collect();

@@ -130,6 +130,10 @@ fn changed_files_and_damaged_plans_are_refused() {
         let end = i + text[i..].find(|c: char| !c.is_ascii_digit()).unwrap_or(0);
         for number in ["77", "4294967295", "340282366920938463463374607431768211455"] {
             let changed = format!("{}{number}{}", &text[..i], &text[end..]);
+            // Digits of a checksum may be this number.
+            if changed == text {
+                continue;
+            }
             fs::write(place.at("plan.json"), changed).unwrap();
             assert!(Plan::read(&place.at("plan.json")).is_err(), "byte {i}: {number}");
         }
