@@ -2,7 +2,7 @@
 // of coarse cells lie beside a surface that bends, and adjacent cells by nearly the same distance.
 // So cells without a value are moved by what their neighbours with a value differ from their own
 // prediction (defect correction, as in multigrid methods; Brandt 1977, sec. 2). The mean over 3 x 3
-// cells leaves no steps where corrections end; weights are those of fill_spread.comp.
+// cells leaves no steps where corrections end.
 #version 460
 #extension GL_EXT_scalar_block_layout : require
 #extension GL_EXT_control_flow_attributes : require
@@ -45,7 +45,7 @@ void main() {
             float found = imageLoad(filled_depth, clamped).r;
             bool has = inside && has_depth(floatBitsToUint(found));
             float difference = has ? found - z : 0.0;
-            float weight = has ? (k % 2 == 0 ? 0.292893219 : 0.5) * likeness(difference, tolerance) : 0.0;
+            float weight = has ? anisotropic_weight(k, difference, tolerance) : 0.0;
             weights += weight;
             sum += weight * imageLoad(correction, clamped).r;
         }

@@ -1,6 +1,6 @@
 // How far depths of a level of the pyramid lie from what they would be without a value of their own
 // -> the same for all cells: those without a value take the mean of their neighbours' (see
-// fill_correct.comp). Weights are 1 - r / 2 over 3 x 3 cells, times the likeness of depths.
+// fill_correct.comp).
 #version 460
 #extension GL_EXT_scalar_block_layout : require
 #extension GL_EXT_control_flow_attributes : require
@@ -41,7 +41,7 @@ void main() {
             float theirs = imageLoad(missed, clamped).r;
             bool has = inside && (has_depth(floatBitsToUint(theirs)) || theirs == 0.0);
             float difference = has ? imageLoad(filled_depth, clamped).r - z : 0.0;
-            float weight = has ? (k % 2 == 0 ? 0.292893219 : 0.5) * likeness(difference, tolerance) : 0.0;
+            float weight = has ? anisotropic_weight(k, difference, tolerance) : 0.0;
             weights += weight;
             sum += weight > 0.0 ? weight * theirs : 0.0;
         }

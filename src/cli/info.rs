@@ -506,7 +506,7 @@ impl Attributes {
     fn new(part: &extract::input::Part, own: &PartStatistics, stations: usize) -> Self {
         let share = |count: u64| count as f64 / own.points.max(1) as f64;
         let has = own.available;
-        // Of no points at all there are least and largest colours, the wrong way round.
+        // Without points, the least and the largest colour are the wrong way round.
         let [rgb_min, rgb_max] = own.rgb.unwrap_or([[255; 3], [0; 3]]);
         Self {
             rgb: has.rgb.then(|| Rgb {

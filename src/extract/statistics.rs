@@ -145,7 +145,7 @@ impl Ranges {
         }
         if let Some(column) = &columns.gps_time {
             part.no_time = column.iter().filter(|time| time.is_nan()).count() as u64;
-            // Of a number and NaN, both functions return the number.
+            // Both functions return the number, where one of two is NaN.
             let times = range(column, f64::min, f64::max);
             part.gps_time = times.filter(|[low, _]| !low.is_nan());
         }
@@ -357,7 +357,7 @@ struct Places {
     comparison: Option<Comparison>,
     /// Number of each station, by part and LAS point source id.
     numbers: BTreeMap<(usize, Option<u16>), u16>,
-    /// Whether parts have colours.
+    /// True for parts with colours.
     coloured: Vec<bool>,
 }
 

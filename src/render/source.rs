@@ -45,9 +45,9 @@ pub struct OpenOptions {
     pub filter: Filter,
     /// Reason to index files first, regardless of their number of points.
     pub index: Option<&'static str>,
-    /// Whether local octrees are indexed like other files, instead of being drawn in place.
+    /// True if local octrees are indexed like other files, instead of being drawn in place.
     pub indexes_octrees: bool,
-    /// Whether all points are painted as strokes.
+    /// True if all points are painted as strokes.
     pub strokes: bool,
     /// Where indexes are cached; the default location if `None`.
     pub place: Option<cache::CacheLocation>,

@@ -14,8 +14,7 @@ use super::cases::{self, Case, Options, Sampling};
 use super::chart::{ALL, Chart};
 use super::report::{self, Section, Table};
 use super::surface::render_settings;
-use super::{Plan, Row, mark_fronts, metrics, sweep};
-use crate::cloud::attribute::{Attribute, DisplayAttribute};
+use super::{Plan, Row, mark_fronts, metrics, sweep, white};
 use crate::error::Result;
 use crate::graph::{CompletedSubmission, Gpu, Graph, Handle};
 use crate::passes::tile_stats::{self, Counts};
@@ -196,12 +195,7 @@ fn measured<E: Experiment>(
     rounds: usize,
     progress: &dyn Progress,
 ) -> Result<Vec<Sum>> {
-    let resident = Resident::fill(
-        gpu,
-        case.cloud.clone(),
-        DisplayAttribute::new(Attribute::White, &case.cloud),
-        progress,
-    )?;
+    let resident = white(gpu, &case.cloud, progress)?;
     let reference =
         E::reference(case, draw(gpu, &case.view, &resident, &render_settings(E::REFERENCE)?)?);
     let mut sums = Vec::new();

@@ -12,12 +12,10 @@ use super::mesh::Mesh;
 use super::report::{self, Section, Table};
 use super::surface::{draw, render_settings};
 use super::truth::{Errors, Surface, Truth, compare};
-use super::{Plan, mark_fronts, rows, sweep, yardstick};
-use crate::cloud::attribute::{Attribute, DisplayAttribute};
+use super::{Plan, mark_fronts, rows, sweep, white, yardstick};
 use crate::error::Result;
 use crate::graph::Gpu;
 use crate::progress::Progress;
-use crate::resident::Resident;
 use crate::view::{Camera, Projection, View};
 use glam::DVec3;
 use std::path::Path;
@@ -84,12 +82,7 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
                 progress.note(&line.join("  "));
                 table.rows.push(line);
             };
-            let resident = Resident::fill(
-                gpu,
-                cloud.clone(),
-                DisplayAttribute::new(Attribute::White, &cloud),
-                progress,
-            )?;
+            let resident = white(gpu, &cloud, progress)?;
             let raw = draw(
                 gpu,
                 &view,

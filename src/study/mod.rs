@@ -43,9 +43,12 @@ pub mod visibility;
 pub mod yardstick;
 pub mod zoom;
 
+use crate::cloud::Cloud;
+use crate::cloud::attribute::{Attribute, DisplayAttribute};
 use crate::error::{Error, Result};
 use crate::graph::Gpu;
 use crate::progress::Progress;
+use crate::resident::Resident;
 use report::Section;
 use std::path::PathBuf;
 
@@ -142,6 +145,12 @@ pub fn run(
         ));
     }
     names.iter().map(|name| section(name, gpu, plan, progress)).collect()
+}
+
+/// Uploads a cloud whose points are white.
+fn white(gpu: &mut Gpu, cloud: &Cloud, progress: &dyn Progress) -> Result<Resident> {
+    let shown = DisplayAttribute::new(Attribute::White, cloud);
+    Resident::fill(gpu, cloud.clone(), shown, progress)
 }
 
 /// Returns the rows of a configuration, one per metric.

@@ -10,8 +10,7 @@
 use super::metrics::{self, Errors};
 use super::oracle::points::Points;
 use super::report::{self, Section, Table};
-use super::{Plan, Row, mark_fronts, sweep};
-use crate::cloud::attribute::{Attribute, DisplayAttribute};
+use super::{Plan, Row, mark_fronts, sweep, white};
 use crate::config::NO_POINT;
 use crate::error::Result;
 use crate::graph::{Gpu, Graph};
@@ -91,12 +90,7 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
         world.step = finest_step(&world);
         let cloud =
             synth::collect(name, &world, plan.points, plan.seed, scene.default_noise(), progress)?;
-        let resident = Resident::fill(
-            gpu,
-            cloud.clone(),
-            DisplayAttribute::new(Attribute::White, &cloud),
-            progress,
-        )?;
+        let resident = white(gpu, &cloud, progress)?;
         let points = Points::new(&cloud.parts, &resident.nodes);
         for (view_name, camera) in cameras(&world) {
             let view = View::new(camera, plan.size)?;

@@ -7,8 +7,7 @@
 
 use super::configurations::AUTO;
 use super::report::{self, Section, Table};
-use super::{Plan, Row, mark_fronts, metrics, sweep};
-use crate::cloud::attribute::{Attribute, DisplayAttribute};
+use super::{Plan, Row, mark_fronts, metrics, sweep, white};
 use crate::config::POINTS_PER_PAGE;
 use crate::error::{Error, Result};
 use crate::graph::{Gpu, Graph, Handle};
@@ -78,12 +77,7 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
     let cloud =
         synth::collect("step", &world, plan.points.min(MOST_POINTS), plan.seed, 0.0, progress)?;
     let view = View::new(Camera::framing(Preset::Fit, &cloud.core_points(), [64, 64]), [64, 64])?;
-    let resident = Resident::fill(
-        gpu,
-        cloud.clone(),
-        DisplayAttribute::new(Attribute::White, &cloud),
-        progress,
-    )?;
+    let resident = white(gpu, &cloud, progress)?;
     let mut found: Vec<([f64; 2], Facts)> = Vec::new();
     for configuration in &configurations {
         found.push(error(gpu, &view, &resident, configuration)?);

@@ -9,8 +9,7 @@ use super::cases::{self, Case, Options, Sampling};
 use super::chart::{Chart, Mark, Panel};
 use super::report::{Section, Table};
 use super::truth::Errors;
-use super::{Plan, Row, mark_fronts, metrics, sweep, yardstick};
-use crate::cloud::attribute::{Attribute, DisplayAttribute};
+use super::{Plan, Row, mark_fronts, metrics, sweep, white, yardstick};
 use crate::config::NO_POINT;
 use crate::error::{Error, Result};
 use crate::graph::{Gpu, Graph};
@@ -114,12 +113,7 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
     let left_out =
         cases::each(&options, progress, |case| {
             progress.tick("study surface", 0, 0)?;
-            let resident = Resident::fill(
-                gpu,
-                case.cloud.clone(),
-                DisplayAttribute::new(Attribute::White, &case.cloud),
-                progress,
-            )?;
+            let resident = white(gpu, &case.cloud, progress)?;
             let mut drawings: Vec<Drawing> = styles.iter().map(|_| Drawing::default()).collect();
             let order: Vec<usize> = (0..styles.len()).collect();
             let times = sweep::interleaved(&order, plan.repeat, |&style| {

@@ -12,7 +12,7 @@ use super::lod::covered;
 use super::popping::{STEP_PX, mean_flip};
 use super::report::{self, Section, Table};
 use super::surface::render_settings;
-use super::{Plan, mark_fronts, metrics, rows};
+use super::{Plan, mark_fronts, metrics, rows, white};
 use crate::cloud::attribute::{Attribute, DisplayAttribute};
 use crate::error::Result;
 use crate::graph::{Gpu, Graph};
@@ -65,12 +65,7 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
         .collect();
     let camera = Camera::framing(Preset::Fit, &places, plan.size);
     let view = View::new(camera, plan.size)?;
-    let apart = Resident::fill(
-        gpu,
-        pilot.clone(),
-        DisplayAttribute::new(Attribute::White, &pilot),
-        progress,
-    )?;
+    let apart = white(gpu, &pilot, progress)?;
     let pilot_px = crate::resident::PointDensity::of(&apart, &view).spacing_px();
     let count = (5000.0 * (pilot_px / APART_PX).powi(2)).max(1.0) as u64;
     let cloud = synth::collect(

@@ -920,7 +920,7 @@ fn extra_bytes_without_room_are_said_and_not_listed() {
             fit,
             "{extra}"
         );
-        // What is not one number is not shown.
+        // Attributes of several numbers are not shown.
         let beam = "Beam: three numbers a point, which --color does not show";
         assert_eq!(facts.iter().any(|(_, name)| name == beam), fit == 3, "{facts:?}");
         assert_eq!(

@@ -81,7 +81,7 @@ fn a_profile_lists_the_points_of_its_slab() {
     assert!(picture.contains(&format!("{} points, 10.000 m long", expected.len())), "{picture}");
 }
 
-/// What the points show colours the picture alone.
+/// `--color` colours the picture alone.
 #[test]
 fn the_table_of_a_profile_has_the_colours_of_the_file() {
     let folder = tempfile::tempdir().unwrap();

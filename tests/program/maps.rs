@@ -390,14 +390,20 @@ fn gdal_knows_a_projection_without_a_number() {
     parts.iter().for_each(|part| assert!(wkt.contains(part), "no {part} in {wkt}"));
 }
 
-/// Degrees are drawn on a plane, and the map lies in degrees.
-#[test]
-fn maps_of_degrees_lie_in_degrees() {
-    let place = Place::new();
+/// Writes a file of longitudes and latitudes, and returns its path.
+fn in_degrees(place: &Place) -> PathBuf {
     let file = place.at("degrees.las");
     let lattice =
         Lattice { step: DVec3::new(1e-7, 1e-7, 0.01), offset: DVec3::new(11.0, 48.0, 0.0) };
     write(&file, &points(2_000), lattice, &[[1024, 0, 1, 2], [2048, 0, 1, 4326]]);
+    file
+}
+
+/// Degrees are drawn on a plane, and the map lies in degrees.
+#[test]
+fn maps_of_degrees_lie_in_degrees() {
+    let place = Place::new();
+    let file = in_degrees(&place);
     let output = place.at("map.tif");
     succeeded(&raster(&file, &output, "--resolution 0.5"));
     let Some(info) = gdalinfo(&output) else { return };
@@ -419,10 +425,7 @@ fn maps_of_degrees_lie_in_degrees() {
 #[test]
 fn places_of_degrees_are_in_degrees() {
     let place = Place::new();
-    let file = place.at("degrees.las");
-    let lattice =
-        Lattice { step: DVec3::new(1e-7, 1e-7, 0.01), offset: DVec3::new(11.0, 48.0, 0.0) };
-    write(&file, &points(2_000), lattice, &[[1024, 0, 1, 2], [2048, 0, 1, 4326]]);
+    let file = in_degrees(&place);
     let extent = "--extent 11.0001,48.0001,11.0003,48.0002";
     let [raster_map, picture] = ["raster.tif", "picture.tif"].map(|name| place.at(name));
     succeeded(&raster(&file, &raster_map, &format!("--resolution 0.5 {extent}")));
@@ -466,7 +469,7 @@ fn places_of_degrees_are_in_degrees() {
         let Some(info) = gdalinfo(&map) else { return };
         let (place, size) = (numbers(&info["geoTransform"]), numbers(&info["size"]));
         let [east, south] = [0, 1].map(|k| place[3 * k] + size[k] * place[1 + 4 * k]);
-        // To a cell.
+        // Compares to within a cell.
         for (edge, wanted) in
             [(place[0], 11.0001), (east, 11.0003), (south, 48.0001), (place[3], 48.0002)]
         {

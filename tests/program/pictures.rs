@@ -138,7 +138,7 @@ fn dark_colours_are_brightened_and_the_scale_is_what_is_asked_for() {
     // One colour alone is in the middle, not white.
     let largest = auto.pixels.iter().flatten().max().unwrap();
     assert!((120..=130).contains(largest), "{largest}");
-    // From an index too.
+    // An index is as bright.
     assert!((mean(&drawn("--lod 0.5")) / mean(&auto) - 1.0).abs() < 0.2);
     assert!(mean(&drawn("--range 0,255 --gamma 2")) > 1.5 * mean(&full));
     assert!(mean(&drawn("--range 0,255 --brightness 0.3")) > 1.5 * mean(&full));
