@@ -113,8 +113,10 @@ impl Loader {
         let path = index.path().to_owned();
         let patience = if index.is_remote() { PATIENCE_WITH_SERVERS } else { PATIENCE };
         let words = vec![0; POINTS_PER_PAGE as usize];
+        let faces = index.has_faces();
         let thread = Thread {
             index,
+            faces,
             shown,
             queue: queue.clone(),
             reading: reading.clone(),
@@ -217,6 +219,8 @@ impl Drop for Loader {
 
 struct Thread<P> {
     index: Arc<Index>,
+    /// Whether faces join the points of all files.
+    faces: bool,
     shown: DisplayAttribute,
     queue: Arc<Queue<Box<dyn Destination>>>,
     reading: Arc<Mutex<Reading>>,
@@ -342,9 +346,9 @@ impl<P: FnMut()> Thread<P> {
         for (page, &(plane, _)) in (0..needed).zip(&PLANES) {
             read.bytes += index.read(node, plane, bytemuck::cast_slice_mut(words))?;
             if page == 0 {
+                let step = index.lattice(record).step;
                 read.spacing = spacing(words);
-                read.clumps =
-                    scatter::clumps(words, record.bits as u32, index.lattice(record).step);
+                read.clumps = scatter::clumps(words, record.bits as u32, step, self.faces);
             }
             if page < planes {
                 destination.put(page, words);

@@ -80,14 +80,17 @@ float tolerance_at(float z) {
 }
 
 // Returns the rise of the depth to an adjacent coarse cell, or the fall to the one on the other
-// side, on one surface: metres, or shares of inverse depth with perspective.
+// side, on one surface: metres, or shares of inverse depth with perspective. Of both the harmonic
+// mean, and none if they differ in sign, so that values carried beyond a crease do not overshoot
+// (van Leer 1974).
 float slope(float z, float before, float after) {
     bool has_before = abs(before - z) <= tolerance_at(z);
     bool has_after = abs(after - z) <= tolerance_at(z);
-    float fall = PERSPECTIVE ? 1.0 - z / before : z - before;
-    float rise = PERSPECTIVE ? z / after - 1.0 : after - z;
-    float both = (has_before ? fall : 0.0) + (has_after ? rise : 0.0);
-    return has_before && has_after ? 0.5 * both : both;
+    float fall = has_before ? (PERSPECTIVE ? 1.0 - z / before : z - before) : 0.0;
+    float rise = has_after ? (PERSPECTIVE ? z / after - 1.0 : after - z) : 0.0;
+    float both = fall + rise;
+    float limited = fall * rise > 0.0 ? 2.0 * fall * (rise / both) : 0.0;
+    return has_before && has_after ? limited : both;
 }
 
 // Returns a value carried to the middle of its cell.

@@ -118,9 +118,6 @@ bool may_lie(ivec2 cell, int sector) {
     return turned.y + 1 >= 0 && turned.x + 1 >= max(turned.y - 1, 0);
 }
 
-// A bit beside a verdict: points in front span more than half a turn, as never on a surface,
-// however steep.
-
 // Judges a pixel without a point by the nearest in each sector: squared distances [px], and cells.
 uint between(float nearest[8], uint nearest_in[8]) {
     ivec2 size = ivec2(push.size);

@@ -380,6 +380,9 @@ pub struct Header {
     /// Whether the part holds the strays of a file, which are ignored by all statistics.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub strays: bool,
+    /// Whether the file joins its points by faces, so that they lie on surfaces.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub faces: bool,
     /// Names of scalars that can be read, as [`Scalar`] is written.
     #[serde(skip)]
     pub scalars: Vec<String>,
@@ -399,6 +402,12 @@ impl Header {
     pub fn is_mesh(&self) -> bool {
         ["PLY", "OBJ"].iter().any(|name| self.format.starts_with(name)) && Crs::of(self).is_none()
     }
+}
+
+/// Returns whether all points are those of meshes.
+pub fn have_faces<'h>(headers: impl IntoIterator<Item = &'h Header>) -> bool {
+    let mut headers = headers.into_iter().peekable();
+    headers.peek().is_some() && headers.all(|header| header.faces)
 }
 
 /// An attribute without a column, by the file's name, and the range of its values.

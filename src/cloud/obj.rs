@@ -1,6 +1,7 @@
 //! Wavefront OBJ: one part, from the `v` lines.
 //!
-//! Vertices have the colours that scanners append (`v x y z r g b`, 0 to 1). Faces are ignored.
+//! Vertices have the colours that scanners append (`v x y z r g b`, 0 to 1). Of faces only whether
+//! there are any is read.
 
 use super::from_floats::{ColorUnit, Floats, Point};
 use super::input::{Input, Meter};
@@ -17,24 +18,26 @@ pub fn read(
     let there = ColumnSet { rgb: true, ..ColumnSet::default() };
     let meter = Meter::new(progress, input, input.length);
     let mut floats = Floats::new(there, options.wanted, false, false);
-    let mut bad = 0;
+    let (mut bad, mut faces) = (0, false);
     let parse = |block: &[u8]| {
         let mut floats = Floats::new(there, options.wanted, false, false);
-        let mut bad = 0u64;
-        for line in text::lines(block)
-            .filter_map(|line| line.strip_prefix(b"v"))
-            .filter(|line| line.first().is_some_and(u8::is_ascii_whitespace))
-        {
-            match vertex(line) {
-                Some(point) => floats.push(&point),
-                None => bad += 1,
+        let (mut bad, mut faces) = (0u64, false);
+        for line in text::lines(block) {
+            match line {
+                [b'v', rest @ ..] if is_keyword(rest) => match vertex(rest) {
+                    Some(point) => floats.push(&point),
+                    None => bad += 1,
+                },
+                [b'f', rest @ ..] => faces |= is_keyword(rest),
+                _ => {}
             }
         }
-        (floats, bad)
+        (floats, bad, faces)
     };
-    text::parse(input, 0..input.length, &meter, parse, |(block, its_bad), _| {
+    text::parse(input, 0..input.length, &meter, parse, |(block, its_bad, its_faces), _| {
         floats.append(block);
         bad += its_bad;
+        faces |= its_faces;
     })?;
     if bad > 0 {
         let what = format!("{bad} vertex lines are not three numbers and were skipped");
@@ -43,8 +46,13 @@ pub fn read(
         }
         notes.push(format!("{}: {what}", input.name()));
     }
-    let header = Header { format: "OBJ".into(), ..Header::default() };
+    let header = Header { format: "OBJ".into(), faces, ..Header::default() };
     Ok(floats.into_parts(input, header, ColorUnit::Guess, None, notes))
+}
+
+/// Tests whether the letter before this was a keyword.
+fn is_keyword(rest: &[u8]) -> bool {
+    rest.first().is_some_and(u8::is_ascii_whitespace)
 }
 
 fn vertex(line: &[u8]) -> Option<Point> {

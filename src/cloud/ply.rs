@@ -114,6 +114,7 @@ pub fn read(
         format: format!("PLY {}", layout.coding.name()),
         points: Some(vertex.count),
         bounds: None,
+        faces: layout.elements.iter().any(Element::joins),
         scalars,
         facts: layout.comments.iter().map(|comment| ("comment".into(), comment.clone())).collect(),
         ..Header::default()

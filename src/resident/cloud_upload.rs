@@ -66,6 +66,8 @@ struct Ready {
     rows: Box<dyn Rows>,
     /// Number of uploaded nodes.
     written: usize,
+    /// Whether faces join its points.
+    faces: bool,
 }
 
 /// Points of nodes, with any number of words each.
@@ -178,7 +180,7 @@ impl CloudUpload {
         };
         let omitted = shown.omits_stations(&stations);
         let stations = (&self.stations[stations.clone()], stations.start);
-        let Part { columns, lattice, .. } = part;
+        let Part { columns, lattice, header, .. } = part;
         let words = |columns: &Columns, points: Range<usize>, rows: &mut [Row<N>]| {
             let from = (columns, &lattice);
             shown.write_words(from, stations, points.clone(), rows, PLACE_WORDS);
@@ -210,7 +212,14 @@ impl CloudUpload {
         };
         let framed = partition.nodes.par_iter().map(of_node).collect();
         let nodes = std::mem::take(&mut partition.nodes);
-        Ok(Ready { lattice, nodes, framed, rows: Box::new(partition), written: 0 })
+        Ok(Ready {
+            lattice,
+            nodes,
+            framed,
+            rows: Box::new(partition),
+            written: 0,
+            faces: header.faces,
+        })
     }
 
     /// Uploads at most `most` nodes of the partitioned parts; returns whether some are left.
@@ -285,8 +294,8 @@ impl Ready {
         most: usize,
         progress: &dyn Progress,
     ) -> Result<()> {
-        let Ready { lattice, nodes: all, framed, rows, written } = self;
-        let (shown, first) = (resident.shown, resident.nodes.len());
+        let Ready { lattice, nodes: all, framed, rows, written, faces } = self;
+        let (shown, first, faces) = (resident.shown, resident.nodes.len(), *faces);
         let nodes = *written..written.saturating_add(most).min(all.len());
         for (node, &(frame, station)) in all[nodes.clone()].iter().zip(&framed[nodes.clone()]) {
             let first_page = resident
@@ -322,7 +331,8 @@ impl Ready {
         let count = resident.pool.write(gpu, runs, |(node, range), mut pages| {
             let coarse = rows.pack(range.points.clone(), &node.frame, &mut pages);
             node.own_spacing = in_metres(spacing(&coarse), &node.lattice, &node.frame);
-            node.clumps = scatter::clumps(&coarse, node.frame.bits, node.lattice.step).into();
+            node.clumps =
+                scatter::clumps(&coarse, node.frame.bits, node.lattice.step, faces).into();
             let done = done.fetch_add(range.points.len() as u64, Relaxed);
             progress.tick("organising", done, 0)
         })?;

@@ -5,6 +5,8 @@ use crate::gpu::{self, Way};
 use crate::shared::shared;
 use pointillist::cloud::attribute::{Attribute, DisplayAttribute};
 use pointillist::cloud::{self, Cloud, ReadOptions};
+use pointillist::index::build;
+use pointillist::index::format::Index;
 use pointillist::passes::{Effect, Effects};
 use pointillist::progress::Silent;
 use pointillist::render::settings::{FrameConfig, RenderSettings, Style};
@@ -73,6 +75,36 @@ fn generated_surfaces_are_surfaces_and_a_crown_is_not() {
 }
 
 #[test]
+fn points_that_faces_join_lie_on_surfaces_however_thin_the_object_is() {
+    let folder = tempfile::tempdir().unwrap();
+    let random = |i: u64| {
+        let mut random = Random::new(6, 0, i);
+        [0; 3].map(|_| random.unit())
+    };
+    let lines = |first: &str| -> String {
+        (0..20_000).map(random).map(|[x, y, z]| format!("{first}{x:.4} {y:.4} {z:.4}\n")).collect()
+    };
+    let head = "ply\nformat ascii 1.0\nelement vertex 20000\nproperty float x\nproperty float y\nproperty float z\n";
+    let list = "element face 1\nproperty list uchar int vertex_indices\nend_header\n";
+    for (name, text, faces) in [
+        ("points.obj", lines("v "), false),
+        ("mesh.obj", lines("v ") + "f 1 2 3\n", true),
+        ("points.ply", format!("{head}end_header\n{}", lines("")), false),
+        ("mesh.ply", format!("{head}{list}{}3 0 1 2\n", lines("")), true),
+    ] {
+        let path = folder.path().join(name);
+        std::fs::write(&path, text).unwrap();
+        let share = if faces { 0.0 } else { 1.0 };
+        let options = ReadOptions::new(Default::default(), false);
+        let files = [path];
+        check(name, cloud::read(&files, &options, &Silent).unwrap(), [share; 2]);
+        let index = folder.path().join(format!("{name}.pnti"));
+        build::build(&files, &index, &build::Options::usual(false), &Silent).unwrap();
+        assert_eq!(Index::open(&index).unwrap().has_faces(), faces, "{name}");
+    }
+}
+
+#[test]
 fn scans_are_drawn_as_by_eye() {
     for (file, between) in [
         // Forests.
@@ -85,6 +117,7 @@ fn scans_are_drawn_as_by_eye() {
         // Surfaces, the first with noise, the last with crumbs within.
         ("data/photogrammetry/lion_takanawa_full.laz", [0.0, 0.05]),
         ("data/objects/bun_zipper.ply", [0.0, 0.0]),
+        ("data/objects/armadillo.obj", [0.0, 0.0]),
         ("data/objects/stanford_dragon_437k.ply", [0.0, 0.01]),
     ] {
         let Some(path) = shared(file) else { continue };

@@ -54,6 +54,11 @@ impl Element {
         }
     }
 
+    /// Tests whether it joins vertices to surfaces.
+    pub fn joins(&self) -> bool {
+        ["face", "tristrips"].contains(&self.name.as_str()) && self.count > 0
+    }
+
     /// Tests whether colours are coefficients of Gaussian splats.
     pub fn is_splats(&self) -> bool {
         self.properties.iter().any(|property| property.harmonic && property.role != Role::Other)

@@ -19,13 +19,13 @@ use super::schema::{
 use super::shadow_file::SavedShadows;
 use super::source::{NodeSource, Refinement};
 use super::writer::{FileHeader, HEADER_BYTES, MAGIC, VERSION};
-use crate::cloud::Lattice;
 use crate::cloud::crs::Reference;
 use crate::cloud::filter::Compiled;
 use crate::cloud::ground::Surface;
 use crate::cloud::input::Input;
 use crate::cloud::strays::RobustBounds;
 use crate::cloud::up::Up;
+use crate::cloud::{Lattice, have_faces};
 use crate::config::{BITS_PER_PLANE, POINTS_PER_PAGE, POSITION_PLANES};
 use crate::error::{Error, Result};
 use crate::index::fault_injection::Fault;
@@ -171,6 +171,11 @@ impl Index {
         Reference::of(
             self.directory.contents.parts.iter().map(|part| (&part.header, lattice(part))),
         )
+    }
+
+    /// Returns whether faces join the points of all files.
+    pub fn has_faces(&self) -> bool {
+        have_faces(self.directory.contents.parts.iter().map(|part| &part.header))
     }
 
     /// Returns a number that identifies this index among those with other points.

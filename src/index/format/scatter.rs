@@ -75,8 +75,9 @@ pub const AROUND: usize = 32;
 const WINDOW: usize = 64;
 
 /// Returns the clumps of a node, given the words of its coarsest plane, the bits of its longest side
-/// and a lattice step `[m]`. Cells count once, however many points they hold.
-pub fn clumps(words: &[u32], bits: u32, step: DVec3) -> Vec<Clump> {
+/// and a lattice step `[m]`. Cells count once, however many points they hold. Points that are joined
+/// by faces lie on surfaces, however thin the object is.
+pub fn clumps(words: &[u32], bits: u32, step: DVec3, faces: bool) -> Vec<Clump> {
     // In units of the longest side of a cell, whose powers neither overflow nor vanish.
     let longest = step.abs().max_element();
     let cell = step.abs() / longest;
@@ -110,7 +111,7 @@ pub fn clumps(words: &[u32], bits: u32, step: DVec3) -> Vec<Clump> {
             reach: reach(points),
             // Sparser areas have the larger gaps.
             spacing: unit * quantile(seeds[k].iter().map(|seed| seed.spacing), 0.75),
-            scatter: quantile(all.map(|seed| seed.scatter), 0.5),
+            scatter: if faces { 0.0 } else { quantile(all.map(|seed| seed.scatter), 0.5) },
         }
     };
     (0..seeds.len()).map(clump).collect()
@@ -226,7 +227,7 @@ mod tests {
     }
 
     fn medians(words: &[u32]) -> [f64; 2] {
-        let clumps = clumps(words, BITS_PER_PLANE, DVec3::ONE);
+        let clumps = clumps(words, BITS_PER_PLANE, DVec3::ONE, false);
         assert_eq!(clumps.len(), words.len().div_ceil(POINTS_PER_CLUMP));
         [|clump: &Clump| clump.spacing, |clump: &Clump| clump.scatter].map(|of| {
             let mut values: Vec<f64> = clumps.iter().map(of).collect();
@@ -249,6 +250,8 @@ mod tests {
         let crown = node([1023.0; 3], 40_000, |p| p);
         let [spacing, scatter] = medians(&crown);
         assert!((20.0..60.0).contains(&spacing) && scatter > 0.22, "{spacing} {scatter}");
+        let mesh = clumps(&crown, BITS_PER_PLANE, DVec3::ONE, true);
+        assert!(!mesh.iter().any(Clump::is_scattered));
         let wire = node([1023.0, 3.0, 3.0], 900, |p| p);
         assert!(medians(&wire)[1] > 0.2, "{:?}", medians(&wire));
     }
@@ -284,9 +287,9 @@ mod tests {
 
     #[test]
     fn few_points_tell_nothing_and_a_line_is_no_surface() {
-        assert_eq!(clumps(&[], 1, DVec3::ONE), []);
+        assert_eq!(clumps(&[], 1, DVec3::ONE, false), []);
         let one = Clump { reach: reach(&[7]), ..Clump::default() };
-        assert_eq!(clumps(&[7; 3000], 1, DVec3::ONE), [one; 3]);
+        assert_eq!(clumps(&[7; 3000], 1, DVec3::ONE, false), [one; 3]);
         let [spacing, scatter] = medians(&node([9.0; 3], AROUND, |p| p));
         assert!(spacing > 0.0 && scatter == 0.0);
         let line: Vec<u32> = (0..1000).collect();
