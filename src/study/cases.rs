@@ -361,16 +361,17 @@ fn first_surface(truth: &Truth, points: &[DVec3]) -> usize {
     points.par_iter().filter(seen).count()
 }
 
-/// Returns the points in the picture, moved along the ray to the eye by noise.
+/// Returns the points, moved along the ray to the eye by noise. Those beyond the picture are kept,
+/// since surfaces do not end at its edges.
 fn noisy(truth: &Truth, points: &[DVec3], noise_px: f64, seed: u64) -> Vec<DVec3> {
     let view = &truth.view;
-    let shown = points
+    points
         .par_iter()
         .enumerate()
-        .filter_map(|(i, point)| Some((i, point, projected(view, *point)?.1)));
-    shown
-        .map(|(i, point, depth)| {
-            if noise_px == 0.0 {
+        .map(|(i, point)| {
+            let depth = view.basis.forward.dot(*point - view.camera.eye);
+            // Points behind the eye are in no picture.
+            if noise_px == 0.0 || depth <= 0.0 {
                 return *point;
             }
             let mut random = Random::new(seed, 1, i as u64);

@@ -11,6 +11,7 @@ mod exposure;
 mod fill_mask;
 mod luminance;
 mod phong;
+mod pullpush;
 mod smooth;
 mod splat;
 mod surface;

@@ -17,6 +17,7 @@ pub mod luminance;
 pub mod phong;
 pub mod points;
 pub mod project;
+pub mod pullpush;
 pub mod scattered;
 pub mod shadows;
 pub mod shape;

@@ -29,7 +29,7 @@ pub fn layered_keys(size: [u32; 2], random: &mut Random) -> Vec<[u32; 2]> {
     (0..size[0] * size[1]).map(key).collect()
 }
 
-fn only_visibility(settings: visibility::Settings) -> Effects {
+pub fn only_visibility(settings: visibility::Settings) -> Effects {
     let mut effects = nothing();
     effects.visibility.switch = Switch::On;
     effects.visibility.settings = settings;
