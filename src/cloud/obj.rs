@@ -2,9 +2,9 @@
 //!
 //! Vertices have the colours that scanners append (`v x y z r g b`, 0 to 1). Faces are ignored.
 
-use super::from_floats::{ColorUnit, Floats, Point};
+use super::from_floats::{ColorUnit, Floats, Point, ReadPart};
 use super::input::{Input, Meter};
-use super::{ColumnSet, Header, Part, ReadOptions, text};
+use super::{ColumnSet, Header, ReadOptions, text};
 use crate::error::Result;
 use crate::progress::Progress;
 
@@ -13,10 +13,10 @@ pub fn read(
     options: &ReadOptions,
     progress: &dyn Progress,
     notes: &mut Vec<String>,
-) -> Result<Vec<Part>> {
+) -> Result<Vec<ReadPart>> {
     let there = ColumnSet { rgb: true, ..ColumnSet::default() };
     let meter = Meter::new(progress, input, input.length);
-    let mut floats = Floats::new(there, options.wanted, false, false);
+    let mut floats = Floats::new(there, options.wanted, false, false).spilling(input);
     let mut bad = 0;
     let parse = |block: &[u8]| {
         let mut floats = Floats::new(there, options.wanted, false, false);
@@ -44,7 +44,7 @@ pub fn read(
         notes.push(format!("{}: {what}", input.name()));
     }
     let header = Header { format: "OBJ".into(), ..Header::default() };
-    Ok(floats.into_parts(input, header, ColorUnit::Guess, None, notes))
+    floats.into_parts(input, header, ColorUnit::Guess, None, notes)
 }
 
 fn vertex(line: &[u8]) -> Option<Point> {
