@@ -203,6 +203,20 @@ pub fn remove_unfinished() {
     }
 }
 
+/// Removes the partial files of a process that aborts, in whatever state its memory is. Another
+/// thread that is about to finish has a moment for it.
+pub fn remove_unfinished_at_abort() {
+    const TRIES: u32 = 100;
+    for _ in 0..TRIES {
+        if let Ok(unfinished) = UNFINISHED.try_lock() {
+            // Short paths are not copied to the heap.
+            unfinished.iter().for_each(|partial| drop(std::fs::remove_file(partial)));
+            return;
+        }
+        std::thread::sleep(std::time::Duration::from_millis(1));
+    }
+}
+
 /// Removes partial files of the same name whose writer is gone.
 fn remove_stale(path: &Path, begin: &str) {
     let folder =

@@ -38,8 +38,7 @@ bytes, coordinate system. What a format cannot hold is named in a note.";
 #[derive(clap::Args, Clone, Debug)]
 #[command(after_help = EXAMPLES)]
 pub struct Arguments {
-    /// Point clouds: LAS, LAZ, COPC, Potree 2, EPT; also PLY, E57, OBJ, XYZ, CSV, TXT, PTS, PTX, which are read
-    /// into memory whole; or one index, PNTI
+    /// Point clouds: LAS, LAZ, COPC, Potree 2, EPT, PLY, E57, OBJ, XYZ, CSV, TXT, PTS, PTX; or one index, PNTI
     #[arg(required = true, value_name = "FILE")]
     pub files: Vec<PathBuf>,
     /// The file to write: its name says the format

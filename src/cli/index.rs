@@ -33,8 +33,7 @@ The folder of OUT.pnti needs room for the index, about 16 bytes a point, and whi
 #[derive(clap::Args, Clone, Debug)]
 #[command(after_help = EXAMPLES)]
 pub struct Arguments {
-    /// Point clouds: LAS, LAZ, COPC, Potree 2, EPT; also PLY, E57, OBJ, XYZ, CSV, TXT, PTS, PTX, which are read
-    /// into memory whole
+    /// Point clouds: LAS, LAZ, COPC, Potree 2, EPT, PLY, E57, OBJ, XYZ, CSV, TXT, PTS, PTX
     #[arg(required_unless_present_any = ["job", "merge"], value_name = "FILE")]
     pub files: Vec<PathBuf>,
     /// The index to write

@@ -22,7 +22,8 @@
 //! is the number of points among which overlaps were sought; it is absent where these are all: up
 //! to four million.
 //!
-//! LAS files of more than four million points are read a batch at a time, twice or a few times.
+//! Files of more than four million points, or those that may have as many, are read a batch at a
+//! time: LAS twice or a few times, others once into a temporary file.
 //!
 //! `--count` reads a batch at a time and gives `points` · `of` · `bounds` · `classes` [{`class`,
 //! `points`}] · `returns` [{`return`, `points`}] · `notes` [`line`].
@@ -143,9 +144,7 @@ fn of_files(arguments: &Arguments, progress: &dyn Progress) -> Result<String> {
         extras: true,
         ..ReadOptions::new(ColumnSet::ALL.and(filter.wanted()), arguments.strict)
     };
-    // Other formats than LAS are read whole in any case, and notes on their axes need all points.
-    let is_large =
-        stream::are_las(&arguments.files)? && stream::summary(&arguments.files)?.points > WHOLE;
+    let is_large = stream::summary(&arguments.files)?.points > WHOLE;
     let (mut input, selection, mut notes) = if is_large {
         let selection = Selection { filter, clips, ..Selection::default() };
         (extract::input::Input::open(&arguments.files, &options, progress)?, selection, Vec::new())

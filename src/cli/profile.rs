@@ -66,8 +66,7 @@ fn above_zero(text: &str) -> std::result::Result<f64, String> {
 #[derive(clap::Args, Clone, Debug)]
 #[command(after_help = EXAMPLES)]
 pub struct Arguments {
-    /// Point clouds: LAS, LAZ, COPC, Potree 2, EPT; also PLY, E57, OBJ, XYZ, CSV, TXT, PTS, PTX, which are read
-    /// into memory whole; or one index, PNTI
+    /// Point clouds: LAS, LAZ, COPC, Potree 2, EPT, PLY, E57, OBJ, XYZ, CSV, TXT, PTS, PTX; or one index, PNTI
     #[arg(required = true, value_name = "FILE")]
     pub files: Vec<PathBuf>,
     /// Where the profile begins, in the coordinates of the files: degrees stay degrees

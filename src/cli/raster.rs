@@ -40,8 +40,7 @@ Cells are the points' own: nothing is filled between them. Pictures of filled, s
 #[derive(clap::Args, Clone, Debug)]
 #[command(after_help = EXAMPLES)]
 pub struct Arguments {
-    /// Point clouds: LAS, LAZ, COPC, Potree 2, EPT; also PLY, E57, OBJ, XYZ, CSV, TXT, PTS, PTX, which are read
-    /// into memory whole; or one index, PNTI
+    /// Point clouds: LAS, LAZ, COPC, Potree 2, EPT, PLY, E57, OBJ, XYZ, CSV, TXT, PTS, PTX; or one index, PNTI
     #[arg(required = true, value_name = "FILE")]
     pub files: Vec<PathBuf>,
     /// The GeoTIFF to write

@@ -73,10 +73,15 @@ impl Axis {
         }
     }
 
-    /// Returns the smallest and largest value; 0 and 0 if empty.
-    pub fn range(&self) -> (f64, f64) {
+    /// Drops all values, and frees their memory.
+    pub fn clear(&mut self) {
+        *self = Axis::new(matches!(self, Axis::Narrow(_)));
+    }
+
+    /// Returns the smallest and largest value; `None` if empty.
+    pub fn range(&self) -> Option<(f64, f64)> {
         let join = |a: (f64, f64), b: (f64, f64)| (a.0.min(b.0), a.1.max(b.1));
-        let range = match self {
+        match self {
             Axis::Narrow(values) => values
                 .par_iter()
                 .with_min_len(TASK)
@@ -85,8 +90,7 @@ impl Axis {
             Axis::Wide(values) => {
                 values.par_iter().with_min_len(TASK).map(|&v| (v, v)).reduce_with(join)
             }
-        };
-        range.unwrap_or((0.0, 0.0))
+        }
     }
 
     /// Tests whether all values are multiples of a power of two.

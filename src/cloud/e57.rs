@@ -8,11 +8,11 @@
 
 use super::catch_panic::catch_panic;
 use super::crs;
-use super::from_floats::{ColorUnit, Floats, Point, Role};
+use super::from_floats::{ColorUnit, Floats, Point, ReadPart, Role};
 use super::input::{Input, Meter};
 use super::rgb_range::By;
 use super::scalar::{Scalar, Scalars};
-use super::{Header, Part, ReadOptions};
+use super::{Header, ReadOptions};
 use crate::error::Result;
 use crate::progress::Progress;
 use e57::{E57Reader, PointCloud, RecordDataType, RecordName, RecordValue};
@@ -25,7 +25,7 @@ pub fn read(
     options: &ReadOptions,
     progress: &dyn Progress,
     notes: &mut Vec<String>,
-) -> Result<Vec<Part>> {
+) -> Result<Vec<ReadPart>> {
     let mut reader =
         catch_panic(|| E57Reader::from_file(&input.path).map_err(|error| line(&error)))
             .flatten()
@@ -69,13 +69,13 @@ pub fn read(
             ..Header::default()
         };
         let unit = ColorUnit::Limits(found.color_limits);
-        let own = found.floats.into_parts(input, header, unit, found.intensity_limits, notes);
-        if options.strict && own[0].rgb_scale.by == By::Values {
+        let own = found.floats.into_parts(input, header, unit, found.intensity_limits, notes)?;
+        if options.strict && own[0].part.rgb_scale.by == By::Values {
             return Err(input.wrong(format!(
                 "scan \"{name}\" declares colour limits that its points do not have"
             )));
         }
-        parts.extend(own.into_iter().map(|part| Part { name: Some(name.clone()), ..part }));
+        parts.extend(own.into_iter().map(|part| part.named(&name)));
     }
     Ok(parts)
 }
@@ -115,7 +115,8 @@ fn points(
             scan.records
         )));
     }
-    let mut floats = Floats::with_roles(&shape.roles(), options.wanted, false, false);
+    let mut floats =
+        Floats::with_roles(&shape.roles(), options.wanted, false, false).spilling(input);
     floats.reserve(scan.records.min(input.length.saturating_mul(8) / bits.max(1)) as usize);
     let intensity_limits = shape.intensity.map(|_| shape.intensity_limits);
     let mut found = Found {

@@ -6,18 +6,27 @@
 //! that would round coordinates and all are decimals of few digits, it is their last digit. If all
 //! steps share trailing zeros (integer coordinates, `f32` far from zero), the step grows by them,
 //! which loses nothing and makes the numbers small.
+//!
+//! Points that are too many for memory wait in a temporary file, a block at a time, where the input
+//! has one. What all points decide together is then found block by block.
 
 use super::axis::Axis;
+use super::column_file::ColumnFile;
 use super::crs::Crs;
 use super::digits::number;
+use super::float_attributes::Attributes;
 use super::input::Input;
-use super::rgb_conversion;
-use super::rgb_range::{By, Scale};
 use super::scalar::{Scalar, ScalarColumn};
-use super::strays::RobustBounds;
+use super::strays::{Places, RobustBounds, tasks};
 use super::{ColumnSet, Columns, Header, Lattice, Part};
+use crate::error::{Error, Result};
+use bytemuck::Pod;
 use glam::DVec3;
 use rayon::prelude::*;
+use std::borrow::Cow;
+use std::ops::Range;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 
 /// Points as read. Present columns have the length of `x`.
 #[derive(Clone, Debug)]
@@ -41,6 +50,8 @@ pub struct Floats {
     pub not_finite: u64,
     /// Points with byte colours out of range.
     pub clamped: u64,
+    /// Points that are no longer in memory, before those that are.
+    spilled: Option<Spilled>,
 }
 
 /// The range of stored colour channels, by the file or its format.
@@ -59,7 +70,7 @@ pub enum ColorUnit {
 }
 
 impl ColorUnit {
-    fn limits(self) -> Option<[[f64; 2]; 3]> {
+    pub fn limits(self) -> Option<[[f64; 2]; 3]> {
         match self {
             ColorUnit::Unit | ColorUnit::Harmonics => Some([[0.0, 1.0]; 3]),
             ColorUnit::Fields => Some([[0.0, 65535.0]; 3]),
@@ -193,6 +204,7 @@ impl Floats {
             there,
             not_finite: 0,
             clamped: 0,
+            spilled: None,
         }
     }
 
@@ -202,11 +214,12 @@ impl Floats {
     }
 
     pub fn len(&self) -> usize {
-        self.axes[0].len()
+        self.axes[0].len() + self.spilled.as_ref().map_or(0, |spilled| spilled.points)
     }
 
     /// Reserves exact room if available: growing by doubling would hold two copies at the peak.
     pub fn reserve(&mut self, count: usize) {
+        let count = self.spilled.as_ref().map_or(count, |spilled| count.min(spilled.limit));
         fn hint<T>(column: &mut Option<Vec<T>>, count: usize) {
             if let Some(column) = column {
                 let _ = column.try_reserve_exact(count);
@@ -245,6 +258,15 @@ impl Floats {
         self.gps_time.iter_mut().for_each(|column| column.push(point.gps_time));
         let scalars = self.scalars.iter_mut().zip(&point.scalars);
         scalars.for_each(|(own, number)| own.numbers.push(*number));
+        self.spill_if_full();
+    }
+
+    /// Moves the points in memory to the temporary file, if they are as many as may be there.
+    fn spill_if_full(&mut self) {
+        let held = self.axes[0].len();
+        if self.spilled.as_ref().is_some_and(|spilled| held >= spilled.limit) {
+            self.spill();
+        }
     }
 
     /// Appends a block with the same columns.
@@ -267,10 +289,79 @@ impl Floats {
         scalars.for_each(|(own, mut block)| own.numbers.append(&mut block.numbers));
         self.not_finite += block.not_finite;
         self.clamped += block.clamped;
+        self.spill_if_full();
     }
 
-    /// Returns the part, and one for its strays if any. Notes report skipped and changed points.
-    /// `limits` is the file's intensity range.
+    /// Moves points to a temporary file whenever they are too many for memory, if the input has one.
+    pub fn spilling(mut self, input: &Input) -> Self {
+        self.spilled = input.column_file.clone().map(|file| Spilled {
+            limit: file.room().max(BLOCK),
+            file,
+            blocks: Vec::new(),
+            points: 0,
+        });
+        self
+    }
+
+    /// Moves the points in memory to the temporary file.
+    fn spill(&mut self) {
+        let points = self.axes[0].len();
+        let Some(Spilled { file, .. }) = self.spilled.as_ref().filter(|_| points > 0) else {
+            return;
+        };
+        let at = At {
+            axes: self.axes.each_ref().map(|axis| match axis {
+                Axis::Narrow(values) => file.append(values),
+                Axis::Wide(values) => file.append(values),
+            }),
+            rgb: self.rgb.as_deref().map(|column| file.append(column)),
+            color: self.color.as_deref().map(|column| file.append(column)),
+            intensity: self.intensity.as_deref().map(|column| file.append(column)),
+            class: self.class.as_deref().map(|column| file.append(column)),
+            normal: self.normal.as_deref().map(|column| file.append(column)),
+            returns: self.returns.as_deref().map(|column| file.append(column)),
+            source: self.source.as_deref().map(|column| file.append(column)),
+            gps_time: self.gps_time.as_deref().map(|column| file.append(column)),
+            scalars: self.scalars.iter().map(|own| file.append(&own.numbers)).collect(),
+        };
+        // The next ones need less room.
+        fn clear<T>(column: &mut Option<Vec<T>>) {
+            column.iter_mut().for_each(|column| *column = Vec::new());
+        }
+        self.axes.iter_mut().for_each(Axis::clear);
+        clear(&mut self.rgb);
+        clear(&mut self.color);
+        clear(&mut self.intensity);
+        clear(&mut self.class);
+        clear(&mut self.normal);
+        clear(&mut self.returns);
+        clear(&mut self.source);
+        clear(&mut self.gps_time);
+        self.scalars.iter_mut().for_each(|own| own.numbers = Vec::new());
+        if let Some(spilled) = &mut self.spilled {
+            spilled.blocks.push(Block { points, at, without: Vec::new() });
+            spilled.points += points;
+            // The next ones are blocks of a file that is there.
+            spilled.limit = BLOCK;
+        }
+    }
+
+    /// Moves all points to the temporary file, if they are too many for memory.
+    fn settle(mut self) -> Result<Floats> {
+        let Some(spilled) = &self.spilled else { return Ok(self) };
+        if spilled.blocks.is_empty() && spilled.file.hold(self.axes[0].len()) {
+            self.spilled = None;
+            return Ok(self);
+        }
+        self.spill();
+        if let Some(spilled) = &self.spilled {
+            spilled.file.check()?;
+        }
+        Ok(Floats { spilled: self.spilled.take_if(|spilled| spilled.points > 0), ..self })
+    }
+
+    /// Returns the parts of the file's points: all, and strays if any. Notes report skipped and
+    /// changed points. `limits` is the file's intensity range.
     pub fn into_parts(
         self,
         input: &Input,
@@ -278,112 +369,486 @@ impl Floats {
         unit: ColorUnit,
         limits: Option<[f64; 2]>,
         notes: &mut Vec<String>,
-    ) -> Vec<Part> {
+    ) -> Result<Vec<ReadPart>> {
+        let floats = self.settle()?;
         let name = input.name();
-        if self.not_finite > 0 {
+        if floats.not_finite > 0 {
             notes.push(format!(
                 "{name}: {} points with NaN or infinite coordinates were skipped",
-                self.not_finite
+                floats.not_finite
             ));
         }
-        let header = Header { columns: self.there, ..header };
+        let header = Header { columns: floats.there, ..header };
         let is_angular = Crs::of(&header).is_some_and(|system| system.degrees.is_some());
-        let mut columns = Columns {
-            class: self.class,
-            returns: self.returns,
-            source: self.source,
-            gps_time: self.gps_time,
-            scalars: self.scalars,
-            // Zeros and NaN alone are not normals.
-            normal: self.normal.filter(|normal| normal.iter().any(|normal| *normal != [0; 3])),
-            ..Columns::default()
-        };
-        let mut rgb_scale = Scale::default();
-        let mut clamped = self.clamped;
-        columns.rgb = self.rgb;
-        if let Some(color) = self.color {
-            let asked = input.rgb_range.filter(|_| unit != ColorUnit::Harmonics);
-            let converted = rgb_conversion::convert(&color, unit.limits(), asked);
-            clamped += converted.clamped;
-            rgb_scale = converted.scale;
-            notes.extend(converted.note.map(|note| format!("{name}: {note}")));
-            columns.rgb = Some(converted.rgb);
-        } else if let (Some(rgb), Some(asked)) = (&mut columns.rgb, input.rgb_range) {
-            rgb_scale = Scale::new(asked, By::Request);
-            rgb.iter_mut().for_each(|color| *color = color.map(|v| asked.to_8_bits(v.into())));
-        }
-        if clamped > 0 {
-            notes.push(format!("{name}: clamped NaN or out-of-range colours of {clamped} points"));
-        }
-        columns.rgb = columns.rgb.filter(|rgb| rgb.iter().any(|color| *color != [0; 3]));
-        let mut intensity_range = [0.0, 65535.0];
-        if let Some(intensity) = self.intensity {
-            let undefined = intensity.iter().filter(|v| !v.is_finite()).count();
-            if undefined > 0 {
-                notes.push(format!("{name}: {undefined} intensities are missing, NaN or infinite; they were set to the smallest"));
-            }
-            let (column, range) = intensities(&intensity, limits);
-            (columns.intensity, intensity_range) = (Some(column), range);
-        }
-        let part = |axes: [Axis; 3], columns: Columns, strays: bool| {
-            let (lattice, columns, rounded) = on_a_lattice(axes, columns, is_angular, strays);
-            let header = Header { strays, ..header.clone() };
-            (
-                Part {
-                    path: input.path.clone(),
-                    name: None,
-                    header,
-                    lattice,
-                    columns,
-                    intensity_range,
-                    rgb_scale,
-                },
-                rounded,
-            )
-        };
-        let place = |i: usize| DVec3::from_array(self.axes.each_ref().map(|axis| axis.at(i)));
-        let parts = match RobustBounds::of(self.axes[0].len(), place) {
-            None => vec![part(self.axes, columns, false)],
+        let attributes = Attributes::of(&floats, &name, unit, input.rgb_range, limits, notes)?;
+        let (core, mut rounded) = (RobustBounds::among(&floats)?, None);
+        let (floats, strays) = match core {
+            None => (floats, None),
             Some(core) => {
-                let (inside, strays): (Vec<u32>, Vec<u32>) =
-                    (0..self.axes[0].len() as u32).partition(|&i| core.has(place(i as usize)));
-                let some = |points: &[u32]| {
-                    (self.axes.each_ref().map(|axis| axis.pick(points)), columns.pick(points))
-                };
-                let [(inside, inside_columns), (strays, strays_columns)] =
-                    [some(&inside), some(&strays)];
-                vec![part(inside, inside_columns, false), part(strays, strays_columns, true)]
+                let (floats, strays) = floats.split(core)?;
+                (floats, Some(strays))
             }
         };
-        let (_, rounded) = parts[0];
+        let (mut parts, has_intensities) = (Vec::new(), floats.intensity.is_some());
+        for (floats, strays) in [(Some(floats), false), (strays, true)] {
+            let Some(floats) = floats else { continue };
+            let extent = extent(&floats, is_angular, strays)?;
+            if !strays && extent.rounds[2] {
+                rounded = Some(extent.step[2]);
+            }
+            let Placed { lattice, columns, on_disk } = floats.placed(&extent, &attributes)?;
+            let part = Part {
+                path: input.path.clone(),
+                name: None,
+                header: Header { strays, ..header.clone() },
+                lattice,
+                columns,
+                intensity_range: attributes.intensity_range(has_intensities),
+                rgb_scale: attributes.rgb_scale,
+            };
+            parts.push(ReadPart { part, on_disk });
+        }
         if let Some(step) = rounded.filter(|step| *step > LARGEST_QUIET_STEP) {
             notes.push(format!(
                 "{name}: the extent is so large that coordinates are rounded to steps of {}",
                 number(step)
             ));
         }
-        parts.into_iter().map(|(part, _)| part).collect()
+        Ok(parts)
+    }
+
+    /// Separates the points outside of a box.
+    fn split(mut self, core: RobustBounds) -> Result<(Floats, Floats)> {
+        let divide = |axes: &[Axis; 3]| -> (Vec<u32>, Vec<u32>) {
+            (0..axes[0].len() as u32).partition(|&i| core.has(place(axes, i as usize)))
+        };
+        let Some(mut spilled) = self.spilled.take() else {
+            let (inside, strays) = divide(&self.axes);
+            return Ok((self.pick(&inside), self.pick(&strays)));
+        };
+        let (file, mut strays) = (&spilled.file, self.clone());
+        // Strays are few.
+        for block in &mut spilled.blocks {
+            let (_, outside) = divide(&self.axes_of(file, block)?);
+            if !outside.is_empty() {
+                strays.append(self.block_of(file, block)?.pick(&outside));
+                spilled.points -= outside.len();
+                block.without = outside;
+            }
+        }
+        self.spilled = Some(spilled);
+        Ok((self, strays))
+    }
+
+    /// Copies some points.
+    fn pick(&self, points: &[u32]) -> Floats {
+        fn pick<T: Copy>(column: &Option<Vec<T>>, points: &[u32]) -> Option<Vec<T>> {
+            column.as_ref().map(|column| points.iter().map(|&i| column[i as usize]).collect())
+        }
+        let scalar = |own: &ScalarColumn| ScalarColumn {
+            numbers: points.iter().map(|&i| own.numbers[i as usize]).collect(),
+            ..*own
+        };
+        Floats {
+            axes: self.axes.each_ref().map(|axis| axis.pick(points)),
+            rgb: pick(&self.rgb, points),
+            color: pick(&self.color, points),
+            intensity: pick(&self.intensity, points),
+            class: pick(&self.class, points),
+            normal: pick(&self.normal, points),
+            returns: pick(&self.returns, points),
+            source: pick(&self.source, points),
+            gps_time: pick(&self.gps_time, points),
+            scalars: self.scalars.iter().map(scalar).collect(),
+            spilled: None,
+            ..*self
+        }
+    }
+
+    /// Returns the number of blocks: one if all points are in memory.
+    fn blocks(&self) -> usize {
+        self.spilled.as_ref().map_or(1, |spilled| spilled.blocks.len())
+    }
+
+    /// Returns what is read from a block, or is in memory.
+    fn some_of<'f, T: ToOwned + ?Sized>(
+        &'f self,
+        block: usize,
+        held: &'f T,
+        read: impl Fn(&ColumnFile, &Block) -> Result<T::Owned>,
+    ) -> Result<Cow<'f, T>> {
+        match &self.spilled {
+            None => Ok(Cow::Borrowed(held)),
+            Some(spilled) => Ok(Cow::Owned(read(&spilled.file, &spilled.blocks[block])?)),
+        }
+    }
+
+    fn axes(&self, block: usize) -> Result<Cow<'_, [Axis; 3]>> {
+        self.some_of(block, &self.axes, |file, block| self.axes_of(file, block))
+    }
+
+    fn axis(&self, axis: usize, block: usize) -> Result<Cow<'_, Axis>> {
+        self.some_of(block, &self.axes[axis], |file, block| self.axis_of(axis, file, block))
+    }
+
+    /// Returns a column of a block.
+    fn column<'f, T: Pod>(
+        &'f self,
+        block: usize,
+        held: &'f [T],
+        at: impl Fn(&At) -> Option<u64>,
+    ) -> Result<Cow<'f, [T]>> {
+        self.some_of(block, held, |file, block| {
+            Ok(block.some(file, at(&block.at))?.unwrap_or_default())
+        })
+    }
+
+    pub fn colors(&self, block: usize) -> Result<Cow<'_, [[f32; 3]]>> {
+        self.column(block, self.color.as_deref().unwrap_or_default(), |at| at.color)
+    }
+
+    pub fn byte_colors(&self, block: usize) -> Result<Cow<'_, [[u8; 3]]>> {
+        self.column(block, self.rgb.as_deref().unwrap_or_default(), |at| at.rgb)
+    }
+
+    pub fn normals(&self, block: usize) -> Result<Cow<'_, [[i8; 3]]>> {
+        self.column(block, self.normal.as_deref().unwrap_or_default(), |at| at.normal)
+    }
+
+    pub fn intensities(&self, block: usize) -> Result<Cow<'_, [f32]>> {
+        self.column(block, self.intensity.as_deref().unwrap_or_default(), |at| at.intensity)
+    }
+
+    fn axis_of(&self, axis: usize, file: &ColumnFile, block: &Block) -> Result<Axis> {
+        let at = block.at.axes[axis];
+        Ok(match &self.axes[axis] {
+            Axis::Narrow(_) => Axis::Narrow(block.read(file, at)?),
+            Axis::Wide(_) => Axis::Wide(block.read(file, at)?),
+        })
+    }
+
+    fn axes_of(&self, file: &ColumnFile, block: &Block) -> Result<[Axis; 3]> {
+        let [x, y, z] = [0, 1, 2].map(|axis| self.axis_of(axis, file, block));
+        Ok([x?, y?, z?])
+    }
+
+    /// Reads all columns of a block.
+    fn block_of(&self, file: &ColumnFile, block: &Block) -> Result<Floats> {
+        let At { rgb, color, intensity, class, normal, returns, source, gps_time, .. } = block.at;
+        let scalar = |(own, at): (&ScalarColumn, &u64)| {
+            Ok(ScalarColumn { numbers: block.read(file, *at)?, ..*own })
+        };
+        Ok(Floats {
+            axes: self.axes_of(file, block)?,
+            rgb: block.some(file, rgb)?,
+            color: block.some(file, color)?,
+            intensity: block.some(file, intensity)?,
+            class: block.some(file, class)?,
+            normal: block.some(file, normal)?,
+            returns: block.some(file, returns)?,
+            source: block.some(file, source)?,
+            gps_time: block.some(file, gps_time)?,
+            scalars: self
+                .scalars
+                .iter()
+                .zip(&block.at.scalars)
+                .map(scalar)
+                .collect::<Result<_>>()?,
+            spilled: None,
+            ..*self
+        })
+    }
+
+    /// Maps every block on all threads, and joins what that gives.
+    pub fn fold<T: Send>(
+        &self,
+        map: impl Fn(usize) -> Result<T> + Sync + Send,
+        join: impl Fn(T, T) -> T + Sync + Send,
+    ) -> Result<T> {
+        let all = (0..self.blocks()).into_par_iter().map(map);
+        all.try_reduce_with(|a, b| Ok(join(a, b))).expect("there is a block")
+    }
+
+    /// Puts the points on a lattice.
+    fn placed(self, extent: &Extent, attributes: &Attributes) -> Result<Placed> {
+        let Extent { offset, step, .. } = *extent;
+        let lattice = |shift: u32| Lattice {
+            step: DVec3::from_array(step) * (1u32 << shift) as f64,
+            offset: DVec3::from_array(offset),
+        };
+        if self.spilled.is_none() {
+            let mut columns = self.columns(attributes, offset, step);
+            let shift = Occurred::of(&columns).shift();
+            shift_right(&mut columns, shift);
+            return Ok(Placed { lattice: lattice(shift), columns, on_disk: None });
+        }
+        let occurred = |block: usize| {
+            let [x, y, z] = self.axes(block)?.into_owned();
+            let columns = Columns {
+                x: x.quantise(offset[0], step[0]),
+                y: y.quantise(offset[1], step[1]),
+                z: z.quantise(offset[2], step[2]),
+                ..Columns::default()
+            };
+            Ok(Occurred::of(&columns))
+        };
+        let occurred = self.fold(occurred, Occurred::join)?;
+        let shift = occurred.shift();
+        let bounds = occurred.bounds.map(|ends| ends.map(|end| end.map(|q| q >> shift)));
+        let on_disk =
+            OnDisk { attributes: attributes.clone(), offset, step, shift, bounds, floats: self };
+        let (lattice, columns) = (lattice(shift), Columns::default());
+        Ok(Placed { lattice, columns, on_disk: Some(Arc::new(on_disk)) })
+    }
+
+    /// Converts points in memory.
+    fn columns(self, attributes: &Attributes, offset: [f64; 3], step: [f64; 3]) -> Columns {
+        let columns = Columns {
+            rgb: attributes.rgb(self.rgb, self.color),
+            intensity: self.intensity.map(|column| attributes.intensities(&column)),
+            class: self.class,
+            returns: self.returns,
+            source: self.source,
+            normal: self.normal.filter(|_| attributes.has_normals),
+            gps_time: self.gps_time,
+            scalars: self.scalars,
+            ..Columns::default()
+        };
+        let [x, y, z] = self.axes;
+        Columns {
+            x: x.quantise(offset[0], step[0]),
+            y: y.quantise(offset[1], step[1]),
+            z: z.quantise(offset[2], step[2]),
+            ..columns
+        }
     }
 }
 
-/// Puts positions on a lattice as fine as their extent allows. Returns it with the step along z if
-/// that rounds positions. The lattice of strays is as fine as their distance allows.
-fn on_a_lattice(
-    axes: [Axis; 3],
-    mut columns: Columns,
-    is_angular: bool,
-    strays: bool,
-) -> (Lattice, Columns, Option<f64>) {
-    let Extent { offset, step, rounds } = extent(&axes, is_angular, strays);
-    let [x, y, z] = axes;
-    columns.x = x.quantise(offset[0], step[0]);
-    columns.y = y.quantise(offset[1], step[1]);
-    columns.z = z.quantise(offset[2], step[2]);
-    let lattice = Lattice {
-        step: DVec3::from_array(step) * coarsen(&mut columns) as f64,
-        offset: DVec3::from_array(offset),
-    };
-    (lattice, columns, rounds[2].then_some(step[2]))
+/// Points that are moved to the temporary file together, about.
+const BLOCK: usize = 1 << 16;
+
+/// Points in a temporary file.
+#[derive(Clone, Debug)]
+struct Spilled {
+    file: Arc<ColumnFile>,
+    blocks: Vec<Block>,
+    /// Points of all blocks.
+    points: usize,
+    /// Points in memory that are moved to the file.
+    limit: usize,
+}
+
+/// Points that were moved to a temporary file together.
+#[derive(Clone, Debug)]
+struct Block {
+    points: usize,
+    at: At,
+    /// Numbers of the points that are left out, in order.
+    without: Vec<u32>,
+}
+
+/// Where the columns of a block begin in the temporary file.
+#[derive(Clone, Debug)]
+struct At {
+    axes: [u64; 3],
+    rgb: Option<u64>,
+    color: Option<u64>,
+    intensity: Option<u64>,
+    class: Option<u64>,
+    normal: Option<u64>,
+    returns: Option<u64>,
+    source: Option<u64>,
+    gps_time: Option<u64>,
+    scalars: Vec<u64>,
+}
+
+impl Block {
+    fn len(&self) -> usize {
+        self.points - self.without.len()
+    }
+
+    fn read<T: Pod>(&self, file: &ColumnFile, at: u64) -> Result<Vec<T>> {
+        let mut column = file.read(at, self.points)?;
+        let (mut left_out, mut i) = (self.without.iter().peekable(), 0);
+        if !self.without.is_empty() {
+            column.retain(|_| {
+                i += 1;
+                left_out.next_if(|&&out| out + 1 == i).is_none()
+            });
+        }
+        Ok(column)
+    }
+
+    fn some<T: Pod>(&self, file: &ColumnFile, at: Option<u64>) -> Result<Option<Vec<T>>> {
+        at.map(|at| self.read(file, at)).transpose()
+    }
+}
+
+/// A part as it was read. The columns of one that is on a disk are empty.
+pub struct ReadPart {
+    pub part: Part,
+    pub on_disk: Option<Arc<OnDisk>>,
+}
+
+impl ReadPart {
+    /// Returns a part in memory.
+    pub fn held(part: Part) -> ReadPart {
+        ReadPart { part, on_disk: None }
+    }
+
+    pub fn named(mut self, name: &str) -> ReadPart {
+        self.part.name = Some(name.to_owned());
+        self
+    }
+}
+
+/// A part's points in a temporary file.
+#[derive(Debug)]
+pub struct OnDisk {
+    floats: Floats,
+    attributes: Attributes,
+    offset: [f64; 3],
+    step: [f64; 3],
+    /// Common power of two of all steps.
+    shift: u32,
+    /// The box around the points [lattice steps].
+    pub bounds: Option<[[i32; 3]; 2]>,
+}
+
+impl OnDisk {
+    pub fn len(&self) -> usize {
+        self.floats.len()
+    }
+
+    /// Returns the number of the first point of each block.
+    pub fn firsts(&self) -> Vec<u64> {
+        let blocks = self.floats.spilled.iter().flat_map(|spilled| &spilled.blocks);
+        let before = |sum: &mut u64, block: &Block| {
+            let first = *sum;
+            *sum += block.len() as u64;
+            Some(first)
+        };
+        blocks.scan(0, before).collect()
+    }
+
+    /// Returns the steps of at most this many points from all over.
+    pub fn every(&self, most: usize) -> Result<Vec<[i32; 3]>> {
+        let (every, mut next, mut steps) = (self.len().div_ceil(most).max(1), 0, Vec::new());
+        for (block, first) in self.firsts().into_iter().enumerate() {
+            let columns = self.columns(block)?;
+            let Columns { x, y, z, .. } = &columns;
+            while next < first as usize + columns.len() {
+                let i = next - first as usize;
+                steps.push([x[i], y[i], z[i]]);
+                next += every;
+            }
+        }
+        Ok(steps)
+    }
+
+    /// Returns the points of a block.
+    pub fn columns(&self, block: usize) -> Result<Columns> {
+        let OnDisk { floats, attributes, offset, step, shift, .. } = self;
+        let Some(spilled) = &floats.spilled else { return Ok(Columns::default()) };
+        let floats = floats.block_of(&spilled.file, &spilled.blocks[block])?;
+        let mut columns = floats.columns(attributes, *offset, *step);
+        shift_right(&mut columns, *shift);
+        Ok(columns)
+    }
+
+    /// Returns the columns of all blocks.
+    pub fn available(&self) -> ColumnSet {
+        let Floats {
+            rgb, color, intensity, class, normal, returns, source, gps_time, scalars, ..
+        } = &self.floats;
+        ColumnSet {
+            rgb: (rgb.is_some() || color.is_some()) && self.attributes.has_colors,
+            intensity: intensity.is_some(),
+            class: class.is_some(),
+            returns: returns.is_some(),
+            source: source.is_some(),
+            normal: normal.is_some() && self.attributes.has_normals,
+            gps_time: gps_time.is_some(),
+            scalars: scalars.iter().map(|own| own.scalar).collect(),
+        }
+    }
+}
+
+/// Points on a lattice.
+struct Placed {
+    lattice: Lattice,
+    columns: Columns,
+    on_disk: Option<Arc<OnDisk>>,
+}
+
+/// Steps that occur.
+struct Occurred {
+    /// Bits of any coordinate.
+    bits: i32,
+    bounds: Option<[[i32; 3]; 2]>,
+}
+
+impl Occurred {
+    fn of(columns: &Columns) -> Occurred {
+        let all = [&columns.x, &columns.y, &columns.z].into_iter().flatten();
+        Occurred { bits: all.fold(0, |bits, q| bits | q), bounds: columns.bounds() }
+    }
+
+    fn join(self, other: Occurred) -> Occurred {
+        let both = |[low, high]: [[i32; 3]; 2], [a, b]: [[i32; 3]; 2]| {
+            [0, 1, 2].map(|axis| [low[axis].min(a[axis]), high[axis].max(b[axis])])
+        };
+        let both = |one, other| {
+            let ends = both(one, other);
+            [0, 1].map(|end| ends.map(|ends| ends[end]))
+        };
+        let bounds = self.bounds.into_iter().chain(other.bounds).reduce(both);
+        Occurred { bits: self.bits | other.bits, bounds }
+    }
+
+    /// Returns the exponent of the common power of two of all steps.
+    fn shift(&self) -> u32 {
+        if self.bits == 0 { 0 } else { self.bits.trailing_zeros() }
+    }
+}
+
+/// Divides all steps by a power of two.
+fn shift_right(columns: &mut Columns, shift: u32) {
+    if shift > 0 {
+        for axis in [&mut columns.x, &mut columns.y, &mut columns.z] {
+            axis.par_iter_mut().with_min_len(1 << 16).for_each(|q| *q >>= shift);
+        }
+    }
+}
+
+fn place(axes: &[Axis; 3], i: usize) -> DVec3 {
+    DVec3::from_array(axes.each_ref().map(|axis| axis.at(i)))
+}
+
+impl Places for Floats {
+    type Error = Error;
+
+    fn count(&self) -> usize {
+        self.len()
+    }
+
+    fn fold<T: Send>(
+        &self,
+        empty: impl Fn() -> T + Sync + Send,
+        add: impl Fn(&mut T, DVec3) + Sync + Send,
+        join: impl Fn(T, T) -> T + Sync + Send,
+    ) -> Result<T> {
+        let of_block = |block: usize| {
+            let axes = self.axes(block)?;
+            let of_range = |range: Range<usize>| {
+                let mut sum = empty();
+                range.for_each(|i| add(&mut sum, place(&axes, i)));
+                sum
+            };
+            Ok(tasks(axes[0].len()).map(of_range).reduce(&empty, &join))
+        };
+        Floats::fold(self, of_block, &join)
+    }
 }
 
 /// Largest step without a note, about a millimetre: above, positions lose visible detail.
@@ -400,9 +865,18 @@ struct Extent {
 }
 
 /// Returns the extent that decides the step. Angles are finer than the heights beside them. Strays
-/// count from the origin.
-fn extent(axes: &[Axis; 3], is_angular: bool, strays: bool) -> Extent {
-    let mut ranges = axes.each_ref().map(Axis::range);
+/// count from the origin, and their lattice is as fine as their distance allows.
+fn extent(floats: &Floats, is_angular: bool, strays: bool) -> Result<Extent> {
+    let wider = |(a, b): (f64, f64), (lo, hi): (f64, f64)| (a.min(lo), b.max(hi));
+    let range = |axis: usize| {
+        let of_block = |block: usize| Ok(floats.axis(axis, block)?.range());
+        let some = |one: Option<(f64, f64)>, other: Option<(f64, f64)>| {
+            one.into_iter().chain(other).reduce(wider)
+        };
+        Ok(floats.fold(of_block, some)?.unwrap_or((0.0, 0.0)))
+    };
+    let [x, y, z] = [0, 1, 2].map(range);
+    let mut ranges = [x?, y?, z?];
     if strays {
         ranges = ranges.map(|(lo, hi)| (lo.min(0.0), hi.max(0.0)));
     }
@@ -412,12 +886,12 @@ fn extent(axes: &[Axis; 3], is_angular: bool, strays: bool) -> Extent {
         Extent { offset: ranges.map(|(lo, _)| lo), step: [1.0; 3], rounds: [false; 3] };
     for group in [0..first, first..3].into_iter().filter(|group| !group.is_empty()) {
         let half = half_width(&ranges[group.clone()]);
-        let (own, binary) = (&axes[group.clone()], binary_step(half));
-        let is_exact = own.iter().all(|axis| axis.is_on(binary));
+        let binary = binary_step(half);
+        let is_exact = are_on(floats, group.clone(), binary)?;
         let far = ranges[group.clone()]
             .iter()
             .fold(0.0, |far: f64, (lo, hi)| far.max(lo.abs()).max(hi.abs()));
-        let decimal = if is_exact { None } else { decimal_step(own, half, far) };
+        let decimal = if is_exact { None } else { decimal_step(floats, group.clone(), half, far)? };
         let step = decimal.unwrap_or(binary);
         for axis in group {
             extent.step[axis] = step;
@@ -429,7 +903,23 @@ fn extent(axes: &[Axis; 3], is_angular: bool, strays: bool) -> Extent {
             }
         }
     }
-    extent
+    Ok(extent)
+}
+
+/// Tests whether all coordinates along some axes are multiples of a power of two.
+fn are_on(floats: &Floats, mut axes: Range<usize>, step: f64) -> Result<bool> {
+    let is_off = AtomicBool::new(false);
+    let is_on = |axis: usize| {
+        let look = |block: usize| {
+            if !is_off.load(Relaxed) && !floats.axis(axis, block)?.is_on(step) {
+                is_off.store(true, Relaxed);
+            }
+            Ok(())
+        };
+        floats.fold(look, |(), ()| ())?;
+        Ok(!is_off.load(Relaxed))
+    };
+    axes.try_fold(true, |all, axis| Ok(all && is_on(axis)?))
 }
 
 /// Returns half of the widest range: the whole width of the largest finite one is infinite.
@@ -439,15 +929,28 @@ fn half_width(ranges: &[(f64, f64)]) -> f64 {
 
 /// Returns the last decimal digit of coordinates, if the width is less than 2^30 of it, and the
 /// farthest from 0 less than 2^53; `None` for `f32`.
-fn decimal_step(axes: &[Axis], half: f64, far: f64) -> Option<f64> {
+fn decimal_step(floats: &Floats, axes: Range<usize>, half: f64, far: f64) -> Result<Option<f64>> {
     const MOST: i32 = 15;
     let fits = |digits: &i32| {
         let steps = 10f64.powi(*digits);
         half * steps < (1u64 << 29) as f64 && far * steps < (1u64 << 53) as f64
     };
-    let most = (0..=MOST).take_while(fits).last()?;
-    let digits = axes.iter().try_fold(0, |digits, axis| axis.decimals(digits, most))?;
-    Some(1.0 / 10f64.powi(digits))
+    let Some(most) = (0..=MOST).take_while(fits).last() else { return Ok(None) };
+    let (has_more, mut digits) = (AtomicBool::new(false), 0);
+    for axis in axes {
+        let look = |block: usize| {
+            let own = match has_more.load(Relaxed) {
+                true => None,
+                false => floats.axis(axis, block)?.decimals(digits, most),
+            };
+            has_more.fetch_or(own.is_none(), Relaxed);
+            Ok(own)
+        };
+        let own = floats.fold(look, |a, b| Some(a?.max(b?)))?;
+        let Some(own) = own else { return Ok(None) };
+        digits = own;
+    }
+    Ok(Some(1.0 / 10f64.powi(digits)))
 }
 
 fn binary_step(half: f64) -> f64 {
@@ -462,45 +965,6 @@ fn binary_step(half: f64) -> f64 {
 /// Returns the exponent of a positive number; subnormal ones count as the smallest normal.
 fn floor_log2(v: f64) -> i32 {
     (v.to_bits() >> 52 & 0x7ff) as i32 - 1023
-}
-
-/// Divides all steps by their common power of two, and returns its exponent.
-fn coarsen(columns: &mut Columns) -> u32 {
-    let occurred =
-        [&columns.x, &columns.y, &columns.z].into_iter().flatten().fold(0, |bits, q| bits | q);
-    let shared = if occurred == 0 { 0 } else { occurred.trailing_zeros() };
-    if shared > 0 {
-        for axis in [&mut columns.x, &mut columns.y, &mut columns.z] {
-            axis.par_iter_mut().with_min_len(1 << 16).for_each(|q| *q >>= shared);
-        }
-    }
-    1 << shared
-}
-
-/// Maps intensities to 0..=65535. Integers that fit are kept, counted from the least below 0;
-/// others are spread over the stated limits or their own range.
-fn intensities(stored: &[f32], limits: Option<[f64; 2]>) -> (Vec<u16>, [f64; 2]) {
-    let finite = || stored.iter().copied().filter(|v| v.is_finite());
-    let (lo, hi) =
-        finite().fold((f32::INFINITY, f32::NEG_INFINITY), |(lo, hi), v| (lo.min(v), hi.max(v)));
-    if lo > hi {
-        return (vec![0; stored.len()], [0.0, 0.0]);
-    }
-    let least = lo.min(0.0);
-    if hi - least <= 65535.0 && hi - least > 1.0 && finite().all(|v| v.fract() == 0.0) {
-        let from_least = |v: f32| (if v.is_finite() { v } else { lo } - least) as u16;
-        return (
-            stored.iter().map(|&v| from_least(v)).collect(),
-            [least.into(), least as f64 + 65535.0],
-        );
-    }
-    let own = [lo as f64, hi as f64];
-    let [lo, hi] = limits
-        .filter(|[a, b]| a.is_finite() && b.is_finite() && *a <= own[0] && own[1] <= *b)
-        .unwrap_or(own);
-    let scale = if hi > lo { 65535.0 / (hi - lo) } else { 0.0 };
-    let spread = |v: f32| if v.is_finite() { ((v as f64 - lo) * scale).round() as u16 } else { 0 };
-    (stored.iter().map(|&v| spread(v)).collect(), [lo, hi])
 }
 
 /// Returns a unit normal with 127 = 1.0; zero if the length is 0 or not finite.

@@ -4,6 +4,7 @@
 //! be read is said beforehand ([`Input::ahead`]), so that servers are asked for much at a time.
 //! Indexes, whose nodes are read again and again, are mapped; other files are read once.
 
+use super::column_file::ColumnFile;
 use super::mmap::{Map, read_some_at};
 use super::rgb_range::RgbRange;
 use crate::error::{Error, Result};
@@ -22,6 +23,8 @@ pub struct Input {
     pub length: u64,
     /// Colour range given by the user.
     pub rgb_range: Option<RgbRange>,
+    /// Takes points that are too many for memory.
+    pub column_file: Option<Arc<ColumnFile>>,
     contents: Contents,
 }
 
@@ -74,6 +77,7 @@ impl Input {
             path: path.to_owned(),
             length: metadata.len(),
             rgb_range: None,
+            column_file: None,
             contents: Contents::File(file),
         })
     }
@@ -114,7 +118,7 @@ impl Input {
 
     fn remote(path: PathBuf, object: Arc<Object>) -> Self {
         let (length, contents) = (object.length(), Contents::Remote(object));
-        Input { path, length, rgb_range: None, contents }
+        Input { path, length, rgb_range: None, column_file: None, contents }
     }
 
     /// Returns the folder of the file, for the files that belong to it.
@@ -156,17 +160,32 @@ impl Input {
 
     /// Returns an input with these contents.
     pub fn made(path: PathBuf, bytes: Vec<u8>) -> Input {
-        Input { path, length: bytes.len() as u64, rgb_range: None, contents: Contents::Made(bytes) }
+        Input {
+            path,
+            length: bytes.len() as u64,
+            rgb_range: None,
+            column_file: None,
+            contents: Contents::Made(bytes),
+        }
     }
 
     /// Returns the same file with other contents.
     pub fn with(&self, bytes: Vec<u8>) -> Input {
-        Input { rgb_range: self.rgb_range, ..Input::made(self.path.clone(), bytes) }
+        Input {
+            rgb_range: self.rgb_range,
+            column_file: self.column_file.clone(),
+            ..Input::made(self.path.clone(), bytes)
+        }
     }
 
     /// Returns the input with the user's colour range.
     pub fn counting_to(self, rgb_range: Option<RgbRange>) -> Self {
         Self { rgb_range, ..self }
+    }
+
+    /// Returns the input with a file for points that are too many for memory.
+    pub fn spilling_to(self, file: &Arc<ColumnFile>) -> Self {
+        Self { column_file: Some(file.clone()), ..self }
     }
 
     /// Fills `bytes` from `offset`, less at the end of the file. Returns the number of bytes read.

@@ -12,11 +12,13 @@ mod axis;
 mod catch_panic;
 pub mod color_scale;
 pub mod colormap;
+pub(crate) mod column_file;
 pub mod crs;
 pub mod digits;
 pub mod e57;
 mod encoding;
 pub mod filter;
+mod float_attributes;
 mod from_floats;
 pub mod ground;
 pub mod histograms;
@@ -45,6 +47,7 @@ pub mod xyz;
 use crate::error::{Error, Result};
 use crate::progress::Progress;
 use crs::{Crs, Sample};
+use from_floats::ReadPart;
 use glam::DVec3;
 use input::Input;
 use rayon::prelude::*;
@@ -398,6 +401,12 @@ pub struct Header {
 }
 
 impl Header {
+    /// Returns whether coordinates may be angles, and no reader has said where points are.
+    fn lacks_sample(&self) -> bool {
+        let is_angular = || Crs::of(self).is_some_and(|system| system.degrees.is_some());
+        self.sample.is_none() && is_angular()
+    }
+
     /// Returns whether it is of a format of meshes, without a coordinate system.
     pub fn is_mesh(&self) -> bool {
         ["PLY", "OBJ"].iter().any(|name| self.format.starts_with(name)) && Crs::of(self).is_none()
@@ -516,16 +525,18 @@ impl Part {
     /// Computes where the points are, for a part whose coordinates may be angles, unless its reader
     /// has.
     fn look_around(&mut self) {
-        if self.header.sample.is_none()
-            && Crs::of(&self.header).is_some_and(|system| system.degrees.is_some())
-        {
-            let Columns { x, y, z, .. } = &self.columns;
+        let Columns { x, y, z, .. } = &self.columns;
+        let steps = |i: usize| [x[i], y[i], z[i]];
+        let sample = self.header.lacks_sample().then(|| {
             let every = x.len().div_ceil(SAMPLE).max(1);
-            let places = (0..x.len())
-                .step_by(every)
-                .map(|i| self.lattice.world([x[i], y[i], z[i]].map(i64::from)));
-            self.header.sample = Sample::of(places.collect());
-        }
+            self.sample((0..x.len()).step_by(every).map(steps))
+        });
+        self.header.sample = sample.unwrap_or(self.header.sample.take());
+    }
+
+    /// Returns the location of points at these steps.
+    fn sample(&self, steps: impl Iterator<Item = [i32; 3]>) -> Option<Sample> {
+        Sample::of(steps.map(|steps| self.lattice.world(steps.map(i64::from))).collect())
     }
 
     /// Returns the world box around this part's points, exact up to one rounding of `offset + step
@@ -560,7 +571,7 @@ pub fn read(paths: &[PathBuf], options: &ReadOptions, progress: &dyn Progress) -
             input.download(progress)?;
         }
         let parts = read_one(&input, options, progress, &mut cloud.notes)?;
-        for mut part in parts {
+        for ReadPart { mut part, .. } in parts {
             let index = cloud.parts.len();
             // Colours that are all black, as an example, are none.
             let missing = options.wanted.without(part.columns.available());
@@ -650,14 +661,15 @@ fn read_one(
     options: &ReadOptions,
     progress: &dyn Progress,
     notes: &mut Vec<String>,
-) -> Result<Vec<Part>> {
+) -> Result<Vec<ReadPart>> {
     let start = input.take(0, 8)?;
     if start.is_empty() {
         return Err(input.wrong("is empty (0 bytes)"));
     }
     if las::is_one(input)? {
         notes.extend(options.text.idle(input));
-        return las::read(input, options, progress, notes);
+        let parts = las::read(input, options, progress, notes)?;
+        return Ok(parts.into_iter().map(ReadPart::held).collect());
     }
     if start.starts_with(b"ASTM-E57") {
         notes.extend(options.text.idle(input));

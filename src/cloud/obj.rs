@@ -3,9 +3,9 @@
 //! Vertices have the colours that scanners append (`v x y z r g b`, 0 to 1). Of faces only whether
 //! there are any is read.
 
-use super::from_floats::{ColorUnit, Floats, Point};
+use super::from_floats::{ColorUnit, Floats, Point, ReadPart};
 use super::input::{Input, Meter};
-use super::{ColumnSet, Header, Part, ReadOptions, text};
+use super::{ColumnSet, Header, ReadOptions, text};
 use crate::error::Result;
 use crate::progress::Progress;
 
@@ -14,10 +14,10 @@ pub fn read(
     options: &ReadOptions,
     progress: &dyn Progress,
     notes: &mut Vec<String>,
-) -> Result<Vec<Part>> {
+) -> Result<Vec<ReadPart>> {
     let there = ColumnSet { rgb: true, ..ColumnSet::default() };
     let meter = Meter::new(progress, input, input.length);
-    let mut floats = Floats::new(there, options.wanted, false, false);
+    let mut floats = Floats::new(there, options.wanted, false, false).spilling(input);
     let (mut bad, mut faces) = (0, false);
     let parse = |block: &[u8]| {
         let mut floats = Floats::new(there, options.wanted, false, false);
@@ -47,7 +47,7 @@ pub fn read(
         notes.push(format!("{}: {what}", input.name()));
     }
     let header = Header { format: "OBJ".into(), faces, ..Header::default() };
-    Ok(floats.into_parts(input, header, ColorUnit::Guess, None, notes))
+    floats.into_parts(input, header, ColorUnit::Guess, None, notes)
 }
 
 /// Tests whether the letter before this was a keyword.

@@ -8,9 +8,9 @@
 
 mod header;
 
-use super::from_floats::{ColorUnit, Floats, Point, Role};
+use super::from_floats::{ColorUnit, Floats, Point, ReadPart, Role};
 use super::input::{Input, Meter};
-use super::{Header, Part, ReadOptions, scalar, text};
+use super::{Header, ReadOptions, scalar, text};
 use crate::error::Result;
 use crate::progress::Progress;
 use header::{Coding, Element, Layout, Scalar};
@@ -32,7 +32,7 @@ pub fn read(
     options: &ReadOptions,
     progress: &dyn Progress,
     notes: &mut Vec<String>,
-) -> Result<Vec<Part>> {
+) -> Result<Vec<ReadPart>> {
     let mut layout = header::read(input)?;
     let Some(index) = layout.elements.iter().position(|element| element.name == "vertex") else {
         return Err(
@@ -119,7 +119,7 @@ pub fn read(
         facts: layout.comments.iter().map(|comment| ("comment".into(), comment.clone())).collect(),
         ..Header::default()
     };
-    Ok(found.floats.into_parts(input, header, unit, None, notes))
+    found.floats.into_parts(input, header, unit, None, notes)
 }
 
 /// The constant spherical harmonic, 1 / (2 sqrt(pi)).
@@ -201,7 +201,7 @@ fn ascii(
     let (end, lines) = text::skip_lines(input, at, vertex.count)?;
     let meter = Meter::new(progress, input, end - at);
     let splats = vertex.is_splats();
-    let mut floats = empty.clone();
+    let mut floats = empty.clone().spilling(input);
     // A vertex takes at least two bytes per property; shorter lines are bad ones.
     floats.reserve(lines.min((end - at) / (2 * vertex.properties.len() as u64)) as usize);
     let mut records = 0;
@@ -254,7 +254,7 @@ fn returned(
     let splats = vertex.is_splats();
     let meter = Meter::new(progress, input, vertex.count);
     let bytes = input.take(at, u64::MAX)?;
-    let mut found = Found { floats: empty, records: 0 };
+    let mut found = Found { floats: empty.spilling(input), records: 0 };
     let lines = bytes
         .split(|byte| matches!(byte, b'\r' | b'\n'))
         .filter(|line| !line.trim_ascii().is_empty());
@@ -293,7 +293,7 @@ fn fixed(
         }
         offset += property.scalar.bytes();
     }
-    let mut floats = empty.clone();
+    let mut floats = empty.clone().spilling(input);
     floats.reserve(records as usize);
     let task = (TASK_BYTES / stride).max(1);
     for batch in (0..records).step_by((task * TASKS) as usize) {
@@ -334,7 +334,7 @@ fn listed(
     let meter = Meter::new(progress, input, vertex.count);
     let mut source = Records { source: BufReader::new(input.stream(at)), big, bytes: 0 };
     let splats = vertex.is_splats();
-    let mut floats = empty;
+    let mut floats = empty.spilling(input);
     let mut records = 0;
     while records < vertex.count {
         let mut point = floats.point();

@@ -89,7 +89,9 @@ impl Cloud {
                 let mut floats = Floats::new(there, there, narrow, true);
                 floats.reserve(count);
                 (0..count).for_each(|i| floats.push(&point(points, i)));
-                floats.into_parts(&input, header, ColorUnit::Fields, None, &mut cloud.notes)
+                let notes = &mut cloud.notes;
+                let parts = floats.into_parts(&input, header, ColorUnit::Fields, None, notes)?;
+                parts.into_iter().map(|own| own.part).collect()
             }
         };
         for (number, part) in parts.into_iter().enumerate() {

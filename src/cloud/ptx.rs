@@ -5,10 +5,10 @@
 //! frame, intensity, optionally red green blue; 0 0 0 for no hit. The matrix places each scan;
 //! directions without a hit are skipped.
 
-use super::from_floats::{ColorUnit, Floats, Point, Role, there};
+use super::from_floats::{ColorUnit, Floats, Point, ReadPart, Role, there};
 use super::input::{Input, Meter};
 use super::table::line;
-use super::{Header, Part, ReadOptions, text};
+use super::{Header, ReadOptions, text};
 use crate::error::Result;
 use crate::progress::{Progress, Silent};
 use glam::{DMat4, DVec3};
@@ -79,7 +79,7 @@ pub fn read(
     options: &ReadOptions,
     progress: &dyn Progress,
     notes: &mut Vec<String>,
-) -> Result<Vec<Part>> {
+) -> Result<Vec<ReadPart>> {
     notes.extend(options.text.idle(input));
     let parts = scans(input, begin, options, progress, notes)?;
     notes.push(format!("{}: read as PTX, scans in their places: {}", input.name(), parts.len()));
@@ -92,7 +92,7 @@ fn scans(
     options: &ReadOptions,
     progress: &dyn Progress,
     notes: &mut Vec<String>,
-) -> Result<Vec<Part>> {
+) -> Result<Vec<ReadPart>> {
     let meter = Meter::new(progress, input, input.length);
     let mut parts = Vec::new();
     let (mut at, mut line) = (begin, 0);
@@ -129,8 +129,9 @@ fn scans(
             ),
         ];
         let header = Header { format: "PTX".into(), facts, ..Header::default() };
-        let own = scan.floats.into_parts(input, header, ColorUnit::Guess, Some([0.0, 1.0]), notes);
-        parts.extend(own.into_iter().map(|part| Part { name: Some(name.clone()), ..part }));
+        let own =
+            scan.floats.into_parts(input, header, ColorUnit::Guess, Some([0.0, 1.0]), notes)?;
+        parts.extend(own.into_iter().map(|part| part.named(&name)));
     }
 }
 
@@ -174,6 +175,7 @@ fn scan(
         first_bad: None,
     };
     let mut scan = Scan { lines: before, ..empty() };
+    scan.floats = scan.floats.spilling(input);
     scan.floats.reserve(records as usize);
     let parse = |block: &[u8]| {
         let mut scan = empty();

@@ -12,6 +12,7 @@ use super::{Cloud, Columns, Lattice, Part};
 use glam::DVec3;
 use rayon::prelude::*;
 use std::collections::HashMap;
+use std::convert::Infallible;
 use std::ops::Range;
 use std::sync::OnceLock;
 
@@ -36,6 +37,50 @@ pub enum Treatment {
     Hide,
 }
 
+/// Positions of points, in memory or not.
+pub trait Places: Sync {
+    /// Error of reading them.
+    type Error: Send;
+
+    fn count(&self) -> usize;
+
+    /// Adds places to sums, which begin as `empty`, on all threads, and joins these in order.
+    fn fold<T: Send>(
+        &self,
+        empty: impl Fn() -> T + Sync + Send,
+        add: impl Fn(&mut T, DVec3) + Sync + Send,
+        join: impl Fn(T, T) -> T + Sync + Send,
+    ) -> Result<T, Self::Error>;
+}
+
+/// Positions in memory by their numbers.
+struct Numbered<F> {
+    count: usize,
+    place: F,
+}
+
+impl<F: Fn(usize) -> DVec3 + Sync> Places for Numbered<F> {
+    type Error = Infallible;
+
+    fn count(&self) -> usize {
+        self.count
+    }
+
+    fn fold<T: Send>(
+        &self,
+        empty: impl Fn() -> T + Sync + Send,
+        add: impl Fn(&mut T, DVec3) + Sync + Send,
+        join: impl Fn(T, T) -> T + Sync + Send,
+    ) -> Result<T, Infallible> {
+        let of_range = |range: Range<usize>| {
+            let mut sum = empty();
+            range.for_each(|i| add(&mut sum, (self.place)(i)));
+            sum
+        };
+        Ok(tasks(self.count).map(of_range).reduce(&empty, &join))
+    }
+}
+
 /// A box around all points but strays.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RobustBounds {
@@ -46,21 +91,33 @@ pub struct RobustBounds {
 impl RobustBounds {
     /// Returns the box if some of `count` positions are strays; `None` if not.
     pub fn of(count: usize, place: impl Fn(usize) -> DVec3 + Sync) -> Option<RobustBounds> {
+        let Ok(found) = RobustBounds::among(&Numbered { count, place });
+        found
+    }
+
+    /// Returns the box if some places are strays; `None` if not.
+    pub fn among<P: Places>(places: &P) -> Result<Option<RobustBounds>, P::Error> {
+        let count = places.count();
         if count < FEWEST {
-            return None;
+            return Ok(None);
         }
         let chosen = chosen(count);
-        let none = RobustBounds { low: DVec3::INFINITY, high: DVec3::NEG_INFINITY };
-        let box_of = |range: Range<usize>| {
-            range.map(&place).fold(none, |all, p| all.and(RobustBounds { low: p, high: p }))
+        let none = || RobustBounds { low: DVec3::INFINITY, high: DVec3::NEG_INFINITY };
+        let widen =
+            |all: &mut RobustBounds, p: DVec3| *all = all.and(RobustBounds { low: p, high: p });
+        let all = places.fold(none, widen, RobustBounds::and)?;
+        let sample = |samples: &mut Vec<(DVec3, u64)>, p: DVec3| {
+            if scatter(p - all.low) <= chosen {
+                samples.push((p, 1));
+            }
         };
-        let all = tasks(count).map(box_of).reduce(|| none, RobustBounds::and);
-        let is_sample = |p: &DVec3| scatter(*p - all.low) <= chosen;
-        let samples_of =
-            |range: Range<usize>| range.map(&place).filter(is_sample).collect::<Vec<_>>();
-        let samples: Vec<DVec3> = tasks(count).flat_map_iter(samples_of).collect();
-        let bins = Bins::of(all, samples.into_iter().map(|p| (p, 1)).collect())?;
-        bins.core(&bins.count(count, place))
+        let join = |mut all: Vec<_>, mut own| {
+            all.append(&mut own);
+            all
+        };
+        let samples = places.fold(Vec::new, sample, join)?;
+        let Some(bins) = Bins::of(all, samples) else { return Ok(None) };
+        Ok(bins.core(&bins.count_all(places)?))
     }
 
     /// Returns the box around both.
@@ -105,14 +162,15 @@ impl Bins {
 
     /// Returns how many of `count` points are in each bin.
     pub fn count(&self, count: usize, place: impl Fn(usize) -> DVec3 + Sync) -> Vec<u64> {
-        let empty = || vec![0; self.number()];
-        let count_all = |range: Range<usize>| {
-            let mut counts = empty();
-            range.for_each(|i| counts[self.bin(place(i))] += 1);
-            counts
-        };
+        let Ok(counts) = self.count_all(&Numbered { count, place });
+        counts
+    }
+
+    /// Returns how many places are in each bin.
+    fn count_all<P: Places>(&self, places: &P) -> Result<Vec<u64>, P::Error> {
         let add = |a: Vec<u64>, b: Vec<u64>| a.into_iter().zip(b).map(|(a, b)| a + b).collect();
-        tasks(count).map(count_all).reduce(empty, add)
+        let count = |counts: &mut Vec<u64>, p: DVec3| counts[self.bin(p)] += 1;
+        places.fold(|| vec![0; self.number()], count, add)
     }
 
     /// Returns the bin of a point: the integer part of a binary logarithm.
@@ -333,7 +391,7 @@ pub fn steps(place: [i32; 3]) -> DVec3 {
 }
 
 /// Returns the ranges of points per task.
-fn tasks(count: usize) -> impl IndexedParallelIterator<Item = Range<usize>> {
+pub fn tasks(count: usize) -> impl IndexedParallelIterator<Item = Range<usize>> {
     let range = move |task: usize| task * AT_ONCE..count.min((task + 1) * AT_ONCE);
     (0..count.div_ceil(AT_ONCE)).into_par_iter().map(range)
 }

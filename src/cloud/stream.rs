@@ -3,23 +3,27 @@
 //! [`open`] returns a [`Source`] per part, from which points can be streamed repeatedly. LAS, LAZ
 //! and octrees are read anew each time, by the code that fills whole columns in `las`, but into lanes
 //! one batch long: only a batch, a block and a compressed chunk per thread are in memory. Other
-//! formats derive their lattice from all points (`from_floats`), so [`open`] reads them whole, and
-//! their source holds the columns. Notes and errors are those of [`super::read`]; [`Streamed`] has
+//! formats derive their lattice from all points (`from_floats`), so [`open`] reads them through, and
+//! their source holds the columns of about a million points; those of more are in a temporary file.
+//! Notes and errors are those of [`super::read`]; [`Streamed`] has
 //! what only the points can tell. [`Source::stream_in_order`] gives batches in the file's order.
 
+use super::column_file::ColumnFile;
 use super::crs::{self, plane::Plane};
+use super::from_floats::{OnDisk, ReadPart};
 use super::input::{Input, Meter};
 use super::las::octree;
 use super::las::records::{self, Fields, Lane, Pile};
 use super::las::{self, Las, Places};
 use super::rgb_range::{Occurred, Scale};
-use super::{ColumnSet, Columns, Header, Lattice, Part, ReadOptions};
+use super::{ColumnSet, Columns, Header, Lattice, Part, ReadOptions, SAMPLE};
 use crate::error::{Error, Result};
 use crate::progress::Progress;
 use glam::DVec3;
 use rayon::prelude::*;
+use std::ops::Range;
 use std::path::{Path, PathBuf};
-use std::sync::{Mutex, MutexGuard};
+use std::sync::{Arc, Mutex, MutexGuard};
 
 /// Most points of a batch.
 pub const BATCH: usize = 65_536;
@@ -42,6 +46,8 @@ enum Contents {
         length: u64,
     },
     Part(Box<Part>),
+    /// A part whose columns are in a temporary file.
+    OnDisk(Box<Part>, Arc<OnDisk>),
 }
 
 /// A batch of a source's points.
@@ -83,21 +89,30 @@ pub fn open(
     notes: &mut Vec<String>,
 ) -> Result<Vec<Source>> {
     let (mut sources, mut plane) = (Vec::new(), None);
+    let column_file = Arc::new(ColumnFile::new());
     for path in paths {
         let input = Input::open_slowly(path, progress)?.counting_to(options.rgb_range);
         if !octree::is_one(&input)? {
             input.download(progress)?;
         }
-        let mut push =
-            |contents| sources.push(Source::new(&input.path, options, contents, &mut plane));
+        let own = input.path.clone();
+        let mut push = |contents| -> Result<()> {
+            sources.push(Source::new(&own, options, contents, &mut plane)?);
+            Ok(())
+        };
         if las::is_one(&input)? {
             notes.extend(options.text.idle(&input));
             let las = Box::new(Las::open_for(&input, options.wanted, options.records, notes)?);
-            push(Contents::Las { las, length: input.length });
+            push(Contents::Las { las, length: input.length })?;
         } else {
-            super::read_one(&input, options, progress, notes)?
-                .into_iter()
-                .for_each(|part| push(Contents::Part(Box::new(part))));
+            let input = input.spilling_to(&column_file);
+            for ReadPart { part, on_disk } in super::read_one(&input, options, progress, notes)? {
+                let part = Box::new(part);
+                push(match on_disk {
+                    None => Contents::Part(part),
+                    Some(points) => Contents::OnDisk(part, points),
+                })?;
+            }
         }
     }
     notes.extend(crs::differences(sources.iter().map(Source::header)));
@@ -131,23 +146,13 @@ pub fn summary(paths: &[PathBuf]) -> Result<FileSummary> {
     Ok(about)
 }
 
-/// Returns whether all files are LAS, LAZ, or an octree of such.
-pub fn are_las(paths: &[PathBuf]) -> Result<bool> {
-    for path in paths {
-        if !las::is_one(&Input::open(path)?)? {
-            return Ok(false);
-        }
-    }
-    Ok(true)
-}
-
 impl Source {
     fn new(
         path: &Path,
         options: &ReadOptions,
         mut contents: Contents,
         plane: &mut Option<Plane>,
-    ) -> Source {
+    ) -> Result<Source> {
         let (lattice, title, header) = match &mut contents {
             Contents::Las { las, .. } => {
                 (las.layout.lattice, super::title(None, path), &mut las.layout.header)
@@ -156,10 +161,16 @@ impl Source {
                 part.look_around();
                 (part.lattice, part.title(), &mut part.header)
             }
+            Contents::OnDisk(part, points) => {
+                if part.header.lacks_sample() {
+                    part.header.sample = part.sample(points.every(SAMPLE)?.into_iter());
+                }
+                (part.lattice, part.title(), &mut part.header)
+            }
         };
         let mut notes = Vec::new();
         let lattice = crs::settle(header, lattice, plane, &title, &mut notes);
-        Source { path: path.to_owned(), strict: options.strict, lattice, notes, contents }
+        Ok(Source { path: path.to_owned(), strict: options.strict, lattice, notes, contents })
     }
 
     /// Returns a part that was read whole, whose notes were given then.
@@ -185,7 +196,7 @@ impl Source {
     pub fn las(&self) -> Option<&Las> {
         match &self.contents {
             Contents::Las { las, .. } => Some(las),
-            Contents::Part(_) => None,
+            Contents::Part(_) | Contents::OnDisk(..) => None,
         }
     }
 
@@ -193,7 +204,7 @@ impl Source {
     pub fn name(&self) -> Option<&str> {
         match &self.contents {
             Contents::Las { .. } => None,
-            Contents::Part(part) => part.name.as_deref(),
+            Contents::Part(part) | Contents::OnDisk(part, _) => part.name.as_deref(),
         }
     }
 
@@ -205,7 +216,7 @@ impl Source {
     pub fn header(&self) -> &Header {
         match &self.contents {
             Contents::Las { las, .. } => &las.layout.header,
-            Contents::Part(part) => &part.header,
+            Contents::Part(part) | Contents::OnDisk(part, _) => &part.header,
         }
     }
 
@@ -217,7 +228,7 @@ impl Source {
     pub fn own_lattice(&self) -> Lattice {
         match &self.contents {
             Contents::Las { las, .. } => las.layout.lattice,
-            Contents::Part(part) => part.lattice,
+            Contents::Part(part) | Contents::OnDisk(part, _) => part.lattice,
         }
     }
 
@@ -225,7 +236,7 @@ impl Source {
     pub fn intensity_range(&self) -> [f64; 2] {
         match &self.contents {
             Contents::Las { .. } => las::INTENSITY_RANGE,
-            Contents::Part(part) => part.intensity_range,
+            Contents::Part(part) | Contents::OnDisk(part, _) => part.intensity_range,
         }
     }
 
@@ -234,7 +245,7 @@ impl Source {
     pub fn rgb_scale(&self) -> Scale {
         match &self.contents {
             Contents::Las { las, .. } => las.scale(),
-            Contents::Part(part) => part.rgb_scale,
+            Contents::Part(part) | Contents::OnDisk(part, _) => part.rgb_scale,
         }
     }
 
@@ -244,6 +255,7 @@ impl Source {
         match &self.contents {
             Contents::Las { las, .. } => las.points(),
             Contents::Part(part) => part.columns.len() as u64,
+            Contents::OnDisk(_, points) => points.len() as u64,
         }
     }
 
@@ -262,6 +274,7 @@ impl Source {
                 fits.then(|| [lo.as_ivec3().to_array(), hi.as_ivec3().to_array()])
             }
             Contents::Part(part) => part.columns.bounds(),
+            Contents::OnDisk(_, points) => points.bounds,
         }
     }
 
@@ -277,6 +290,7 @@ impl Source {
         match &self.contents {
             Contents::Las { las, .. } => las.available,
             Contents::Part(part) => part.columns.available(),
+            Contents::OnDisk(_, points) => points.available(),
         }
     }
 
@@ -405,18 +419,23 @@ impl Source {
             }
             Contents::Part(part) => {
                 let count = part.columns.len();
-                let meter = Meter::named(progress, &self.title(), count as u64);
-                let batches: Vec<usize> = (0..count.div_ceil(BATCH)).collect();
-                for batches in batches.chunks(at_once.min(batches.len().max(1))) {
-                    batches.par_iter().try_for_each(|batch| {
-                        let columns =
-                            part.columns.slice(batch * BATCH..count.min((batch + 1) * BATCH));
-                        let first = (batch * BATCH) as u64;
-                        desk.deliver(&columns, first, &[], Occurred::default())?;
-                        meter.advance(columns.len() as u64)
-                    })?;
-                    settle()?;
-                }
+                let batches: Vec<usize> = (0..count).step_by(BATCH).collect();
+                let deliver = |&first: &usize| {
+                    desk.cut(&part.columns, first..count.min(first + BATCH), first as u64)
+                };
+                self.deliver(progress, &batches, at_once, &deliver, settle)?;
+            }
+            Contents::OnDisk(_, points) => {
+                let blocks: Vec<(usize, u64)> = points.firsts().into_iter().enumerate().collect();
+                let deliver = |&(block, first): &(usize, u64)| {
+                    let columns = points.columns(block)?;
+                    for at in (0..columns.len()).step_by(BATCH) {
+                        let end = columns.len().min(at + BATCH);
+                        desk.cut(&columns, at..end, first + at as u64)?;
+                    }
+                    Ok(columns.len() as u64)
+                };
+                self.deliver(progress, &blocks, at_once, &deliver, settle)?;
             }
         }
         let Sum { points, occurred, bounds } = *desk.sum();
@@ -438,6 +457,23 @@ impl Source {
         let black = matches!(self.contents, Contents::Las { .. }) && occurred.is_black();
         let available = ColumnSet { rgb: desk.available.rgb && !black, ..desk.available };
         Ok(Streamed { points, rgb_scale: self.rgb_scale(), again, available, bounds, notes })
+    }
+
+    /// Delivers some pieces at a time, each of which returns its number of points.
+    fn deliver<P: Sync>(
+        &self,
+        progress: &dyn Progress,
+        pieces: &[P],
+        at_once: usize,
+        deliver: &(dyn Fn(&P) -> Result<u64> + Sync),
+        settle: &(dyn Fn() -> Result<()> + Sync),
+    ) -> Result<()> {
+        let meter = Meter::named(progress, &self.title(), self.points());
+        for pieces in pieces.chunks(at_once.min(pieces.len().max(1))) {
+            pieces.par_iter().try_for_each(|piece| meter.advance(deliver(piece)?))?;
+            settle()?;
+        }
+        Ok(())
     }
 }
 
@@ -476,6 +512,13 @@ impl Desk<'_> {
 
     fn sum(&self) -> MutexGuard<'_, Sum> {
         self.sum.lock().unwrap_or_else(|poisoned| poisoned.into_inner())
+    }
+
+    /// Delivers some of the points in columns. Returns their number.
+    fn cut(&self, columns: &Columns, points: Range<usize>, first: u64) -> Result<u64> {
+        let own = columns.slice(points);
+        self.deliver(&own, first, &[], Occurred::default())?;
+        Ok(own.len() as u64)
     }
 
     fn deliver(

@@ -4,12 +4,12 @@
 //! which lines are not rows, and which columns lack values. PTX, which is not a table, is detected
 //! by content.
 
-use super::from_floats::{Floats, Role};
+use super::from_floats::{Floats, ReadPart, Role};
 use super::input::{Input, Meter};
 use super::scalar::Scalar;
 use super::table::line::{Line, Missing, Splitter};
 use super::table::{Source, Table, sniff};
-use super::{Extra, Header, Part, ReadOptions, crs, encoding, ptx, text};
+use super::{Extra, Header, ReadOptions, crs, encoding, ptx, text};
 use crate::error::Result;
 use crate::progress::Progress;
 
@@ -18,7 +18,7 @@ pub fn read(
     options: &ReadOptions,
     progress: &dyn Progress,
     notes: &mut Vec<String>,
-) -> Result<Vec<Part>> {
+) -> Result<Vec<ReadPart>> {
     let decoded = encoding::decoded(input, notes)?;
     let input = decoded.as_ref().unwrap_or(input);
     let begin = encoding::mark_bytes(input)?;
@@ -70,7 +70,7 @@ pub fn read(
     let extras = extras.map(|(extra, _)| extra).collect();
     let header =
         Header { format: format.into(), points, facts, extras, scalars, ..Header::default() };
-    Ok(rows.floats.into_parts(input, header, table.color_unit(), None, notes))
+    rows.floats.into_parts(input, header, table.color_unit(), None, notes)
 }
 
 /// Tests whether x and y are named after longitude and latitude.
@@ -149,6 +149,7 @@ fn rows(
         rows
     };
     let mut rows = Rows { lines: table.lines_before, ..empty() };
+    rows.floats = rows.floats.spilling(input);
     for (number, line) in &table.odd {
         rows.bad.add(*number, || line.clone());
     }

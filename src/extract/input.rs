@@ -158,6 +158,11 @@ impl Input {
         }
     }
 
+    /// Returns whether the points of a part have to be decompressed each time.
+    pub fn is_compressed(&self, part: usize) -> bool {
+        self.las(part).is_some_and(|las| las.layout.compressed)
+    }
+
     /// Returns the number of points, by the headers of files.
     pub fn points(&self) -> u64 {
         match self {

@@ -8,9 +8,12 @@
 //! 2. Neighbours of seeds, for the spacing; distances of points, which tell strays; points of
 //!    stations that have colours. Seeds whose neighbours are far take further rounds.
 //! 3. If there are strays, where they are.
+//!
+//! Compressed files are decoded once: a temporary file keeps what further rounds look at.
 
 use super::Selection;
 use super::input::{Batch, Input, Read};
+use crate::cloud::column_file::ColumnFile;
 use crate::cloud::filter::grouped;
 use crate::cloud::histograms::{Histograms, Tally};
 use crate::cloud::rgb_range::Scale;
@@ -21,6 +24,7 @@ use crate::error::Result;
 use crate::index::attributes::exposure::{self, Comparison, Exposures};
 use crate::progress::Progress;
 use glam::DVec3;
+use rayon::prelude::*;
 use std::borrow::Cow;
 use std::collections::BTreeMap;
 
@@ -224,7 +228,7 @@ pub fn statistics(
     progress: &dyn Progress,
 ) -> Result<Statistics> {
     input.check(&selection.filter)?;
-    let (mut ranges, mut notes) = read_ranges(input, selection, progress)?;
+    let (mut ranges, mut notes, kept) = read_ranges(input, selection, progress)?;
     let points: u64 = ranges.iter().map(|own| own.part.points).sum();
     let of: u64 = ranges.iter().map(|own| own.of).sum();
     if points == 0 && of > 0 {
@@ -234,7 +238,7 @@ pub fn statistics(
     if !words.is_empty() {
         notes.push(format!("{words} leaves {} of {} points", grouped(points), grouped(of)));
     }
-    read_samples(&mut ranges, input, selection, progress)?;
+    read_samples(&mut ranges, &Rounds { input, selection, progress, kept: &kept })?;
     for (number, (own, part)) in ranges.iter_mut().zip(input.parts()).enumerate() {
         own.part.part = number;
         own.part.bounds = own.part.ends.map(|ends| part.lattice.world_box(ends));
@@ -245,8 +249,9 @@ pub fn statistics(
     let is_compared = places.comparison.is_some();
     let colors = ColumnSet { rgb: is_compared, source: is_compared, ..ColumnSet::default() };
     input.narrow(selection.wanted().and(colors));
-    let spacing = places.read(input, selection, progress)?;
-    let strays = places.read_strays(input, selection, progress)?;
+    let rounds = Rounds { input, selection, progress, kept: &kept };
+    let spacing = places.read(&rounds)?;
+    let strays = places.read_strays(&rounds)?;
     let exposures = places.comparison.map(|found| found.exposures(&stations, values));
     let mut parts: Vec<PartStatistics> = ranges.into_iter().map(|own| own.part).collect();
     parts.retain(|part| part.points > 0 || words.is_empty());
@@ -257,12 +262,12 @@ pub fn statistics(
 }
 
 /// Reads ranges, and samples where all points are left; again if all colours together have another
-/// scale than a sample of them.
+/// scale than a sample of them. Keeps points of compressed files.
 fn read_ranges(
     input: &Input,
     selection: &Selection,
     progress: &dyn Progress,
-) -> Result<(Vec<Ranges>, Vec<String>)> {
+) -> Result<(Vec<Ranges>, Vec<String>, Kept)> {
     let is_all = selection.words().is_empty();
     let begin = |part: usize| {
         let (low, points) = input.stated(part).filter(|_| is_all)?;
@@ -271,12 +276,17 @@ fn read_ranges(
     let begun: Vec<Option<Samples>> = (0..input.parts().len()).map(begin).collect();
     loop {
         let mut ranges = vec![Ranges::default(); input.parts().len()];
+        let mut kept = Kept { file: ColumnFile::new(), parts: vec![Vec::new(); ranges.len()] };
         let look = |batch: &Batch| {
-            let of = batch.columns.len();
-            Ok((batch.part, Ranges::of(&left(batch), of, begun[batch.part].clone())))
+            let (of, columns) = (batch.columns.len(), left(batch));
+            let own = Ranges::of(&columns, of, begun[batch.part].clone());
+            let block = input.is_compressed(batch.part).then(|| Block::new(&columns, &kept.file));
+            Ok((batch.part, own, block))
         };
-        let mut take = |(part, own): (usize, Ranges)| {
+        let mut blocks: Vec<Vec<Block>> = kept.parts.clone();
+        let mut take = |(part, own, block): (usize, Ranges, Option<Block>)| {
             ranges[part].join(own);
+            blocks[part].extend(block);
             Ok(())
         };
         let Read { streamed, notes } =
@@ -288,17 +298,101 @@ fn read_ranges(
             (own.part.available, own.part.rgb_scale) = (streamed.available, streamed.rgb_scale);
             own.part.rgb.take_if(|_| !streamed.available.rgb);
         }
-        return Ok((ranges, notes));
+        // What does not fit there is read again.
+        if kept.file.check().is_ok() {
+            kept.parts = blocks;
+        }
+        return Ok((ranges, notes, kept));
+    }
+}
+
+/// What further rounds look at, of compressed files.
+struct Kept {
+    file: ColumnFile,
+    /// Blocks of each part; none of parts that are read again.
+    parts: Vec<Vec<Block>>,
+}
+
+/// Where points of a batch are in the temporary file.
+#[derive(Clone)]
+struct Block {
+    points: usize,
+    places: [u64; 3],
+    rgb: Option<u64>,
+    source: Option<u64>,
+}
+
+impl Block {
+    fn new(columns: &Columns, file: &ColumnFile) -> Block {
+        Block {
+            points: columns.len(),
+            places: [&columns.x, &columns.y, &columns.z].map(|column| file.append(column)),
+            rgb: columns.rgb.as_deref().map(|column| file.append(column)),
+            source: columns.source.as_deref().map(|column| file.append(column)),
+        }
+    }
+
+    fn columns(&self, file: &ColumnFile) -> Result<Columns> {
+        let [x, y, z] = self.places.map(|at| file.read(at, self.points));
+        Ok(Columns {
+            x: x?,
+            y: y?,
+            z: z?,
+            rgb: self.rgb.map(|at| file.read(at, self.points)).transpose()?,
+            source: self.source.map(|at| file.read(at, self.points)).transpose()?,
+            ..Columns::default()
+        })
+    }
+}
+
+/// Blocks that are in memory at a time, for each thread.
+const BLOCKS: usize = 4;
+
+/// What is read in rounds after the first.
+struct Rounds<'r> {
+    input: &'r Input,
+    selection: &'r Selection,
+    progress: &'r dyn Progress,
+    kept: &'r Kept,
+}
+
+impl Rounds<'_> {
+    /// Maps the points of wanted parts that are left, on all threads, and calls `take` with the
+    /// results in order.
+    fn each<T: Send>(
+        &self,
+        wants: &dyn Fn(usize) -> bool,
+        map: &(dyn Fn(usize, &Columns) -> Result<T> + Sync),
+        take: &mut (dyn FnMut(T) -> Result<()> + Send),
+    ) -> Result<()> {
+        let Rounds { input, selection, progress, kept } = *self;
+        let look = |batch: &Batch| map(batch.part, &left(batch));
+        if kept.parts.iter().all(Vec::is_empty) {
+            return input.read(wants, selection, progress, &look, take).map(drop);
+        }
+        for part in (0..kept.parts.len()).filter(|&part| wants(part)) {
+            let blocks = &kept.parts[part];
+            if blocks.is_empty() {
+                input.read(&|own| own == part, selection, progress, &look, take)?;
+                continue;
+            }
+            let doing = format!("reading {}", input.parts()[part].title);
+            let points = |blocks: &[Block]| blocks.iter().map(|own| own.points as u64).sum::<u64>();
+            let (mut done, total) = (0, points(blocks));
+            for blocks in blocks.chunks(BLOCKS * rayon::current_num_threads()) {
+                let map = |block: &Block| map(part, &block.columns(&kept.file)?);
+                let mapped: Vec<T> = blocks.par_iter().map(map).collect::<Result<_>>()?;
+                mapped.into_iter().try_for_each(&mut *take)?;
+                done += points(blocks);
+                progress.tick(&doing, done, total)?;
+            }
+        }
+        Ok(())
     }
 }
 
 /// Reads the samples of parts whose corner and number of points were not known.
-fn read_samples(
-    ranges: &mut [Ranges],
-    input: &Input,
-    selection: &Selection,
-    progress: &dyn Progress,
-) -> Result<()> {
+fn read_samples(ranges: &mut [Ranges], rounds: &Rounds) -> Result<()> {
     let begin = |own: &Ranges| {
         let [low, _] = own.part.ends.filter(|_| !own.has_samples())?;
         Some(Samples::of(low, own.part.points))
@@ -308,18 +402,18 @@ fn read_samples(
         return Ok(());
     }
     let empty = begun.clone();
-    let look = |batch: &Batch| {
-        let (columns, mut samples) = (left(batch), empty[batch.part].clone());
+    let look = |part: usize, columns: &Columns| {
+        let mut samples = empty[part].clone();
         if let Some(samples) = &mut samples {
             samples.add([&columns.x, &columns.y, &columns.z]);
         }
-        Ok((batch.part, samples))
+        Ok((part, samples))
     };
     let mut take = |(part, own): (usize, Option<Samples>)| {
         begun[part].as_mut().zip(own).into_iter().for_each(|(all, own)| all.join(own));
         Ok(())
     };
-    input.read(&|part| empty[part].is_some(), selection, progress, &look, &mut take)?;
+    rounds.each(&|part| empty[part].is_some(), &look, &mut take)?;
     for (own, samples) in ranges.iter_mut().zip(begun) {
         own.samples = samples.or(own.samples.take());
     }
@@ -399,12 +493,8 @@ impl Places {
     }
 
     /// Reads all points until their spacing is known. Returns the spacing.
-    fn read(
-        &mut self,
-        input: &Input,
-        selection: &Selection,
-        progress: &dyn Progress,
-    ) -> Result<Option<f64>> {
+    fn read(&mut self, rounds: &Rounds) -> Result<Option<f64>> {
+        let input = rounds.input;
         let (mut spacing, mut is_first) = (None, true);
         let has_others = self.comparison.is_some() || self.bins.iter().any(Option::is_some);
         while self.search.is_some() || is_first && has_others {
@@ -413,18 +503,17 @@ impl Places {
                 Some(search.as_ref()?.watch(part.lattice, (*ends)?))
             };
             let watches: Vec<_> = input.parts().iter().zip(&self.ends).map(watch).collect();
-            let look = |batch: &Batch| {
-                let columns = left(batch);
-                if let (Some(search), Some(watch)) = (&search, &watches[batch.part]) {
+            let look = |part: usize, columns: &Columns| {
+                if let (Some(search), Some(watch)) = (&search, &watches[part]) {
                     search.look(watch, [&columns.x, &columns.y, &columns.z]);
                 }
                 if !is_first {
-                    return Ok((batch.part, None));
+                    return Ok((part, None));
                 }
-                self.compare(input, batch.part, &columns);
-                let bins = self.bins[batch.part].as_ref();
+                self.compare(input, part, columns);
+                let bins = self.bins[part].as_ref();
                 let counts = bins.map(|(bins, _)| bins.count(columns.len(), |i| columns.place(i)));
-                Ok((batch.part, counts))
+                Ok((part, counts))
             };
             let mut sums: Vec<Vec<u64>> = vec![Vec::new(); self.bins.len()];
             let mut take = |(part, counts): (usize, Option<Vec<u64>>)| {
@@ -433,7 +522,7 @@ impl Places {
                 sum.iter_mut().zip(counts).for_each(|(sum, own)| *sum += own);
                 Ok(())
             };
-            input.read(&|_| true, selection, progress, &look, &mut take)?;
+            rounds.each(&|_| true, &look, &mut take)?;
             if is_first {
                 let counted = self.bins.iter_mut().zip(sums);
                 counted.for_each(|(bins, sum)| bins.iter_mut().for_each(|own| own.1 = sum.clone()));
@@ -463,25 +552,20 @@ impl Places {
     }
 
     /// Reads the points beyond the core of their part, if there are some.
-    fn read_strays(
-        &self,
-        input: &Input,
-        selection: &Selection,
-        progress: &dyn Progress,
-    ) -> Result<Strays> {
+    fn read_strays(&self, rounds: &Rounds) -> Result<Strays> {
+        let input = rounds.input;
         let core = |bins: &Option<(Bins, Vec<u64>)>| {
             bins.as_ref().and_then(|(bins, counts)| bins.core(counts))
         };
         let cores: Vec<Option<RobustBounds>> = self.bins.iter().map(core).collect();
         let is_far = |part: usize| input.parts()[part].header.strays;
-        let look = |batch: &Batch| {
-            let (columns, core) = (left(batch), cores[batch.part]);
-            let is_stray = |&i: &usize| {
-                is_far(batch.part) || core.is_some_and(|core| !core.has(columns.place(i)))
-            };
+        let look = |part: usize, columns: &Columns| {
+            let core = cores[part];
+            let is_stray =
+                |&i: &usize| is_far(part) || core.is_some_and(|core| !core.has(columns.place(i)));
             let strays: Vec<usize> = (0..columns.len()).filter(is_stray).collect();
-            let lattice = &input.parts()[batch.part].lattice;
-            let Columns { x, y, z, .. } = &*columns;
+            let lattice = &input.parts()[part].lattice;
+            let Columns { x, y, z, .. } = columns;
             let world = strays.iter().map(|&i| lattice.world([x[i], y[i], z[i]].map(i64::from)));
             Ok(Strays::listed(strays.len() as u64, world))
         };
@@ -492,7 +576,7 @@ impl Places {
         };
         let has_some = |part: usize| cores[part].is_some() || is_far(part);
         if (0..cores.len()).any(has_some) {
-            input.read(&has_some, selection, progress, &look, &mut take)?;
+            rounds.each(&has_some, &look, &mut take)?;
         }
         Ok(strays)
     }

@@ -21,6 +21,7 @@ mod tree;
 
 use std::path::Path;
 use std::sync::OnceLock;
+use std::sync::atomic::{AtomicPtr, Ordering};
 use targets::{MOST_HEAP, Target};
 
 #[global_allocator]
@@ -33,8 +34,11 @@ static CHOSEN: OnceLock<(&Target, tempfile::TempDir)> = OnceLock::new();
 /// ends the process without a word. libFuzzer takes the flag over.
 fn keep_overflows() {
     const BYTES: usize = 1 << 20;
-    let room = Box::leak(vec![0u8; BYTES].into_boxed_slice());
-    let stack = libc::stack_t { ss_sp: room.as_mut_ptr().cast(), ss_flags: 0, ss_size: BYTES };
+    /// Known here, so that no sanitizer takes it for lost.
+    static ROOM: AtomicPtr<u8> = AtomicPtr::new(std::ptr::null_mut());
+    let room = Box::leak(vec![0u8; BYTES].into_boxed_slice()).as_mut_ptr();
+    ROOM.store(room, Ordering::Relaxed);
+    let stack = libc::stack_t { ss_sp: room.cast(), ss_flags: 0, ss_size: BYTES };
     // SAFETY: the stack is never freed, and an action of zeros is the usual one.
     unsafe {
         assert_eq!(libc::sigaltstack(&stack, std::ptr::null_mut()), 0, "a stack for faults");

@@ -4,9 +4,10 @@
 
 use crate::files::scan;
 use crate::program::{pointillist, succeeded};
+use e57::{E57Writer, Record, RecordValue};
 use pointillist::synth::SceneKind;
 use std::fs::File;
-use std::io::Write;
+use std::io::{BufWriter, Write};
 use std::path::Path;
 use std::process::{Command, Output};
 
@@ -70,6 +71,137 @@ fn info_of_a_large_file_takes_no_more_memory_than_of_half_of_it() {
     });
     // Columns of nine million points are twice as much.
     assert!(peaks[1] < peaks[0] + 16 * MIB && peaks[1] < 200 * MIB, "{peaks:?}");
+}
+
+/// Writes points on a sheet to a file, whose format its name says.
+fn sheet(path: &Path, points: u64) {
+    let place = |i: u64| [i % 4001, i * 7919 % 3001, i % 17].map(|v| v as f64 / 100.0);
+    let color = |i: u64| [i % 256, i % 7, 9];
+    let mut file = BufWriter::new(File::create(path).unwrap());
+    match path.extension().unwrap().to_str().unwrap() {
+        "ply" => {
+            writeln!(file, "ply\nformat binary_little_endian 1.0\nelement vertex {points}")
+                .unwrap();
+            for (kind, name) in ["x", "y", "z"]
+                .map(|name| ("double", name))
+                .into_iter()
+                .chain(["red", "green", "blue"].map(|name| ("uchar", name)))
+            {
+                writeln!(file, "property {kind} {name}").unwrap();
+            }
+            writeln!(file, "end_header").unwrap();
+            for i in 0..points {
+                place(i).iter().for_each(|v| file.write_all(&v.to_le_bytes()).unwrap());
+                file.write_all(&color(i).map(|v| v as u8)).unwrap();
+            }
+        }
+        "csv" => {
+            writeln!(file, "x,y,z,red,green,blue").unwrap();
+            for i in 0..points {
+                let ([x, y, z], [r, g, b]) = (place(i), color(i));
+                writeln!(file, "{x:.5},{y:.5},{z:.5},{r},{g},{b}").unwrap();
+            }
+        }
+        _ => {
+            let mut writer = E57Writer::from_file(path, "file").unwrap();
+            let prototype = vec![
+                Record::CARTESIAN_X_F64,
+                Record::CARTESIAN_Y_F64,
+                Record::CARTESIAN_Z_F64,
+                Record::COLOR_RED_U8,
+                Record::COLOR_GREEN_U8,
+                Record::COLOR_BLUE_U8,
+            ];
+            let mut scan = writer.add_pointcloud("scan", prototype).unwrap();
+            for i in 0..points {
+                let place = place(i).map(RecordValue::Double);
+                let color = color(i).map(|v| RecordValue::Integer(v as i64));
+                scan.add_point(place.into_iter().chain(color).collect()).unwrap();
+            }
+            scan.finalize().unwrap();
+            writer.finalize().unwrap();
+        }
+    }
+}
+
+#[test]
+fn info_of_large_files_of_other_formats_takes_no_more_memory_than_of_half_of_them() {
+    let folder = tempfile::tempdir().unwrap();
+    for (name, points) in
+        [("large.ply", 3_000_000), ("large.csv", 2_500_000), ("large.e57", 3_000_000)]
+    {
+        let path = folder.path().join(name);
+        let peaks = [points, 2 * points].map(|points| {
+            sheet(&path, points);
+            let (output, peak) = peak(pointillist().args(["info", "--json"]).arg(&path));
+            succeeded(&output);
+            let found: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+            assert_eq!(found["points"], points);
+            println!("{name}, {points} points: {} MiB", peak / MIB);
+            peak
+        });
+        assert!(peaks[1] < peaks[0] + 16 * MIB && peaks[1] < 200 * MIB, "{name}: {peaks:?}");
+    }
+}
+
+#[test]
+fn points_for_which_no_temporary_file_can_be_made_are_said() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("large.ply");
+    sheet(&path, 3_000_000);
+    let nowhere = folder.path().join("nowhere");
+    let mut command = pointillist();
+    let output = command.env("TMPDIR", &nowhere).arg("info").arg(&path).output().unwrap();
+    let said = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert_eq!(output.status.code(), Some(1), "{said}");
+    let place = nowhere.display().to_string();
+    assert!(said.contains(&place) && said.contains("set TMPDIR to a folder"), "{said}");
+    assert!(output.stdout.is_empty());
+    // A compressed file is read again instead.
+    let path = folder.path().join("large.laz");
+    scan(&path, SceneKind::Street, 4_500_000);
+    let info = |place: &Path| {
+        let output = pointillist().env("TMPDIR", place).arg("info").arg(&path).output().unwrap();
+        succeeded(&output);
+        output.stdout
+    };
+    assert_eq!(info(&nowhere), info(folder.path()));
+}
+
+#[test]
+fn memory_that_runs_out_leaves_no_partial_file() {
+    let folder = tempfile::tempdir().unwrap();
+    let some = folder.path().join("some.las");
+    scan(&some, SceneKind::Street, 100_000);
+    for (command, output) in [("index", "out.pnti"), ("export", "out.laz")] {
+        let run = |mebibytes: u64, words: &[&str]| {
+            let limited = format!("ulimit -v {}; exec \"$0\" \"$@\"", mebibytes * 1024);
+            let mut shell = Command::new("sh");
+            let program = pointillist().get_program().to_owned();
+            shell.arg("-c").arg(limited).arg(program).args(words).current_dir(folder.path());
+            shell.env_remove("RUST_BACKTRACE").output().unwrap()
+        };
+        let words = [command, "some.las", "-o", output];
+        let mut ran_out = 0;
+        // Libraries take address space before the program begins.
+        let least = (40..).step_by(4).find(|&own| run(own, &["--version"]).status.success());
+        // Some limits are enough while larger ones are not: threads take address space in leaps.
+        for mebibytes in (least.unwrap()..).step_by(8).take(32) {
+            let ended = run(mebibytes, &words);
+            let said = String::from_utf8_lossy(&ended.stderr).into_owned();
+            let path = folder.path().join(output);
+            if ended.status.success() {
+                std::fs::remove_file(path).unwrap();
+                continue;
+            }
+            assert_eq!(ended.status.code(), Some(1), "{command}, {mebibytes} MiB: {said}");
+            assert!(said.contains("pointillist: "), "{command}, {mebibytes} MiB: {said}");
+            ran_out += said.contains("stopped where memory ran out") as u64;
+            assert_eq!(crate::files::names(folder.path()), ["some.las"], "{said}");
+        }
+        println!("{command}: memory ran out {ran_out} times");
+        assert!(ran_out > 0, "{command}");
+    }
 }
 
 #[test]
