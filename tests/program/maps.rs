@@ -329,6 +329,27 @@ fn gdal_reads_the_value_of_cells_without_points() {
     }
 }
 
+#[test]
+fn a_map_between_clusters_far_apart_is_refused_before_it_is_written() {
+    let place = Place::new();
+    let (file, output) = (place.at("two.csv"), place.at("two.tif"));
+    let near = (0..50).map(|k| format!("{},{},{}\n", k % 7, k / 7, k % 3));
+    let far = (0..50).map(|k| format!("{},{},5\n", 1_000_000 + k % 7, 1_000_000 + k / 7));
+    fs::write(&file, near.chain(far).fold("x,y,z\n".into(), |text: String, row| text + &row))
+        .unwrap();
+    let said = failed(&raster(&file, &output, "--resolution 0.25"), 1);
+    assert!(said.contains("4,000,0") && said.contains("100 points"), "{said}");
+    assert!(!output.exists());
+    // Both remedies that it names.
+    let resolution = said.split("--resolution ").nth(1).unwrap().split(' ').next().unwrap();
+    assert_eq!(resolution, "4");
+    let said = succeeded(&raster(&file, &output, "--resolution 0.25 --extent 0,0,8,8"));
+    assert!(said.contains("32 x 32 cells"), "{said}");
+    fs::remove_file(&output).unwrap();
+    let said = failed(&raster(&file, &output, "--resolution 3"), 1);
+    assert!(said.contains("--resolution 4 all"), "{said}");
+}
+
 /// In memory for a few rows the file is the same, byte by byte.
 #[test]
 fn maps_larger_than_memory_are_the_same() {
