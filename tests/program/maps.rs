@@ -420,6 +420,37 @@ fn in_degrees(place: &Place) -> PathBuf {
     file
 }
 
+#[test]
+fn units_of_positions_are_said_of_files_in_degrees() {
+    let place = Place::new();
+    let file = in_degrees(&place);
+    let index = indexed(&[&file], "");
+    for cloud in [&file, &index] {
+        let info = pointillist().arg("info").arg(cloud).output().unwrap();
+        succeeded(&info);
+        let info = text(&info.stdout);
+        let line = |what: &str| {
+            let found = info.lines().find(|line| line.trim_start().starts_with(what));
+            found.unwrap_or_else(|| panic!("no {what} in {info}")).to_string()
+        };
+        assert!(line("bounds").ends_with(", in metres on a plane"), "{info}");
+        let corners = line("in degrees").replace("in degrees", "").replace(" to ", " ");
+        let corners: Vec<f64> = corners.split_whitespace().map(|v| v.parse().unwrap()).collect();
+        assert!((11.0 - 1e-5..11.0).contains(&corners[0]), "{corners:?}");
+        assert!((48.0..48.0 + 1e-5).contains(&corners[1]), "{corners:?}");
+        assert!((11.0003..11.0005).contains(&corners[2]), "{corners:?}");
+        assert!(line("crs").contains("geographic, in degrees"), "{info}");
+        let clip = "--clip box:11,48,0,12,49,1000";
+        let drawn = render(cloud, &format!("-o {} {clip}", place.at("clip.png").display()));
+        let said = failed(&drawn, 1);
+        assert!(said.contains(", in metres on a plane around longitude 11.0"), "{said}");
+        let count =
+            pointillist().args(["info", "--count"]).args(clip.split(' ')).arg(cloud).output();
+        let count = text(&count.unwrap().stdout);
+        assert!(count.contains(", in metres on a plane around longitude 11.0"), "{count}");
+    }
+}
+
 /// Degrees are drawn on a plane, and the map lies in degrees.
 #[test]
 fn maps_of_degrees_lie_in_degrees() {
