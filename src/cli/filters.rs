@@ -26,6 +26,7 @@ pub struct FilterOptions {
 pub struct ClipOptions {
     /// Clip box, by two opposite corners in the world: leaves what lies inside a `box`, or in one
     /// of several, and outside of every `outside` box. Faces belong to a box; inf is a number.
+    /// Files in degrees are drawn in metres on a plane, and so are boxes: `info` has both bounds.
     /// Repeatable
     #[arg(long, value_name = "box|outside|off:X0,Y0,Z0,X1,Y1,Z1", allow_hyphen_values = true)]
     pub clip: Vec<Clip>,

@@ -9,7 +9,7 @@
 //! `spacing`}], `planes` {name: bytes}, `leaf_points` {`least`, `median`, `most`}}.
 
 use super::info::{
-    Bounds, Class, LISTED, Spacing, gain, listed, system_words, uneven, unit_words, words,
+    Bounds, Class, LISTED, Spacing, gain, listed, system_words, uneven, unit_words, write_bounds,
 };
 use crate::cloud::Station;
 use crate::cloud::attribute::Attribute;
@@ -206,7 +206,7 @@ impl Report<'_> {
         let format = if is_own(index) { None } else { own() };
         line("format", format.unwrap_or("pointillist index".into()));
         line("points", self.points.to_string());
-        line("bounds", words(&self.bounds));
+        write_bounds(&mut line, &self.bounds, index.reference().system.as_ref());
         line("unit", unit_words(&self.unit, self.unit_is_stated));
         let value = self
             .spacing

@@ -193,7 +193,12 @@ fn counted(arguments: &Arguments, progress: &dyn Progress) -> Result<String> {
         return Ok(format!("{report:#}"));
     }
     let mut out = format!("{} of {} points\n", grouped(points), grouped(of));
-    push(&mut out, "bounds", &words(&bounds.map(|[min, max]| Bounds { min, max })));
+    let bounds = bounds.map(|[min, max]| Bounds { min, max });
+    write_bounds(
+        &mut |what, value| push(&mut out, what, &value),
+        &bounds,
+        input.reference().system.as_ref(),
+    );
     if points == 0 && of > 0 {
         push(&mut out, "note", &selection.leaves_none(&input, progress).to_string());
     }
@@ -212,6 +217,9 @@ const HOW_SPACING: &str = "the root of the area that each of the eight nearest p
 struct Report<'a> {
     points: u64,
     bounds: Option<Bounds>,
+    /// The coordinate system of all parts.
+    #[serde(skip)]
+    system: Option<Crs>,
     /// Unit of lengths.
     unit: Unit,
     /// Whether a file names it; metres are assumed where none does.
@@ -346,6 +354,7 @@ impl<'a> Report<'a> {
         Self {
             points: found.parts.iter().map(|part| part.points).sum(),
             bounds: bounds(all, &reference.digits),
+            system: reference.system.clone(),
             unit: reference.unit(),
             unit_is_stated: reference.says_unit(),
             spacing: Spacing { value: found.spacing, how: HOW_SPACING },
@@ -372,7 +381,7 @@ impl<'a> Report<'a> {
         let mut line = |what: &str, value: String| push(&mut out, what, &value);
         if self.parts.len() > 1 {
             line("all", format!("{} points in {} parts", self.points, self.parts.len()));
-            line("bounds", words(&self.bounds));
+            write_bounds(&mut line, &self.bounds, self.system.as_ref());
         }
         line("unit", unit_words(&self.unit, self.unit_is_stated));
         let value = self
@@ -477,7 +486,7 @@ impl<'a> PartReport<'a> {
                 promised.map(|points| format!(" (header says {points})")).unwrap_or_default()
             ),
         );
-        line("bounds", words(&self.bounds));
+        write_bounds(&mut line, &self.bounds, self.header.system.as_ref());
         if let Some([min, max]) = self.header.bounds {
             line("header", words(&Some(Bounds { min: min.into(), max: max.into() })));
         }
@@ -592,6 +601,7 @@ fn bounds(bounds: Option<(DVec3, DVec3)>, digits: &Digits) -> Option<Bounds> {
 /// Formats a coordinate system, its units, and the plane its degrees are drawn in.
 pub fn system_words(system: &Crs) -> String {
     let unit = match &system.unit {
+        _ if system.plane.is_some() => ", in degrees".into(),
         Some(unit) if unit.is_metre() => ", in metres".into(),
         Some(unit) => format!(", in {} ({} m)", unit.name, unit.metres),
         None => ", in a unit that it does not name".into(),
@@ -603,6 +613,23 @@ pub fn system_words(system: &Crs) -> String {
         .unwrap_or_default();
     let plane = system.plane.map(|plane| format!("; {plane}")).unwrap_or_default();
     format!("{system}{unit}{heights}{plane}")
+}
+
+/// Writes two corners, and where they lie on the Earth if the files' degrees are drawn on a plane.
+pub fn write_bounds(
+    line: &mut dyn FnMut(&str, String),
+    bounds: &Option<Bounds>,
+    system: Option<&Crs>,
+) {
+    let (Some(plane), Some(Bounds { min, max })) = (system.and_then(|own| own.plane), bounds)
+    else {
+        return line("bounds", words(bounds));
+    };
+    line("bounds", format!("{}, in metres on a plane", words(bounds)));
+    let degrees = |corner: DVec3| {
+        plane.lonlat(corner).map(|angle| digits::number(digits::round(angle, 9))).join(" ")
+    };
+    line("in degrees", format!("{} to {}", degrees(*min), degrees(*max)));
 }
 
 /// Formats the unit of lengths.

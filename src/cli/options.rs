@@ -143,8 +143,8 @@ pub struct PictureOptions {
     /// Size of the picture, pixels
     #[arg(long, value_name = "WxH", default_value_t = Size(config::SIZE))]
     pub size: Size,
-    /// Camera file: eye, target, up (world), fov_y, projection (perspective|orthographic),
-    /// ortho_height
+    /// Camera file: eye, target, up (world; of files in degrees metres on a plane, as `info` says),
+    /// fov_y, projection (perspective|orthographic), ortho_height
     #[arg(long, value_name = "CAM.json", conflicts_with = "view")]
     pub camera: Option<PathBuf>,
     /// Scene file, as the window saves it, in place of --camera and of looks

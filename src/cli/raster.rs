@@ -9,10 +9,11 @@ use super::streams;
 use super::units::{self, Bytes};
 use crate::cloud::ReadOptions;
 use crate::cloud::crs::Crs;
+use crate::cloud::digits;
 use crate::cloud::filter::grouped;
 use crate::cloud::length::Length;
 use crate::cloud::scalar::Scalar;
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::extract::Selection;
 use crate::extract::extent::extent;
 use crate::extract::raster::{self, Filled, NoData, Pick, Request, Value};
@@ -97,6 +98,9 @@ pub const MEMORY: Bytes = Bytes(1 << 30);
 /// Most cells of a side, as other programs read them.
 const LARGEST_SIDE: u32 = i32::MAX as u32;
 
+/// Most cells of a map, as many as 262,144 on each side: 256 GiB of heights before compression.
+const MOST_CELLS: u64 = 1 << 36;
+
 /// Cells a point from which on a note asks whether the map is meant to be so large.
 const SPARSE: u64 = 64;
 
@@ -139,6 +143,17 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
             MapGrid::around(low, high, resolution, LARGEST_SIDE)?
         }
     };
+    if grid.cells() > MOST_CELLS {
+        let [width, height] = grid.size;
+        return Err(Error::Request(format!(
+            "the map would have {} x {} cells of {resolution} for {} points, more than {} cells in all; --extent, --clip or --not noise map a part of the points, --resolution {} all of them",
+            grouped(width.into()),
+            grouped(height.into()),
+            grouped(found.points),
+            grouped(MOST_CELLS),
+            coarser(&grid)
+        )));
+    }
     if grid.cells() > SPARSE * found.points {
         streams::note(format_args!(
             "the map has {} x {} cells for {} points; where some points are far outside, --extent, --clip or --not noise leave them out",
@@ -183,6 +198,15 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
     }
     streams::say(line(output, &grid, &filled));
     Ok(())
+}
+
+/// Returns a resolution of one digit at which a map has few enough cells.
+fn coarser(grid: &MapGrid) -> f64 {
+    // A cell more on each side, as edges may lie otherwise.
+    let [width, height] = grid.size.map(|side| f64::from(side) + 2.0);
+    let least = grid.resolution * (width * height / MOST_CELLS as f64).sqrt();
+    let place = 10f64.powi(least.log10().floor() as i32);
+    digits::round((least / place).ceil() * place, 9)
 }
 
 /// Says what a map cannot state of its coordinate system.

@@ -374,6 +374,11 @@ impl Reference {
         self.plane().is_some()
     }
 
+    /// Says what coordinates are where they are not those of the files, after a comma.
+    pub fn said(&self) -> String {
+        self.plane().map_or(String::new(), |(plane, _)| format!(", {}", plane.words()))
+    }
+
     /// Converts a place on the map from the coordinates of the files to those that are drawn.
     pub fn drawn(&self, place: DVec2) -> DVec2 {
         let angles = |(plane, degrees): (Plane, f64)| plane.place((degrees * place).to_array());

@@ -87,7 +87,9 @@ impl Selection {
             Ok(_) => {
                 let present = present.into_inner().unwrap_or_else(|poisoned| poisoned.into_inner());
                 let boxed = self.clips.active() > 0;
-                Error::Request(present.leaves_none(&self.words(), &self.filter, boxed))
+                let said = present.leaves_none(&self.words(), &self.filter, boxed);
+                let unit = if boxed { input.reference().said() } else { String::new() };
+                Error::Request(said + &unit)
             }
         }
     }

@@ -65,7 +65,9 @@ pub struct Plan {
     pub memories: Vec<Memory>,
     /// Blocks of transients: one, or one per memory type.
     pub blocks: Vec<MemoryRequirements>,
-    text: String,
+    /// Lines of passes and barriers, and what follows them in the text of the plan.
+    lines: Vec<String>,
+    summary: String,
 }
 
 /// Plans the passes; `max_block` is the largest block `[bytes]`.
@@ -82,7 +84,8 @@ pub fn plan(
         memory: vec![None; resources.len()],
         memories: Vec::new(),
         blocks: Vec::new(),
-        text: String::new(),
+        lines: Vec::new(),
+        summary: String::new(),
     };
     let places = place(resources, &lifetimes, max_block, &mut plan.blocks);
     let mut placed: HashMap<(Shape, usize, u64), usize> = HashMap::new();
@@ -115,7 +118,8 @@ pub fn plan(
         plan.steps.push(Step { pass: index, barrier: false, discards: Vec::new() });
     }
     order(&mut plan, passes, &lifetimes);
-    plan.text = text(&plan, passes, resources, &kept);
+    plan.lines = lines(&plan, passes, resources);
+    plan.summary = summary(&plan, passes, resources, &kept);
     plan
 }
 
@@ -320,8 +324,8 @@ fn fold_repeats(lines: &[String]) -> String {
     out
 }
 
-fn text(plan: &Plan, passes: &[Pass], resources: &[Resource], kept: &[bool]) -> String {
-    use fmt::Write;
+/// Returns the lines of passes and barriers.
+fn lines(plan: &Plan, passes: &[Pass], resources: &[Resource]) -> Vec<String> {
     let mut lines = Vec::new();
     for step in &plan.steps {
         let pass = &passes[step.pass];
@@ -352,7 +356,13 @@ fn text(plan: &Plan, passes: &[Pass], resources: &[Resource], kept: &[bool]) -> 
             to
         ));
     }
-    let mut out = fold_repeats(&lines);
+    lines
+}
+
+/// Returns what the plan says of dropped passes, of memories and of totals.
+fn summary(plan: &Plan, passes: &[Pass], resources: &[Resource], kept: &[bool]) -> String {
+    use fmt::Write;
+    let mut out = String::new();
     let dropped: Vec<_> = passes
         .iter()
         .zip(kept)
@@ -425,7 +435,10 @@ impl Plan {
 
 impl fmt::Display for Plan {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(&self.text)
+        // Every frame is planned, and few plans are read: folding, which compares lines with lines,
+        // waits until then.
+        f.write_str(&fold_repeats(&self.lines))?;
+        f.write_str(&self.summary)
     }
 }
 

@@ -89,7 +89,12 @@ impl Settings {
             PointSize::Pixels(pixels) => (pixels, 0.0),
             PointSize::Metres(metres) => (0.0, metres),
         };
-        self.largest = self.largest.max(self.pixels);
+        // Who gives a size wants it nearby, too.
+        self.largest = match size {
+            PointSize::Auto => Settings::default().largest,
+            PointSize::Pixels(pixels) => self.largest.max(pixels),
+            PointSize::Metres(_) => WIDEST,
+        };
     }
 }
 
@@ -146,8 +151,15 @@ impl super::Settings for Settings {
 }
 
 /// See [`super::Effects::reach_px`].
-pub fn reach_px(_view: &View, settings: &Settings) -> Option<u32> {
-    Some((0.5 * settings.largest).ceil() as u32)
+pub fn reach_px(view: &View, settings: &Settings) -> Option<u32> {
+    let everywhere = match (settings.pixels, view.camera.ortho_height) {
+        _ if settings.pixels > 0.0 => settings.pixels,
+        (_, Some(height)) if settings.metres > 0.0 => {
+            settings.metres * f64::from(view.whole[1]) / height
+        }
+        _ => f64::INFINITY,
+    };
+    Some((0.5 * everywhere.min(settings.largest)).ceil() as u32)
 }
 
 pub fn called_for(_context: &FrameContext, _asked: &Effects, before: &EffectDecisions) -> Reason {

@@ -538,7 +538,8 @@ impl Source {
             .map(|corner| self.reference().digits.round(corner).to_array().map(number).join(" "));
         let points = grouped(self.points());
         Err(Error::Request(format!(
-            "--clip leaves none of {points} points; they lie in {low} to {high}"
+            "--clip leaves none of {points} points; they lie in {low} to {high}{}",
+            self.reference().said()
         )))
     }
 

@@ -1,4 +1,4 @@
-//! An index of a simulated scan, in a temporary folder that is removed with it.
+//! An index of a simulated scan, whose files are removed once it is open.
 
 use super::precision::UTM;
 use crate::cloud::ColumnSet;
@@ -17,7 +17,6 @@ pub struct Scan {
     pub index: Arc<Index>,
     /// Lattice coordinates of all points as written to the file.
     pub source: Vec<[i32; 3]>,
-    _folder: Folder,
 }
 
 /// A folder that is removed when dropped.
@@ -83,8 +82,33 @@ impl Scan {
             },
             progress,
         )?;
-        Ok(Scan { world, index: Arc::new(Index::open(&output)?), source, _folder: folder })
+        // It holds its file, so the folder goes now: nothing drops a scan that a static or a thread
+        // keeps until the process ends.
+        Ok(Scan { world, index: Arc::new(Index::open(&output)?), source })
     }
 }
 
 const WANTED: ColumnSet = ColumnSet { gps_time: false, ..ColumnSet::ALL };
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::index::format::PLANES;
+    use crate::progress::Silent;
+
+    #[test]
+    fn a_scan_that_is_never_dropped_leaves_no_file() {
+        let scan = Scan::new(SceneKind::Torus, |world| world.step, 2000, 1, &Silent).unwrap();
+        let scan = std::mem::ManuallyDrop::new(scan);
+        let folder = scan.index.path().parent().unwrap();
+        assert!(!folder.exists(), "{} is left", folder.display());
+        assert_eq!(scan.source.len(), 2000);
+        for number in 0..scan.index.nodes().len() {
+            let node = &scan.index.nodes()[number];
+            for &(plane, _) in PLANES.iter().filter(|(plane, _)| node.has(*plane)) {
+                let mut bytes = vec![0; node.unpacked_bytes(plane) as usize];
+                scan.index.read(number, plane, &mut bytes).unwrap();
+            }
+        }
+    }
+}

@@ -241,19 +241,22 @@ mod painted {
             let mut resident = resident(gpu, cloud);
             resident.opacities =
                 Opacities(opacities.iter().map(|rule| rule.parse().unwrap()).collect());
-            let config = config(view, &resident, effect);
-            let mut g = Graph::new(gpu);
-            let outcome = frame::record(&mut g, view, &resident, &config).unwrap();
-            let [picture, depth] =
-                [&outcome.picture, &outcome.gbuffer.depth].map(|image| g.download(image));
-            let frame = g.submit_and_wait(&[]).expect("drawn, and no validation message");
-
-            Painted {
-                picture: frame.read(&picture).to_vec(),
-                depth: frame.read(&depth).to_vec(),
-                facts: outcome.strokes.unwrap().facts,
-            }
+            paint_resident(gpu, &resident, view, effect)
         })
+    }
+
+    fn paint_resident(gpu: &mut Gpu, resident: &Resident, view: &View, effect: &str) -> Painted {
+        let config = config(view, resident, effect);
+        let mut g = Graph::new(gpu);
+        let outcome = frame::record(&mut g, view, resident, &config).unwrap();
+        let [picture, depth] =
+            [&outcome.picture, &outcome.gbuffer.depth].map(|image| g.download(image));
+        let frame = g.submit_and_wait(&[]).expect("drawn, and no validation message");
+        Painted {
+            picture: frame.read(&picture).to_vec(),
+            depth: frame.read(&depth).to_vec(),
+            facts: outcome.strokes.unwrap().facts,
+        }
     }
 
     fn torus(points: u64) -> (Cloud, View) {
@@ -647,6 +650,18 @@ mod painted {
 
     /// Checks coverage from all sides for every brush and blending.
     fn covers(cloud: &Cloud, hits: impl Fn(DVec3, DVec3) -> bool + Sync) {
+        gpu::with(gpu::Way::Compute64, |gpu| {
+            let resident = resident(gpu, cloud);
+            covers_in(cloud, hits, |view, effect| paint_resident(gpu, &resident, view, effect));
+        });
+    }
+
+    /// Checks coverage in pictures that `paint` makes.
+    fn covers_in(
+        cloud: &Cloud,
+        hits: impl Fn(DVec3, DVec3) -> bool + Sync,
+        mut paint: impl FnMut(&View, &str) -> Painted,
+    ) {
         let size = [400, 300];
         for preset in [Preset::Iso, Preset::Top, Preset::Front, Preset::Side, Preset::Fit] {
             let view =
@@ -660,8 +675,7 @@ mod painted {
                 .into_iter()
                 .flat_map(|blend| ["dabs", "bristles", "ribbons"].map(|brush| (blend, brush)))
             {
-                let painted =
-                    paint(cloud, &view, &format!("strokes=on,blend={blend},brush={brush}"));
+                let painted = paint(&view, &format!("strokes=on,blend={blend},brush={brush}"));
                 let found = coverage(&view, &painted, &inside, &hits);
                 println!(
                     "{preset:?}, {blend}, {brush}, {} points: {found:?}; {}",

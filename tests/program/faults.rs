@@ -19,6 +19,9 @@ use std::time::{Duration, Instant};
 
 const PROGRAM: &str = env!("CARGO_BIN_EXE_pointillist");
 const PARTIAL: &str = ".out.pnti.partial-";
+/// Points of a cloud whose every call fails or ends the program. Ten times as many make the same
+/// calls and only derive for longer.
+const FEW: u64 = 2000;
 
 /// State of the index file.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -161,7 +164,7 @@ fn killed_at_any_call_it_leaves_old_new_or_nothing() {
     for (points, calls) in [
         // Without points one thread writes everything, and strace counts the calls of each.
         (
-            20_000,
+            FEW,
             &[
                 "pwrite64",
                 "fsync",
@@ -231,7 +234,7 @@ fn any_call_that_fails_leaves_the_old_index_or_the_new_one() {
     }
     use Expected::*;
     let mut faults = 0;
-    for points in [20_000, 0] {
+    for points in [FEW, 0] {
         let place = Place::new(points);
         for (call, fault, expected) in [
             ("pwrite64", "error=ENOSPC", Error),
@@ -384,7 +387,7 @@ fn a_write_that_never_reached_the_disk_is_found() {
     if !can_trace() {
         return;
     }
-    for points in [20_000, 0] {
+    for points in [FEW, 0] {
         let place = Place::new(points);
         for k in 1.. {
             place.set(State::Absent);

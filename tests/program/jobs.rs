@@ -291,13 +291,17 @@ fn job_10_points_in_a_box_are_counted() {
 fn points_that_are_drawn_narrower_than_asked_for_are_said() {
     let Some(desk) = Desk::with(STRIPS) else { return };
     let line = "render SCAN -o @drawn.png --size 640x480 --point-size 10m";
-    let said = desk.types(&format!("{line} --explain"));
+    let said = desk.types(&format!("{line} --effect splat=on,largest=64 --explain"));
     let words = "points are drawn at most 64 px wide, where they would be up to ";
     assert_eq!(said.matches(words).count(), 2, "{said}");
+    assert!(said.contains("--effect splat=on,largest="), "{said}");
     let narrow = read_png(&desk.at("drawn.png"));
-    let said = desk.types(&format!("{line} --effect splat=on,largest=1024"));
+    let said = desk.types(line);
     assert!(!said.contains("at most"), "{said}");
     assert_ne!(narrow.pixels, read_png(&desk.at("drawn.png")).pixels);
+    let said = desk.types(&line.replace("10m", "10km"));
+    assert!(said.contains("at most 1024 px wide"), "{said}");
+    assert!(said.contains("a smaller --point-size") && !said.contains("largest="), "{said}");
     // Centimetres are a unit.
     let same = ["0.5m", "50cm"].map(|size| desk.draws(&format!("--point-size {size}")).pixels);
     assert_eq!(same[0], same[1]);

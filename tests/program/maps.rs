@@ -329,6 +329,36 @@ fn gdal_reads_the_value_of_cells_without_points() {
     }
 }
 
+/// Returns the standard error of a run that failed; notes may come before the error.
+#[track_caller]
+fn refused(output: &Output) -> String {
+    let said = text(&output.stderr);
+    assert_eq!(output.status.code(), Some(1), "{said}");
+    assert!(!said.contains("panicked"), "{said}");
+    said
+}
+
+#[test]
+fn a_map_between_clusters_far_apart_is_refused_before_it_is_written() {
+    let place = Place::new();
+    let (file, output) = (place.at("two.csv"), place.at("two.tif"));
+    let near = (0..50).map(|k| format!("{},{},{}\n", k % 7, k / 7, k % 3));
+    let far = (0..50).map(|k| format!("{},{},5\n", 1_000_000 + k % 7, 1_000_000 + k / 7));
+    fs::write(&file, near.chain(far).fold("x,y,z\n".into(), |text: String, row| text + &row))
+        .unwrap();
+    let said = refused(&raster(&file, &output, "--resolution 0.25"));
+    assert!(said.contains("4,000,0") && said.contains("100 points"), "{said}");
+    assert!(!output.exists());
+    // Both remedies that it names.
+    let resolution = said.split("--resolution ").nth(1).unwrap().split(' ').next().unwrap();
+    assert_eq!(resolution, "4");
+    let said = succeeded(&raster(&file, &output, "--resolution 0.25 --extent 0,0,8,8"));
+    assert!(said.contains("32 x 32 cells"), "{said}");
+    fs::remove_file(&output).unwrap();
+    let said = refused(&raster(&file, &output, "--resolution 3"));
+    assert!(said.contains("--resolution 4 all"), "{said}");
+}
+
 /// In memory for a few rows the file is the same, byte by byte.
 #[test]
 fn maps_larger_than_memory_are_the_same() {
@@ -397,6 +427,37 @@ fn in_degrees(place: &Place) -> PathBuf {
         Lattice { step: DVec3::new(1e-7, 1e-7, 0.01), offset: DVec3::new(11.0, 48.0, 0.0) };
     write(&file, &points(2_000), lattice, &[[1024, 0, 1, 2], [2048, 0, 1, 4326]]);
     file
+}
+
+#[test]
+fn units_of_positions_are_said_of_files_in_degrees() {
+    let place = Place::new();
+    let file = in_degrees(&place);
+    let index = indexed(&[&file], "");
+    for cloud in [&file, &index] {
+        let info = pointillist().arg("info").arg(cloud).output().unwrap();
+        succeeded(&info);
+        let info = text(&info.stdout);
+        let line = |what: &str| {
+            let found = info.lines().find(|line| line.trim_start().starts_with(what));
+            found.unwrap_or_else(|| panic!("no {what} in {info}")).to_string()
+        };
+        assert!(line("bounds").ends_with(", in metres on a plane"), "{info}");
+        let corners = line("in degrees").replace("in degrees", "").replace(" to ", " ");
+        let corners: Vec<f64> = corners.split_whitespace().map(|v| v.parse().unwrap()).collect();
+        assert!((11.0 - 1e-5..11.0).contains(&corners[0]), "{corners:?}");
+        assert!((48.0..48.0 + 1e-5).contains(&corners[1]), "{corners:?}");
+        assert!((11.0003..11.0005).contains(&corners[2]), "{corners:?}");
+        assert!(line("crs").contains("geographic, in degrees"), "{info}");
+        let clip = "--clip box:11,48,0,12,49,1000";
+        let drawn = render(cloud, &format!("-o {} {clip}", place.at("clip.png").display()));
+        let said = refused(&drawn);
+        assert!(said.contains(", in metres on a plane around longitude 11.0"), "{said}");
+        let count =
+            pointillist().args(["info", "--count"]).args(clip.split(' ')).arg(cloud).output();
+        let count = text(&count.unwrap().stdout);
+        assert!(count.contains(", in metres on a plane around longitude 11.0"), "{count}");
+    }
 }
 
 /// Degrees are drawn on a plane, and the map lies in degrees.

@@ -64,12 +64,16 @@ impl Plane {
     }
 }
 
+impl Plane {
+    /// Says what coordinates on the plane are.
+    pub fn words(&self) -> String {
+        let Plane { longitude, latitude, .. } = self;
+        format!("in metres on a plane around longitude {longitude}, latitude {latitude}")
+    }
+}
+
 impl fmt::Display for Plane {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(
-            f,
-            "coordinates are degrees, drawn in metres on a plane around longitude {}, latitude {}",
-            self.longitude, self.latitude
-        )
+        write!(f, "coordinates are degrees, drawn {}", self.words())
     }
 }

@@ -93,10 +93,15 @@ impl FrameConfig {
             .then(|| splat.narrowed(self.sampling.finest_m))
             .flatten()?;
         let largest = splat.largest;
+        let wider = asked.ceil().min(splat::WIDEST);
+        let remedy = if largest < wider {
+            format!("--effect splat=on,largest={wider} draws them wider, and slower")
+        } else {
+            "a smaller --point-size, or a view from farther away, shows them as they are".into()
+        };
+        let asked = asked.round();
         Some(format!(
-            "points are drawn at most {largest} px wide, where they would be up to {} px: --effect splat=on,largest={} draws them wider, and slower",
-            asked.round(),
-            asked.ceil().min(splat::WIDEST)
+            "points are drawn at most {largest} px wide, where they would be up to {asked} px: {remedy}"
         ))
     }
 
