@@ -1,5 +1,7 @@
 //! The program: one file a subcommand, and the options that they share.
 
+#[cfg(unix)]
+mod abort;
 pub mod bench;
 pub mod export;
 mod files;

@@ -8,7 +8,8 @@
 
 use super::catch_panic::catch_panic;
 use super::crs;
-use super::from_floats::{ColorUnit, Floats, Point, ReadPart, Role};
+use super::floats::{ColorUnit, Floats, Point, Role};
+use super::from_floats::ReadPart;
 use super::input::{Input, Meter};
 use super::rgb_range::By;
 use super::scalar::{Scalar, Scalars};

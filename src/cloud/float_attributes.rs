@@ -1,7 +1,7 @@
 //! Conversion of attributes that formats store as numbers of any range: colours to 8 bits,
 //! intensities to 16. All points decide together how each is converted.
 
-use super::from_floats::{ColorUnit, Floats};
+use super::floats::{ColorUnit, Floats};
 use super::rgb_conversion::{self, Conversion};
 use super::rgb_range::{By, RgbRange, Scale};
 use crate::error::Result;

@@ -19,6 +19,7 @@ pub mod e57;
 mod encoding;
 pub mod filter;
 mod float_attributes;
+mod floats;
 mod from_floats;
 pub mod ground;
 pub mod histograms;

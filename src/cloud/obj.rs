@@ -3,7 +3,8 @@
 //! Vertices have the colours that scanners append (`v x y z r g b`, 0 to 1). Of faces only whether
 //! there are any is read.
 
-use super::from_floats::{ColorUnit, Floats, Point, ReadPart};
+use super::floats::{ColorUnit, Floats, Point};
+use super::from_floats::ReadPart;
 use super::input::{Input, Meter};
 use super::{ColumnSet, Header, ReadOptions, text};
 use crate::error::Result;

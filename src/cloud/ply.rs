@@ -8,7 +8,8 @@
 
 mod header;
 
-use super::from_floats::{ColorUnit, Floats, Point, ReadPart, Role};
+use super::floats::{ColorUnit, Floats, Point, Role};
+use super::from_floats::ReadPart;
 use super::input::{Input, Meter};
 use super::{Header, ReadOptions, scalar, text};
 use crate::error::Result;

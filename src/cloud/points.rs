@@ -1,6 +1,6 @@
 //! Points of a program's own memory as a cloud.
 
-use super::from_floats::{ColorUnit, Floats, Point};
+use super::floats::{ColorUnit, Floats, Point};
 use super::input::Input;
 use super::strays::Kept;
 use super::{Cloud, ColumnSet, Columns, Header, Lattice, Part, las, rgb_range, stations};

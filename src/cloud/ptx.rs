@@ -5,7 +5,8 @@
 //! frame, intensity, optionally red green blue; 0 0 0 for no hit. The matrix places each scan;
 //! directions without a hit are skipped.
 
-use super::from_floats::{ColorUnit, Floats, Point, ReadPart, Role, there};
+use super::floats::{ColorUnit, Floats, Point, Role, there};
+use super::from_floats::ReadPart;
 use super::input::{Input, Meter};
 use super::table::line;
 use super::{Header, ReadOptions, text};

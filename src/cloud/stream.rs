@@ -210,7 +210,8 @@ impl Source {
 
     /// Returns the scan's own name, or the file's.
     pub fn title(&self) -> String {
-        super::title(self.name(), &self.path)
+        let title = super::title(self.name(), &self.path);
+        if self.header().strays { format!("{title}, far outside") } else { title }
     }
 
     pub fn header(&self) -> &Header {

@@ -10,7 +10,7 @@ mod names;
 pub mod sniff;
 mod values;
 
-use super::from_floats::{ColorUnit, Role};
+use super::floats::{ColorUnit, Role};
 use super::input::Input;
 use super::{Extra, text};
 use std::fmt;

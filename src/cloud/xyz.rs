@@ -4,7 +4,8 @@
 //! which lines are not rows, and which columns lack values. PTX, which is not a table, is detected
 //! by content.
 
-use super::from_floats::{Floats, ReadPart, Role};
+use super::floats::{Floats, Role};
+use super::from_floats::ReadPart;
 use super::input::{Input, Meter};
 use super::scalar::Scalar;
 use super::table::line::{Line, Missing, Splitter};

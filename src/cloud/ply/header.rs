@@ -1,7 +1,7 @@
 //! The PLY header: elements, their properties, and the beginning of the body. Counts are checked
 //! where the body is read.
 
-use crate::cloud::from_floats::Role;
+use crate::cloud::floats::Role;
 use crate::cloud::input::Input;
 use crate::cloud::text;
 use crate::error::Result;

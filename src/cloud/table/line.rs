@@ -3,7 +3,7 @@
 //! A field without a number that fits its column is missing; later fields keep their columns.
 
 use super::{Delimiter, Reading, Role, Table};
-use crate::cloud::from_floats::Point;
+use crate::cloud::floats::Point;
 use crate::cloud::{Extra, text};
 
 /// The contents of a line.
