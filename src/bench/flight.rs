@@ -14,7 +14,9 @@ use crate::graph::Gpu;
 use crate::index::format::{Index, Plane};
 use crate::passes::encode;
 use crate::progress::Progress;
-use crate::render::source::{self, GpuCloud, Source};
+use crate::render::gpu_cloud::GpuCloud;
+use crate::render::index_samples;
+use crate::render::source::Source;
 use crate::renderer::{CloudId, Renderer, RendererOptions};
 use crate::resident::pages::PAGE_BYTES;
 use crate::resident::{Residency, streaming::Update};
@@ -101,7 +103,8 @@ fn fly(
     let pool_bytes = plan.pool_bytes.unwrap_or(whole_bytes / 4).max(PAGE_BYTES);
     let contents = &index.directory.contents;
     let colored = index.nodes().iter().any(|node| node.has(Plane::Rgb));
-    let shown = source::shown(index, if colored { Attribute::Rgb } else { Attribute::Elevation });
+    let shown =
+        index_samples::shown(index, if colored { Attribute::Rgb } else { Attribute::Elevation });
     let path = Path::over(index, size)?;
     renderer.set_memory_budget(pool_bytes);
     let cloud = renderer.add_source(Source::Index(index.clone()), shown, progress)?;

@@ -21,7 +21,7 @@ use crate::cloud::strays::Strays;
 use crate::error::{Error, Result};
 use crate::index::format::Balance;
 use crate::index::format::{Index, IndexedPart, PLANES, Plane, Refinement};
-use crate::render::source;
+use crate::render::index_samples;
 use glam::DVec3;
 use rayon::prelude::*;
 use serde::Serialize;
@@ -114,7 +114,7 @@ pub fn report(index: &Index, json: bool) -> Result<String> {
         unit: reference.unit(),
         unit_is_stated: reference.says_unit(),
         spacing: Spacing { value: spacing(index)?, how: HOW_SPACING },
-        strays: source::strays(index),
+        strays: index_samples::strays(index),
         index: Tree::new(index),
         colors: colors(index),
         parts: &contents.parts,

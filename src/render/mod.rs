@@ -2,6 +2,8 @@
 
 pub mod annotations;
 pub mod frame;
+pub mod gpu_cloud;
+pub mod index_samples;
 pub mod scene;
 pub mod settings;
 pub mod source;

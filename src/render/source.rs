@@ -1,16 +1,17 @@
 //! Sources of points: files read whole, or an index read on demand, through one interface.
 
+use super::gpu_cloud::{GpuCloud, PreparedCloud};
+use super::index_samples::{core_of, core_samples, samples_left, shown, strays};
 use crate::cloud::attribute::{Attribute, DisplayAttribute, ExtraAttributes, tones};
-use crate::cloud::color_scale::ColorScale;
 use crate::cloud::crs::Reference;
 use crate::cloud::digits::number;
 use crate::cloud::filter::{Filter, grouped};
 use crate::cloud::histograms::Histograms;
 use crate::cloud::input::Input;
 use crate::cloud::rgb_range::RgbRange;
-use crate::cloud::robust_bounds::{chosen_samples, without_strays};
+use crate::cloud::robust_bounds::chosen_samples;
 use crate::cloud::scalar::{self, Scalar};
-use crate::cloud::strays::{RobustBounds, Strays, Treatment};
+use crate::cloud::strays::Treatment;
 use crate::cloud::stream::FileSummary;
 use crate::cloud::up::Up;
 use crate::cloud::{self, Cloud, Columns, Part, ReadOptions, Station};
@@ -23,19 +24,14 @@ use crate::index::cache::{self, Cached};
 use crate::index::fault_injection::Fault;
 use crate::index::format::{Index, Plane};
 use crate::index::{Arrangement, build};
-use crate::network::{Traffic, is_address, traffic};
+use crate::network::is_address;
 use crate::progress::Progress;
-use crate::resident::{CloudUpload, Residency, Resident, streaming::Update};
-use crate::select::clip::{Clip, Clips, Left};
-use crate::select::lod::Detail;
-use crate::select::opacity::Opacities;
-use crate::view::View;
+use crate::resident::{CloudUpload, Residency, Resident};
+use crate::select::clip::{Clips, Left};
 use crate::view::light::Light;
-use crate::view::linear_map::LinearMap;
 use glam::DVec3;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use std::time::{Duration, Instant};
 
 /// Options of opening files.
 #[derive(Clone, Debug)]
@@ -619,48 +615,6 @@ impl Source {
     }
 }
 
-/// A source ready for upload.
-pub enum PreparedCloud {
-    Files(Box<CloudUpload>),
-    Index(Arc<Index>, Box<DisplayAttribute>),
-}
-
-/// Longest upload step: half of a frame of 33 ms.
-const STEP: Duration = Duration::from_millis(16);
-
-impl PreparedCloud {
-    pub fn points(&self) -> u64 {
-        match self {
-            PreparedCloud::Files(upload) => upload.points(),
-            PreparedCloud::Index(index, _) => index.directory.contents.points,
-        }
-    }
-
-    /// Uploads some of it. Returns whether more remains.
-    pub fn step(&mut self, gpu: &mut Gpu, progress: &dyn Progress) -> Result<bool> {
-        let PreparedCloud::Files(upload) = self else { return Ok(false) };
-        let (began, mut before) = (Instant::now(), upload.uploaded());
-        while upload.upload_nodes(gpu, rayon::current_num_threads(), progress)? {
-            // Without progress, room comes with a later frame.
-            let is_stuck = std::mem::replace(&mut before, upload.uploaded()) == upload.uploaded();
-            if is_stuck || began.elapsed() >= STEP {
-                return Ok(true);
-            }
-        }
-        Ok(false)
-    }
-
-    /// Completes the upload.
-    pub fn finish(self, gpu: &mut Gpu, pool_bytes: u64) -> Result<GpuCloud> {
-        Ok(match self {
-            PreparedCloud::Files(upload) => GpuCloud::Whole(Box::new(upload.finish(gpu))),
-            PreparedCloud::Index(index, shown) => {
-                GpuCloud::Parts(Box::new(Residency::open(gpu, index, *shown, pool_bytes)?))
-            }
-        })
-    }
-}
-
 fn indexed_files(index: &Index) -> Vec<&PathBuf> {
     index.directory.contents.parts.iter().map(|part| &part.path).collect()
 }
@@ -669,283 +623,5 @@ fn kept(place: &cache::CacheLocation) -> String {
     match place {
         cache::CacheLocation::Folder(folder) => format!("in {}", folder.display()),
         cache::CacheLocation::Temporary => "not at all".into(),
-    }
-}
-
-/// Returns a display attribute for the points of an index.
-pub fn shown(index: &Index, attribute: Attribute) -> DisplayAttribute {
-    let contents = &index.directory.contents;
-    let stretch = match attribute {
-        Attribute::Intensity => contents.intensity_stretch,
-        _ => [0, 255],
-    };
-    let mut shown = match attribute {
-        Attribute::Elevation => elevation(index),
-        Attribute::Time | Attribute::Scalar(_) => {
-            DisplayAttribute::of_numbers(attribute, numbers(index, attribute))
-        }
-        _ => DisplayAttribute::indexed(attribute, [0.0; 2], stretch),
-    };
-    // Without exposures, the station codes are not needed.
-    shown.coded = contents.balance_of(attribute).is_some();
-    shown
-}
-
-/// Returns the numbers of the roots' samples, each with the points it stands for. A root that cannot
-/// be read has none, and is reported when drawn.
-fn numbers(index: &Index, attribute: Attribute) -> Vec<(f64, u64)> {
-    let read = |node: usize| {
-        let root = &index.nodes()[node];
-        let mut weights = vec![1u32; root.count as usize];
-        let columns = index.columns(node, attribute.wanted()).ok()?;
-        let numbers = attribute.numbers_of(&columns)?.clone();
-        if root.has(Plane::Weight) {
-            index.read(node, Plane::Weight, bytemuck::cast_slice_mut(&mut weights)).ok()?;
-        }
-        Some(numbers.into_iter().zip(weights))
-    };
-    let numbers = (0..index.directory.roots as usize).filter_map(read).flatten();
-    numbers.filter(|(v, _)| v.is_finite()).map(|(v, weight)| (v, weight as u64)).collect()
-}
-
-/// Returns elevation over the heights of all points; if there are strays or y is up, over those of
-/// the roots' other samples.
-fn elevation(index: &Index) -> DisplayAttribute {
-    let contents = &index.directory.contents;
-    let (samples, core) = root_samples(index);
-    let axis = index.up.index();
-    if core.is_none() && index.up == Up::Z {
-        let heights = contents.bounds.map_or([0.0, 0.0], |[lo, hi]| [lo.z, hi.z]);
-        return DisplayAttribute::indexed(
-            Attribute::Elevation,
-            heights,
-            contents.elevation_stretch,
-        );
-    }
-    let heights = samples
-        .into_iter()
-        .filter(|(p, _)| core.is_none_or(|core| core.has(*p)))
-        .map(|(p, weight)| (p[axis], weight as u64));
-    let mut shown = DisplayAttribute::of_numbers(Attribute::Elevation, heights.collect());
-    shown.up = index.up;
-    shown
-}
-
-/// Returns samples of the roots with the number of points each stands for, and the box without
-/// strays, if there are strays.
-fn root_samples(index: &Index) -> (Vec<(DVec3, u32)>, Option<RobustBounds>) {
-    let mut samples = Vec::new();
-    for root in 0..index.directory.roots as usize {
-        // An unreadable root is reported when drawn; until then its box is used.
-        let left = left_samples(index, root).and_then(|left| match left.is_empty() {
-            true => index.samples(root),
-            false => Ok(left),
-        });
-        samples.extend(left.unwrap_or_else(|_| {
-            let (lo, hi) = index.bounds(&index.nodes()[root]);
-            vec![(lo, 1), (hi, 1)]
-        }));
-    }
-    let core = RobustBounds::of(samples.len(), |i| samples[i].0);
-    (samples, core)
-}
-
-/// Returns the samples of a node that the index's filter leaves.
-fn left_samples(index: &Index, node: usize) -> Result<Vec<(DVec3, u32)>> {
-    let samples = index.samples(node)?;
-    let Some(filter) = &index.filter else { return Ok(samples) };
-    let left = index.left(node, filter)?;
-    Ok(samples.into_iter().zip(left).filter(|(_, left)| *left).map(|(sample, _)| sample).collect())
-}
-
-/// Returns the strays of an index among the samples of its roots.
-pub fn strays(index: &Index) -> Strays {
-    let (samples, core) = root_samples(index);
-    let Some(core) = core else { return Strays::default() };
-    let outside: Vec<(DVec3, u32)> = samples.into_iter().filter(|(p, _)| !core.has(*p)).collect();
-    Strays::listed(
-        outside.iter().map(|&(_, weight)| weight as u64).sum(),
-        outside.iter().map(|(p, _)| *p),
-    )
-}
-
-/// Returns the box beyond which points of an index are strays, if there are some.
-pub fn core_of(index: &Index) -> Option<RobustBounds> {
-    root_samples(index).1
-}
-
-/// Returns the points to frame as [`Cloud::core_points`], from the roots' samples.
-fn core_samples(index: &Index) -> Vec<DVec3> {
-    let (samples, _) = root_samples(index);
-    if index.filter.is_some() { chosen_samples(samples) } else { without_strays(samples) }
-}
-
-/// Samples that describe what clip boxes leave of an index, if there are as many; and most nodes
-/// that are read for them.
-const FRAMED_SAMPLES: usize = 50_000;
-const FRAMED_NODES: usize = 64;
-
-/// Returns samples that clip boxes leave: of the roots, or of nodes below while these leave few.
-fn samples_left(index: &Index, clips: &Clips) -> Vec<(DVec3, u32)> {
-    let meets = |&node: &usize| clips.left(index.bounds(&index.nodes()[node])) != Left::Nothing;
-    let mut nodes: Vec<usize> = (0..index.directory.roots as usize).filter(meets).collect();
-    loop {
-        let mut kept = Vec::new();
-        for &node in &nodes {
-            // A sample stands for points as far as this, which boxes may leave without it.
-            let reach = index.nodes()[node].spacing;
-            let ways = DVec3::AXES.map(|axis| [axis * reach, -axis * reach]);
-            for (p, weight) in left_samples(index, node).unwrap_or_default() {
-                kept.extend(Some((p, weight)).filter(|_| clips.keep(p)));
-                if reach > 0.0 {
-                    let around = ways.iter().flatten().map(|&way| (p + way, 1));
-                    kept.extend(around.filter(|&(p, _)| clips.keep(p)));
-                }
-            }
-        }
-        let below: Vec<usize> = nodes
-            .iter()
-            .flat_map(|&node| match index.nodes()[node].children() {
-                children if children.is_empty() => node..node + 1,
-                children => children,
-            })
-            .filter(meets)
-            .collect();
-        if kept.len() >= FRAMED_SAMPLES || below.len() > FRAMED_NODES || below == nodes {
-            return kept;
-        }
-        nodes = below;
-    }
-}
-
-/// A cloud in device memory.
-pub enum GpuCloud {
-    Whole(Box<Resident>),
-    Parts(Box<Residency>),
-}
-
-/// The selection and reads of a picture of an index, for `--explain`.
-#[derive(Clone, Debug, serde::Serialize)]
-pub struct SelectionReport {
-    pub nodes: usize,
-    pub points: u64,
-    pub nodes_outside: usize,
-    pub nodes_clipped: usize,
-    /// Infinite, and null in JSON, if the camera is within a node that is not refined.
-    pub largest_error_px: f64,
-    pub budget: u64,
-    pub lod_px: f64,
-    pub bytes_read: u64,
-    pub index_bytes: u64,
-    /// What was fetched from servers so far; none if the index is a file.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub network: Option<Traffic>,
-    pub pool_bytes: u64,
-    pub pool_used_bytes: u64,
-    /// Unreadable nodes, and a pool that is too small.
-    pub notes: Vec<String>,
-}
-
-impl GpuCloud {
-    /// Waits until all that the view shows is resident; returns at once for a whole cloud.
-    pub fn wait_until_resident(
-        &mut self,
-        gpu: &mut Gpu,
-        view: &View,
-        detail: &Detail,
-        progress: &dyn Progress,
-    ) -> Result<Option<SelectionReport>> {
-        let GpuCloud::Parts(residency) = self else { return Ok(None) };
-        let Update { cut, budget, bytes_read, errors: mut notes, .. } =
-            residency.wait_until_resident(gpu, view, detail, progress)?;
-        let [pool_bytes, pool_used_bytes] = residency.pool_bytes();
-        if budget < detail.budget {
-            let pool = pool_bytes >> 20;
-            notes.push(format!(
-                "the pool of {pool} MiB holds only {} points of this view; --gpu-memory makes it larger",
-                cut.points
-            ));
-        }
-        Ok(Some(SelectionReport {
-            nodes: cut.nodes.len(),
-            points: cut.points,
-            nodes_outside: cut.nodes_outside,
-            nodes_clipped: cut.nodes_clipped,
-            largest_error_px: cut.largest_error_px,
-            budget,
-            lod_px: detail.lod_px,
-            bytes_read,
-            index_bytes: residency.index().bytes(),
-            network: residency.index().is_remote().then(traffic),
-            pool_bytes,
-            pool_used_bytes,
-            notes,
-        }))
-    }
-
-    pub fn resident(&self) -> &Resident {
-        match self {
-            GpuCloud::Whole(resident) => resident,
-            GpuCloud::Parts(residency) => residency.resident(),
-        }
-    }
-
-    /// Sets how numbers and channels become colours.
-    pub fn set_scale(&mut self, scale: ColorScale) {
-        match self {
-            GpuCloud::Whole(resident) => resident.shown.scale = scale,
-            GpuCloud::Parts(residency) => residency.resident_mut().shown.scale = scale,
-        }
-    }
-
-    /// Sets what the cloud is drawn through.
-    pub fn set_map(&mut self, map: LinearMap) {
-        match self {
-            GpuCloud::Whole(resident) => resident.set_map(map),
-            GpuCloud::Parts(residency) => residency.resident_mut().set_map(map),
-        }
-    }
-
-    /// Sets opacities and clip boxes.
-    pub fn set_filters(&mut self, opacities: Opacities, mut clips: Clips) {
-        let resident = match self {
-            GpuCloud::Whole(resident) => resident,
-            GpuCloud::Parts(residency) => {
-                clips.0.extend(residency.index().hidden.iter().flat_map(Clip::around));
-                residency.resident_mut()
-            }
-        };
-        (resident.opacities, resident.clips) = (opacities, clips);
-    }
-}
-
-impl std::fmt::Display for SelectionReport {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        let share = 100.0 * self.bytes_read as f64 / self.index_bytes.max(1) as f64;
-        writeln!(
-            f,
-            "cut: {} points of {} nodes, {} nodes left out (outside of the view); largest projected error {:.3} px (--lod {}, --point-budget {})",
-            self.points,
-            self.nodes,
-            self.nodes_outside,
-            self.largest_error_px,
-            self.lod_px,
-            self.budget
-        )?;
-        match self.network {
-            None => writeln!(f, "read: {} bytes, {share:.2} % of the file", self.bytes_read)?,
-            Some(Traffic { requests, bytes }) => {
-                writeln!(
-                    f,
-                    "fetched: {bytes} bytes in {requests} requests; the rest was in the cache"
-                )?;
-            }
-        }
-        writeln!(
-            f,
-            "pool: {} MiB in use of {} MiB at most",
-            self.pool_used_bytes >> 20,
-            self.pool_bytes >> 20
-        )
     }
 }

@@ -20,8 +20,8 @@ use crate::passes::Switch;
 use crate::passes::project;
 use crate::progress::Progress;
 use crate::render::frame;
+use crate::render::index_samples;
 use crate::render::settings::{FrameConfig, RenderSettings};
-use crate::render::source;
 use crate::resident::{Residency, Resident};
 use crate::select::lod::{Detail, Precision};
 use crate::synth::{SceneKind, World};
@@ -288,7 +288,12 @@ pub fn full(size: [u32; 2]) -> Detail {
 }
 
 fn open(gpu: &mut Gpu, scan: &Scan) -> Result<Residency> {
-    Residency::open(gpu, scan.index.clone(), source::shown(&scan.index, Attribute::Rgb), u64::MAX)
+    Residency::open(
+        gpu,
+        scan.index.clone(),
+        index_samples::shown(&scan.index, Attribute::Rgb),
+        u64::MAX,
+    )
 }
 
 struct Taken {

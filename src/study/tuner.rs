@@ -22,8 +22,10 @@ use crate::graph::{Gpu, Graph};
 use crate::passes::encode;
 use crate::progress::Progress;
 use crate::render::frame;
+use crate::render::gpu_cloud::GpuCloud;
+use crate::render::index_samples;
 use crate::render::settings::{FrameConfig, RenderSettings};
-use crate::render::source::{self, GpuCloud, Source};
+use crate::render::source::Source;
 use crate::select::lod::LodOptions;
 use crate::synth::SceneKind;
 use crate::tune::error::{Errors, Pixels};
@@ -189,7 +191,7 @@ pub fn views(camera: Camera, up: DVec3, size: [u32; 2]) -> Result<Vec<View>> {
 
 /// Opens the index of a scan, whose file may be removed then.
 pub(super) fn of_scan(gpu: &mut Gpu, scan: &Scan, progress: &dyn Progress) -> Result<GpuCloud> {
-    let shown = source::shown(&scan.index, Attribute::Rgb);
+    let shown = index_samples::shown(&scan.index, Attribute::Rgb);
     Source::Index(scan.index.clone()).upload(gpu, shown, u64::MAX, progress)
 }
 
