@@ -163,6 +163,9 @@ fn claim(path: &Path, begin: &str) -> Result<(PathBuf, File)> {
     for number in (0..u32::MAX / NUMBERS).map(|k| k * NUMBERS + std::process::id() % NUMBERS) {
         let partial = path.with_file_name(format!("{begin}{number}"));
         let mut unfinished = unfinished();
+        // Memory may run out, but not between making the file and listing it.
+        unfinished.reserve(1);
+        let listed = partial.clone();
         let file = match OpenOptions::new().read(true).write(true).create_new(true).open(&partial) {
             Err(error) if error.kind() == ErrorKind::AlreadyExists => continue,
             created => created.map_err(failed)?,
@@ -172,7 +175,7 @@ fn claim(path: &Path, begin: &str) -> Result<(PathBuf, File)> {
         if matches!(file.try_lock(), Err(TryLockError::WouldBlock)) || !is_at(&file, &partial) {
             continue;
         }
-        unfinished.push(partial.clone());
+        unfinished.push(listed);
         return Ok((partial, file));
     }
     Err(failed(ErrorKind::AlreadyExists.into()))
@@ -204,17 +207,23 @@ pub fn remove_unfinished() {
 }
 
 /// Removes the partial files of a process that aborts, in whatever state its memory is. Another
-/// thread that is about to finish has a moment for it.
-pub fn remove_unfinished_at_abort() {
+/// thread that is about to finish has a moment for it. Returns whether it could.
+pub fn remove_unfinished_at_abort() -> bool {
     const TRIES: u32 = 100;
     for _ in 0..TRIES {
-        if let Ok(unfinished) = UNFINISHED.try_lock() {
-            // Short paths are not copied to the heap.
-            unfinished.iter().for_each(|partial| drop(std::fs::remove_file(partial)));
-            return;
-        }
-        std::thread::sleep(std::time::Duration::from_millis(1));
+        let unfinished = match UNFINISHED.try_lock() {
+            Ok(unfinished) => unfinished,
+            Err(std::sync::TryLockError::Poisoned(poisoned)) => poisoned.into_inner(),
+            Err(std::sync::TryLockError::WouldBlock) => {
+                std::thread::sleep(std::time::Duration::from_millis(1));
+                continue;
+            }
+        };
+        // Short paths are not copied to the heap.
+        unfinished.iter().for_each(|partial| drop(std::fs::remove_file(partial)));
+        return true;
     }
+    false
 }
 
 /// Removes partial files of the same name whose writer is gone.

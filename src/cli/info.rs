@@ -601,7 +601,7 @@ fn bounds(bounds: Option<(DVec3, DVec3)>, digits: &Digits) -> Option<Bounds> {
 /// Formats a coordinate system, its units, and the plane its degrees are drawn in.
 pub fn system_words(system: &Crs) -> String {
     let unit = match &system.unit {
-        _ if system.plane.is_some() => ", in degrees".into(),
+        _ if system.plane.is_some() && system.degrees == Some(1.0) => ", in degrees".into(),
         Some(unit) if unit.is_metre() => ", in metres".into(),
         Some(unit) => format!(", in {} ({} m)", unit.name, unit.metres),
         None => ", in a unit that it does not name".into(),

@@ -1,6 +1,5 @@
 //! The program: one file a subcommand, and the options that they share.
 
-#[cfg(unix)]
 mod abort;
 pub mod bench;
 pub mod export;

@@ -146,7 +146,7 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
     if grid.cells() > MOST_CELLS {
         let [width, height] = grid.size;
         return Err(Error::Request(format!(
-            "the map would have {} x {} cells of {resolution} for {} points, more than {} cells in all; --extent, --clip or --not noise map a part of the points, --resolution {} all of them",
+            "the map would have {} x {} cells, {resolution} wide, for {} points, more than {} cells in all; --extent, --clip or --not noise map a part of the points, --resolution {} all of them",
             grouped(width.into()),
             grouped(height.into()),
             grouped(found.points),

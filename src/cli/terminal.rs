@@ -32,8 +32,7 @@ impl Terminal {
             }
             call_waiting();
         });
-        #[cfg(unix)]
-        super::abort::end_orderly();
+        super::abort::handle_signals();
         Terminal {
             shows: std::io::stderr().is_terminal(),
             since: Instant::now(),

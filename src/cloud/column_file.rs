@@ -3,14 +3,13 @@
 //! The file is made when the first points no longer fit, in the system's folder of temporary files,
 //! and the system removes it with the process.
 
-use crate::atomic_file::temporary_file;
 use crate::error::{Error, Result};
 use bytemuck::Pod;
 use std::fs::File;
 use std::io;
 use std::os::unix::fs::FileExt;
 use std::sync::OnceLock;
-use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering::Relaxed};
+use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering::Relaxed};
 
 /// Points of all files together that are held in memory.
 const HELD: usize = 1 << 19;
@@ -19,12 +18,21 @@ const HELD: usize = 1 << 19;
 #[derive(Debug)]
 pub struct ColumnFile {
     /// The file, or why there is none.
-    file: OnceLock<std::result::Result<File, String>>,
+    file: OnceLock<std::result::Result<File, Failure>>,
     end: AtomicU64,
     /// Points that may still be held in memory.
     room: AtomicUsize,
     /// Why a column could not be appended.
-    failed: OnceLock<String>,
+    failed: OnceLock<Failure>,
+    /// Whether the process is interrupted, so that nothing is read any more.
+    is_interrupted: AtomicBool,
+}
+
+/// A failed operation on the file.
+#[derive(Clone, Copy, Debug)]
+struct Failure {
+    doing: &'static str,
+    kind: io::ErrorKind,
 }
 
 impl ColumnFile {
@@ -34,7 +42,13 @@ impl ColumnFile {
             end: AtomicU64::new(0),
             room: AtomicUsize::new(HELD),
             failed: OnceLock::new(),
+            is_interrupted: AtomicBool::new(false),
         }
+    }
+
+    /// Ends all reading with [`Error::Interrupted`].
+    pub fn interrupt(&self) {
+        self.is_interrupted.store(true, Relaxed);
     }
 
     /// Returns the number of points that may still be held in memory.
@@ -56,7 +70,8 @@ impl ColumnFile {
         let bytes: &[u8] = bytemuck::cast_slice(column);
         let at = self.end.fetch_add(bytes.len() as u64, Relaxed);
         let written = self.file().and_then(|file| {
-            file.write_all_at(bytes, at).map_err(|source| wrong("write", &source))
+            let failed = |source: io::Error| Failure { doing: "write", kind: source.kind() };
+            file.write_all_at(bytes, at).map_err(failed)
         });
         written.unwrap_or_else(|why| {
             // The first one is told.
@@ -67,35 +82,37 @@ impl ColumnFile {
 
     /// Returns an error if a column could not be appended.
     pub fn check(&self) -> Result<()> {
-        self.failed.get().map_or(Ok(()), |why| Err(Error::Request(why.clone())))
+        self.failed.get().map_or(Ok(()), |failure| Err(failure.error()))
     }
 
     /// Reads a column of this many points.
     pub fn read<T: Pod>(&self, at: u64, points: usize) -> Result<Vec<T>> {
+        if self.is_interrupted.load(Relaxed) {
+            return Err(Error::Interrupted);
+        }
         let mut column = vec![T::zeroed(); points];
         let bytes = bytemuck::cast_slice_mut(&mut column);
         let read = self.file().and_then(|file| {
-            file.read_exact_at(bytes, at).map_err(|source| wrong("read", &source))
+            let failed = |source: io::Error| Failure { doing: "read", kind: source.kind() };
+            file.read_exact_at(bytes, at).map_err(failed)
         });
-        read.map_err(Error::Request)?;
+        read.map_err(Failure::error)?;
         Ok(column)
     }
 
-    fn file(&self) -> std::result::Result<&File, String> {
-        let make = || {
-            let beside = std::env::temp_dir().join("pointillist-points");
-            temporary_file(&beside).map_err(|error| match error {
-                Error::Io { source, .. } => wrong("create", &source),
-                other => other.to_string(),
-            })
-        };
-        self.file.get_or_init(make).as_ref().map_err(String::clone)
+    fn file(&self) -> std::result::Result<&File, Failure> {
+        let failed = |source: io::Error| Failure { doing: "create", kind: source.kind() };
+        self.file.get_or_init(|| tempfile::tempfile().map_err(failed)).as_ref().map_err(|why| *why)
     }
 }
 
-fn wrong(doing: &str, source: &io::Error) -> String {
-    format!(
-        "cannot {doing} temporary points in {}: {source}; set TMPDIR to a folder with room for them",
-        std::env::temp_dir().display()
-    )
+impl Failure {
+    fn error(self) -> Error {
+        let advice = "set TMPDIR to a folder with room for points that do not fit into memory";
+        let source = match self.doing {
+            "read" => self.kind.into(),
+            _ => io::Error::new(self.kind, format!("{}; {advice}", self.kind)),
+        };
+        Error::Io { doing: self.doing, path: std::env::temp_dir(), source }
+    }
 }

@@ -166,8 +166,8 @@ impl Point {
 }
 
 impl Floats {
-    /// Returns empty points with the columns of these roles that are in `wanted`. `narrow`: positions
-    /// are `f32`; `bytes`: colours are bytes.
+    /// Returns empty points with the columns of these roles that are in `wanted`. `narrow`:
+    /// positions are `f32`; `bytes`: colours are bytes.
     pub fn with_roles(roles: &[Role], wanted: ColumnSet, narrow: bool, bytes: bool) -> Self {
         let column = |scalar| ScalarColumn { scalar, numbers: Vec::new() };
         let scalars = scalars(roles).map(column).collect();
@@ -311,7 +311,7 @@ impl Floats {
             gps_time: self.gps_time.as_deref().map(|column| file.append(column)),
             scalars: self.scalars.iter().map(|own| file.append(&own.numbers)).collect(),
         };
-        // The next ones need less room.
+        // Later points are moved in smaller blocks.
         fn clear<T>(column: &mut Option<Vec<T>>) {
             column.iter_mut().for_each(|column| *column = Vec::new());
         }
@@ -328,7 +328,7 @@ impl Floats {
         if let Some(spilled) = &mut self.spilled {
             spilled.blocks.push(Block { points, at, without: Vec::new() });
             spilled.points += points;
-            // The next ones are blocks of a file that is there.
+            // From now on there is a file.
             spilled.limit = BLOCK;
         }
     }

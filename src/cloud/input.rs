@@ -327,6 +327,8 @@ impl io::Read for Stream<'_> {
 /// Progress of a file in units of [`Meter::STEP`], reported from any thread.
 pub struct Meter<'a> {
     progress: &'a dyn Progress,
+    /// Where points wait that are too many for memory.
+    column_file: Option<Arc<ColumnFile>>,
     doing: String,
     done: AtomicU64,
     total: u64,
@@ -336,17 +338,21 @@ impl<'a> Meter<'a> {
     const STEP: u64 = 1 << 20;
 
     pub fn new(progress: &'a dyn Progress, input: &Input, total: u64) -> Self {
-        Self::named(progress, &input.name(), total)
+        let column_file = input.column_file.clone();
+        Self { column_file, ..Self::named(progress, &input.name(), total) }
     }
 
     pub fn named(progress: &'a dyn Progress, name: &str, total: u64) -> Self {
-        Self { progress, doing: format!("reading {name}"), done: AtomicU64::new(0), total }
+        let (doing, done) = (format!("reading {name}"), AtomicU64::new(0));
+        Self { progress, column_file: None, doing, done, total }
     }
 
     pub fn advance(&self, count: u64) -> Result<()> {
         let before = self.done.fetch_add(count, Ordering::Relaxed);
         let after = before + count;
         if before / Self::STEP != after / Self::STEP || before == 0 {
+            // Reading on is for nothing once a point is lost.
+            self.column_file.as_ref().map_or(Ok(()), |file| file.check())?;
             self.progress.tick(&self.doing, after.min(self.total), self.total)
         } else {
             Ok(())

@@ -4,7 +4,7 @@
 //! and octrees are read anew each time, by the code that fills whole columns in `las`, but into lanes
 //! one batch long: only a batch, a block and a compressed chunk per thread are in memory. Other
 //! formats derive their lattice from all points (`from_floats`), so [`open`] reads them through, and
-//! their source holds the columns of about a million points; those of more are in a temporary file.
+//! their source holds the columns of half a million points; those of more are in a temporary file.
 //! Notes and errors are those of [`super::read`]; [`Streamed`] has
 //! what only the points can tell. [`Source::stream_in_order`] gives batches in the file's order.
 
@@ -90,6 +90,9 @@ pub fn open(
 ) -> Result<Vec<Source>> {
     let (mut sources, mut plane) = (Vec::new(), None);
     let column_file = Arc::new(ColumnFile::new());
+    let interrupted = Arc::downgrade(&column_file);
+    let interrupt = move || interrupted.upgrade().iter().for_each(|file| file.interrupt());
+    progress.when_interrupted(Box::new(interrupt));
     for path in paths {
         let input = Input::open_slowly(path, progress)?.counting_to(options.rgb_range);
         if !octree::is_one(&input)? {

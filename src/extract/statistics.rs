@@ -298,9 +298,10 @@ fn read_ranges(
             (own.part.available, own.part.rgb_scale) = (streamed.available, streamed.rgb_scale);
             own.part.rgb.take_if(|_| !streamed.available.rgb);
         }
-        // What does not fit there is read again.
-        if kept.file.check().is_ok() {
-            kept.parts = blocks;
+        // What does not fit there is read again, and leaves the disk.
+        match kept.file.check() {
+            Ok(()) => kept.parts = blocks,
+            Err(_) => kept.file = ColumnFile::new(),
         }
         return Ok((ranges, notes, kept));
     }

@@ -89,17 +89,22 @@ impl Settings {
             PointSize::Pixels(pixels) => (pixels, 0.0),
             PointSize::Metres(metres) => (0.0, metres),
         };
-        // Who gives a size wants it nearby, too.
+        // A given size holds nearby, too. Another limit that was asked for stays.
         self.largest = match size {
-            PointSize::Auto => Settings::default().largest,
+            PointSize::Auto if self.largest == LARGEST_IN_METRES => Settings::default().largest,
+            PointSize::Auto => self.largest,
             PointSize::Pixels(pixels) => self.largest.max(pixels),
-            PointSize::Metres(_) => WIDEST,
+            PointSize::Metres(_) => self.largest.max(LARGEST_IN_METRES),
         };
     }
 }
 
 /// Largest diameter that can be asked for `[px]`.
 pub const WIDEST: f64 = 1024.0;
+
+/// Largest diameter of a size in metres by default `[px]`. Pieces of large pictures overlap by half of
+/// it, for every layer.
+const LARGEST_IN_METRES: f64 = 256.0;
 
 /// Depth of a paraboloid's rim behind its point `[radii]`.
 const BULGE: f64 = 1.0;

@@ -44,6 +44,8 @@ pub struct CloudUpload {
     axes: Axes,
     spacing_m: f64,
     points: u64,
+    /// Whether faces join the points of all parts.
+    faces: bool,
     /// Unit of the coordinates.
     unit: Unit,
     /// Cache of strokes that were found before.
@@ -66,7 +68,7 @@ struct Ready {
     rows: Box<dyn Rows>,
     /// Number of uploaded nodes.
     written: usize,
-    /// Whether faces join its points.
+    /// Whether faces join the points of all parts.
     faces: bool,
 }
 
@@ -99,6 +101,7 @@ impl CloudUpload {
             .then(|| Histograms::of(cloud.parts.iter().map(|part| &part.columns)));
         let parts = cloud.parts.iter().map(|part| (&part.header, part.lattice));
         let unit = Reference::of(parts).unit();
+        let faces = cloud::have_faces(cloud.parts.iter().map(|part| &part.header));
         let spacing_m = cloud::spacing::spacing(&cloud).unwrap_or(0.0);
         let axes = if shown.further.strokes { axes::of(&cloud.parts) } else { Axes::default() };
         let mut parts: VecDeque<(usize, Part)> = cloud.parts.into_iter().enumerate().collect();
@@ -112,6 +115,7 @@ impl CloudUpload {
             balance,
             axes,
             points,
+            faces,
             found,
             parts,
             ready: VecDeque::new(),
@@ -180,7 +184,7 @@ impl CloudUpload {
         };
         let omitted = shown.omits_stations(&stations);
         let stations = (&self.stations[stations.clone()], stations.start);
-        let Part { columns, lattice, header, .. } = part;
+        let Part { columns, lattice, .. } = part;
         let words = |columns: &Columns, points: Range<usize>, rows: &mut [Row<N>]| {
             let from = (columns, &lattice);
             shown.write_words(from, stations, points.clone(), rows, PLACE_WORDS);
@@ -218,7 +222,7 @@ impl CloudUpload {
             framed,
             rows: Box::new(partition),
             written: 0,
-            faces: header.faces,
+            faces: self.faces,
         })
     }
 

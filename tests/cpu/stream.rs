@@ -585,7 +585,7 @@ fn scans_of_an_e57_file_that_are_too_large_for_memory_stream_the_points_that_are
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("large.e57");
     let mut file = E57Writer::from_file(&path, "file").unwrap();
-    // The first is held, the second waits in a file, and so does the third, for which no room is left.
+    // The first is held, the second waits in a file, and so does the third, as no room is left.
     for (scan, points) in [(0, 400_000), (1, 800_000), (2, 300_000)] {
         let prototype = vec![
             Record::CARTESIAN_X_F64,

@@ -300,7 +300,9 @@ fn points_that_are_drawn_narrower_than_asked_for_are_said() {
     assert!(!said.contains("at most"), "{said}");
     assert_ne!(narrow.pixels, read_png(&desk.at("drawn.png")).pixels);
     let said = desk.types(&line.replace("10m", "10km"));
-    assert!(said.contains("at most 1024 px wide"), "{said}");
+    assert!(said.contains("at most 256 px wide") && said.contains("largest=1024"), "{said}");
+    let most = line.replace("10m", "10km --effect splat=on,largest=1024");
+    let said = desk.types(&most);
     assert!(said.contains("a smaller --point-size") && !said.contains("largest="), "{said}");
     // Centimetres are a unit.
     let same = ["0.5m", "50cm"].map(|size| desk.draws(&format!("--point-size {size}")).pixels);

@@ -62,9 +62,7 @@ impl Plane {
         let [east, north] = self.metres_per_degree;
         [self.longitude + place.x / east, self.latitude + place.y / north]
     }
-}
 
-impl Plane {
     /// Says what coordinates on the plane are.
     pub fn words(&self) -> String {
         let Plane { longitude, latitude, .. } = self;
