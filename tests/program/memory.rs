@@ -196,7 +196,7 @@ fn memory_that_runs_out_leaves_no_partial_file() {
             }
             assert_eq!(ended.status.code(), Some(1), "{command}, {mebibytes} MiB: {said}");
             assert!(said.contains("pointillist: "), "{command}, {mebibytes} MiB: {said}");
-            ran_out += said.contains("stopped where memory ran out") as u64;
+            ran_out += said.contains("pointillist: aborted") as u64;
             assert_eq!(crate::files::names(folder.path()), ["some.las"], "{said}");
         }
         println!("{command}: memory ran out {ran_out} times");
