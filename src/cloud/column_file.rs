@@ -3,11 +3,12 @@
 //! The file is made when the first points no longer fit, in the system's folder of temporary files,
 //! and the system removes it with the process.
 
+use crate::atomic_file::temporary_file;
 use crate::error::{Error, Result};
 use bytemuck::Pod;
-use std::fs::File;
+use std::fs::{File, OpenOptions};
 use std::io;
-use std::os::unix::fs::FileExt;
+use std::os::unix::fs::{FileExt, OpenOptionsExt};
 use std::sync::OnceLock;
 use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering::Relaxed};
 
@@ -28,11 +29,11 @@ pub struct ColumnFile {
     is_interrupted: AtomicBool,
 }
 
-/// A failed operation on the file.
+/// A failed operation on the file, with the system's error number.
 #[derive(Clone, Copy, Debug)]
 struct Failure {
     doing: &'static str,
-    kind: io::ErrorKind,
+    number: i32,
 }
 
 impl ColumnFile {
@@ -70,8 +71,7 @@ impl ColumnFile {
         let bytes: &[u8] = bytemuck::cast_slice(column);
         let at = self.end.fetch_add(bytes.len() as u64, Relaxed);
         let written = self.file().and_then(|file| {
-            let failed = |source: io::Error| Failure { doing: "write", kind: source.kind() };
-            file.write_all_at(bytes, at).map_err(failed)
+            file.write_all_at(bytes, at).map_err(|source| Failure::of("write", &source))
         });
         written.unwrap_or_else(|why| {
             // The first one is told.
@@ -93,25 +93,47 @@ impl ColumnFile {
         let mut column = vec![T::zeroed(); points];
         let bytes = bytemuck::cast_slice_mut(&mut column);
         let read = self.file().and_then(|file| {
-            let failed = |source: io::Error| Failure { doing: "read", kind: source.kind() };
-            file.read_exact_at(bytes, at).map_err(failed)
+            file.read_exact_at(bytes, at).map_err(|source| Failure::of("read", &source))
         });
         read.map_err(Failure::error)?;
         Ok(column)
     }
 
     fn file(&self) -> std::result::Result<&File, Failure> {
-        let failed = |source: io::Error| Failure { doing: "create", kind: source.kind() };
-        self.file.get_or_init(|| tempfile::tempfile().map_err(failed)).as_ref().map_err(|why| *why)
+        let make = || unnamed().map_err(|source| Failure::of("create", &source));
+        self.file.get_or_init(make).as_ref().map_err(|failure| *failure)
     }
 }
 
+/// Creates a file without a name, where the file system has such files; else one whose name is
+/// removed at once.
+fn unnamed() -> io::Result<File> {
+    let folder = std::env::temp_dir();
+    let mut options = OpenOptions::new();
+    options.read(true).write(true).mode(0o600).custom_flags(libc::O_TMPFILE);
+    options.open(&folder).or_else(|_| {
+        temporary_file(&folder.join("pointillist-points")).map_err(|error| match error {
+            Error::Io { source, .. } => source,
+            other => io::Error::other(other),
+        })
+    })
+}
+
 impl Failure {
+    fn of(doing: &'static str, source: &io::Error) -> Failure {
+        Failure { doing, number: source.raw_os_error().unwrap_or(libc::EIO) }
+    }
+
     fn error(self) -> Error {
-        let advice = "set TMPDIR to a folder with room for points that do not fit into memory";
+        let source = io::Error::from_raw_os_error(self.number);
         let source = match self.doing {
-            "read" => self.kind.into(),
-            _ => io::Error::new(self.kind, format!("{}; {advice}", self.kind)),
+            "read" => source,
+            _ => io::Error::new(
+                source.kind(),
+                format!(
+                    "{source}; set TMPDIR to a folder with room for points that do not fit into memory"
+                ),
+            ),
         };
         Error::Io { doing: self.doing, path: std::env::temp_dir(), source }
     }
