@@ -219,7 +219,7 @@ impl Drop for Loader {
 
 struct Thread<P> {
     index: Arc<Index>,
-    /// Whether faces join the points of all files.
+    /// True if faces join the points of all files.
     faces: bool,
     shown: DisplayAttribute,
     queue: Arc<Queue<Box<dyn Destination>>>,

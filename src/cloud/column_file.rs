@@ -25,7 +25,7 @@ pub struct ColumnFile {
     room: AtomicUsize,
     /// Why a column could not be appended.
     failed: OnceLock<Failure>,
-    /// Whether the process is interrupted, so that nothing is read any more.
+    /// True if the process is interrupted, so that nothing is read any more.
     is_interrupted: AtomicBool,
 }
 

@@ -9,9 +9,9 @@ use crate::error::Result;
 /// How attributes of a file's points are converted.
 #[derive(Clone, Debug)]
 pub struct Attributes {
-    /// Whether any point has a colour that is not black.
+    /// True if any point has a colour that is not black.
     pub has_colors: bool,
-    /// Whether any point has a normal: zeros and NaN alone are none.
+    /// True if any point has a normal: zeros and NaN alone are none.
     pub has_normals: bool,
     pub rgb_scale: Scale,
     colors: Option<Conversion>,
@@ -151,7 +151,7 @@ impl Attributes {
     }
 }
 
-/// What decides how intensities are mapped.
+/// Findings that decide how intensities are mapped.
 struct SeenIntensities {
     /// Points without a finite one.
     undefined: usize,

@@ -72,7 +72,7 @@ impl ColorUnit {
 pub struct Point {
     pub position: [f64; 3],
     pub rgb: [u8; 3],
-    /// Whether a channel exceeded what `rgb` holds.
+    /// True if a channel exceeded what `rgb` holds.
     pub clamped: bool,
     pub color: [f32; 3],
     pub intensity: f32,
@@ -311,7 +311,7 @@ impl Floats {
             gps_time: self.gps_time.as_deref().map(|column| file.append(column)),
             scalars: self.scalars.iter().map(|own| file.append(&own.numbers)).collect(),
         };
-        // Later points are moved in smaller blocks.
+        // Frees the columns, since later blocks are smaller.
         fn clear<T>(column: &mut Option<Vec<T>>) {
             column.iter_mut().for_each(|column| *column = Vec::new());
         }
@@ -328,7 +328,7 @@ impl Floats {
         if let Some(spilled) = &mut self.spilled {
             spilled.blocks.push(Block { points, at, without: Vec::new() });
             spilled.points += points;
-            // From now on there is a file.
+            // Moves later points in smaller blocks, to the file that exists.
             spilled.limit = BLOCK;
         }
     }

@@ -384,7 +384,7 @@ pub struct Header {
     /// Whether the part holds the strays of a file, which are ignored by all statistics.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub strays: bool,
-    /// Whether the file joins its points by faces, so that they lie on surfaces.
+    /// True if faces join the points, so that they lie on surfaces.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub faces: bool,
     /// Names of scalars that can be read, as [`Scalar`] is written.

@@ -6,7 +6,7 @@
 use super::rgb_range::{By, OTHERWISE, RgbRange, Scale, UNIT_LIMIT, is_many, range_of};
 use rayon::prelude::*;
 
-/// What colours show of their range.
+/// Findings of colours that decide their range.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Seen {
     /// Points that are not black; NaN counts as coloured.
@@ -18,7 +18,7 @@ pub struct Seen {
     /// Points above fractions, and above bytes.
     above_unit: u64,
     above_bytes: u64,
-    /// Whether a channel is no integer.
+    /// True if a channel is no integer.
     fractions: bool,
 }
 

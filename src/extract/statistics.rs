@@ -298,7 +298,7 @@ fn read_ranges(
             (own.part.available, own.part.rgb_scale) = (streamed.available, streamed.rgb_scale);
             own.part.rgb.take_if(|_| !streamed.available.rgb);
         }
-        // What does not fit there is read again, and leaves the disk.
+        // Drops points that do not fit there, which are then read again.
         match kept.file.check() {
             Ok(()) => kept.parts = blocks,
             Err(_) => kept.file = ColumnFile::new(),

@@ -44,7 +44,7 @@ pub struct CloudUpload {
     axes: Axes,
     spacing_m: f64,
     points: u64,
-    /// Whether faces join the points of all parts.
+    /// True if faces join the points of all parts.
     faces: bool,
     /// Unit of the coordinates.
     unit: Unit,
@@ -68,7 +68,7 @@ struct Ready {
     rows: Box<dyn Rows>,
     /// Number of uploaded nodes.
     written: usize,
-    /// Whether faces join the points of all parts.
+    /// True if faces join the points of all parts.
     faces: bool,
 }
 

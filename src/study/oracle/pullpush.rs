@@ -22,7 +22,7 @@ const OWN: f64 = 0.2;
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Pixel {
     pub depth: Option<f64>,
-    /// Whether the kernels certainly have the same, within [`BAND`].
+    /// True if the kernels certainly have the same, within [`BAND`].
     pub sure: bool,
 }
 
