@@ -36,7 +36,7 @@ use crate::index::Arrangement;
 use crate::index::build::pack::Frame;
 use crate::index::format::Axes;
 use crate::index::format::Balance;
-use crate::index::format::scatter::Clump;
+use crate::index::format::scatter::{Clump, POINTS_PER_CLUMP};
 use crate::index::format::shadow_file::ShadowContents;
 use crate::progress::Progress;
 use crate::select::clip::{Clips, Left};
@@ -101,10 +101,25 @@ impl ResidentNode {
         (a.min(b), a.max(b))
     }
 
+    /// Returns the numbers of points and the boxes of its clumps, in the coordinates of views.
+    pub fn boxed_clumps(&self) -> impl Iterator<Item = (u64, (DVec3, DVec3))> {
+        let (origin, cell) = (self.lattice.world(self.frame.origin), self.clump_cell());
+        (0..).zip(self.clumps.iter()).map(move |(k, clump)| {
+            let (least, most) = clump.bounds();
+            let (a, b) = (origin + least * cell, origin + most * cell);
+            let left = (self.count as u64).saturating_sub(k * POINTS_PER_CLUMP as u64);
+            (left.min(POINTS_PER_CLUMP as u64), self.map.bounds((a.min(b), a.max(b))))
+        })
+    }
+
+    /// Returns the sides of the cells that clumps are measured in `[m]`.
+    fn clump_cell(&self) -> DVec3 {
+        self.lattice.step * crate::select::lod::cell_steps(&self.frame, 1)
+    }
+
     /// Returns beyond which edges of a window its points may lie: left, right, upper, lower.
     pub fn crosses(&self, view: &View) -> [bool; 4] {
-        let origin = self.lattice.world(self.frame.origin);
-        let cell = self.lattice.step * crate::select::lod::cell_steps(&self.frame, 1);
+        let (origin, cell) = (self.lattice.world(self.frame.origin), self.clump_cell());
         let clump = |clump: &Clump| {
             view.crossed(|normal| {
                 let normal = self.map.pulled(normal);

@@ -4,6 +4,7 @@
 use super::{Resident, ResidentNode, either};
 use crate::index::format::scatter::{AROUND, POINTS_PER_CLUMP};
 use crate::view::{Projection, View};
+use glam::DVec3;
 
 /// Density of a view, from its visible nodes.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -42,7 +43,10 @@ impl PointDensity {
             finest_m: seen.iter().map(|node| node.pixel_m).reduce(f64::min).unwrap_or(0.0),
             density: weighted_median(number(density)),
             scattered: scattered(resident, view),
-            apart_px: quantile(seen.iter().map(|node| (node.apart, node.covered)).collect(), 0.9),
+            apart_px: quantile(
+                resident.seen(view).flat_map(|(depths, node)| apart(view, depths, node)).collect(),
+                0.9,
+            ),
             crossed: resident
                 .seen(view)
                 .map(|(_, node)| node.crosses(view))
@@ -74,31 +78,57 @@ fn scattered(resident: &Resident, view: &View) -> f64 {
     points[1] as f64 / (points[0] + points[1]).max(1) as f64
 }
 
+/// Returns the point spacing on the screen and the covered area `[px]` of a node, or of its clumps
+/// where it is both near and far.
+fn apart(view: &View, depths: (f64, f64), node: &ResidentNode) -> Vec<(f64, f64)> {
+    let spacing = node.spacing();
+    let of = |count, depths, bounds| {
+        let pixel_m = pixel_m(view, depths);
+        let covered = covered_m2(view, count, spacing, bounds) / (pixel_m * pixel_m);
+        (pixel_m > 0.0).then_some((spacing / pixel_m, covered))
+    };
+    let has_one_size =
+        view.camera.projection == Projection::Orthographic || depths.1 <= 2.0 * depths.0;
+    if has_one_size {
+        return Vec::from_iter(of(node.count as u64, depths, node.bounds()));
+    }
+    node.boxed_clumps()
+        .filter_map(|(count, bounds)| of(count, view.depths(bounds)?, bounds))
+        .collect()
+}
+
+/// Returns the pixel size at the middle of a range of depths `[m]`.
+fn pixel_m(view: &View, (near, far): (f64, f64)) -> f64 {
+    match view.camera.projection {
+        Projection::Perspective => (near + far) / 2.0 / view.focal_px(),
+        Projection::Orthographic => 1.0 / view.focal_px(),
+    }
+}
+
+/// Returns how much points cover `[m2]`: as much as their spacing implies, but no more than their
+/// box, since in a tree many points lie behind each other.
+fn covered_m2(view: &View, count: u64, spacing: f64, (min, max): (DVec3, DVec3)) -> f64 {
+    let (way, extent) = (view.basis.forward.abs(), max - min);
+    let faces =
+        extent.x * extent.y * way.z + extent.y * extent.z * way.x + extent.z * extent.x * way.y;
+    (count as f64 * spacing * spacing).min(faces)
+}
+
 /// A node as seen at its centre.
 struct Node {
     count: u64,
     /// Metres.
     pixel_m: f64,
-    /// Point spacing `[px]`.
-    apart: f64,
     /// Pixels.
     covered: f64,
 }
 
 impl Node {
-    /// Measures a node. Its points cover as much as their spacing implies, but no more than the
-    /// box: in a tree many points lie behind each other.
-    fn of(view: &View, (near, far): (f64, f64), node: &ResidentNode) -> Node {
-        let pixel_m = match view.camera.projection {
-            Projection::Perspective => (near + far) / 2.0 / view.focal_px(),
-            Projection::Orthographic => 1.0 / view.focal_px(),
-        };
-        let spacing = node.spacing();
-        let (way, extent) = (view.basis.forward.abs(), node.bounds().1 - node.bounds().0);
-        let faces =
-            extent.x * extent.y * way.z + extent.y * extent.z * way.x + extent.z * extent.x * way.y;
-        let covered = (node.count as f64 * spacing * spacing).min(faces) / (pixel_m * pixel_m);
-        Node { count: node.count as u64, pixel_m, apart: spacing / pixel_m, covered }
+    /// Measures a node.
+    fn of(view: &View, depths: (f64, f64), node: &ResidentNode) -> Node {
+        let (count, pixel_m) = (node.count as u64, pixel_m(view, depths));
+        let covered = covered_m2(view, count, node.spacing(), node.bounds());
+        Node { count, pixel_m, covered: covered / (pixel_m * pixel_m) }
     }
 }
 

@@ -47,6 +47,13 @@ impl Clump {
         self.scatter >= SCATTERED
     }
 
+    /// Returns the corners of the box of its points, from the node's origin [cells].
+    pub fn bounds(&self) -> (DVec3, DVec3) {
+        let most = [1, 3, 9].map(|digit| self.reach[SIGNS / 2 + digit] as f64);
+        let least = [1, 3, 9].map(|digit| -self.reach[SIGNS / 2 - digit] as f64);
+        (least.into(), most.into())
+    }
+
     /// Returns how far its points reach along a direction, at most, given that in cells. The
     /// direction is a sum of three with signs alone: of its longest axis, of its two longest, of
     /// all.

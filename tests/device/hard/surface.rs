@@ -186,6 +186,27 @@ fn hard_07_sparse_sheets_are_closed_at_any_size_and_end_before_the_edges() {
     }
 }
 
+/// Ground of one node that leads from below the camera to where its points are a pixel apart is
+/// closed near the camera, too, where they are twenty times as far apart.
+#[test]
+fn hard_07_ground_is_closed_from_near_to_far() {
+    let random = &mut Random(0x6E0D);
+    // One point in each square of 0.3 m.
+    let squares = (-33..333).flat_map(|y| (-66..66).map(move |x| [x, y]));
+    let mut within = |cell: i32| 300 * cell + random.within(0.0, 300.0) as i32;
+    let points: Vec<[i32; 3]> = squares.map(|[x, y]| [within(x), within(y), 0]).collect();
+    let lattice = Lattice { step: DVec3::splat(0.001), offset: DVec3::ZERO };
+    let cloud = cloud(vec![part(lattice, &points, None)]);
+    let eye = DVec3::new(0.0, 0.0, 1.7);
+    let view = View::new(perspective(eye, eye + DVec3::new(0.0, 5.0, -1.7), 60.0), [320, 180]);
+    let layers = draw(Way::Compute64, &cloud, &view.unwrap(), &RenderSettings::default());
+    // All rays of this part meet the ground within its sides.
+    let below = layers.depth[90 * 320..].iter();
+    let open = below.filter(|depth| !depth.is_finite()).count();
+    println!("{open} of {} pixels of the ground are open", 90 * 320);
+    assert!(open == 0, "{open} pixels are open");
+}
+
 /// A wall of random points rises towards the camera as it leads away from a much nearer thing. By
 /// the paper's measure points beside the contour have no cone to either side, and half of them are
 /// lost. The points behind the nearer thing are hidden all the same.
