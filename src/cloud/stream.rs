@@ -383,6 +383,7 @@ impl Source {
             sink: if is_sequence { &settled } else { sink },
             available: self.available(),
             records: self.las().is_some_and(|las| las.keeps_records),
+            most: BATCH.min(usize::try_from(self.points()).unwrap_or(BATCH)),
             spare: Mutex::default(),
             sum: Mutex::default(),
         };
@@ -490,6 +491,8 @@ struct Desk<'a> {
     available: ColumnSet,
     /// Whether batches have LAS records.
     records: bool,
+    /// Most points of a batch, by the header.
+    most: usize,
     /// Spare columns and records, as many as batches existed at a time.
     spare: Mutex<Vec<(Columns, Vec<u8>)>>,
     sum: Mutex<Sum>,
@@ -509,7 +512,7 @@ impl Desk<'_> {
 
     fn lend(&self) -> (Columns, Vec<u8>) {
         let spare = self.spare.lock().unwrap_or_else(|poisoned| poisoned.into_inner()).pop();
-        spare.unwrap_or_else(|| (records::zeros(BATCH, self.available), Vec::new()))
+        spare.unwrap_or_else(|| (records::zeros(self.most, self.available), Vec::new()))
     }
 
     fn take_back(&self, columns: Columns, records: Vec<u8>) {
