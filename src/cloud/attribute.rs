@@ -568,26 +568,24 @@ impl DisplayAttribute {
         if !self.attribute.is_number() {
             return [0, 255];
         }
-        let mut counts = vec![0u64; 1 << 16];
-        for part in &cloud.parts {
-            let zero = || vec![0u64; 1 << 16];
-            let add = |mut a: Vec<u64>, b: Vec<u64>| {
-                a.iter_mut().zip(b).for_each(|(a, b)| *a += b);
-                a
-            };
+        let add = |mut a: Vec<u64>, b: Vec<u64>| {
+            a.iter_mut().zip(b).for_each(|(a, b)| *a += b);
+            a
+        };
+        let of_part = |part: &Part| {
             let chunk = part.columns.len().div_ceil(rayon::current_num_threads()).max(1);
-            let own = (0..part.columns.len().div_ceil(chunk))
+            (0..part.columns.len().div_ceil(chunk))
                 .into_par_iter()
                 .map(|k| {
-                    let mut counts = zero();
+                    let mut counts = vec![0u64; 1 << 16];
                     (k * chunk..part.columns.len().min((k + 1) * chunk))
                         .for_each(|i| counts[self.word(part, i) as usize & 0xFFFF] += 1);
                     counts
                 })
-                .reduce(zero, add);
-            counts = add(counts, own);
-        }
-        percentiles(&counts)
+                .reduce_with(add)
+        };
+        let counts = cloud.parts.iter().filter_map(of_part).reduce(add);
+        counts.map_or([0, 0], |counts| percentiles(&counts))
     }
 }
 

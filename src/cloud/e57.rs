@@ -70,7 +70,8 @@ pub fn read(
             ..Header::default()
         };
         let unit = ColorUnit::Limits(found.color_limits);
-        let own = found.floats.into_parts(input, header, unit, found.intensity_limits, notes)?;
+        let limits = found.intensity_limits;
+        let own = found.floats.into_parts(input, header, unit, limits, progress, notes)?;
         if options.strict && own[0].part.rgb_scale.by == By::Values {
             return Err(input.wrong(format!(
                 "scan \"{name}\" declares colour limits that its points do not have"

@@ -1,7 +1,7 @@
 //! Conversion of attributes that formats store as numbers of any range: colours to 8 bits,
 //! intensities to 16. All points decide together how each is converted.
 
-use super::floats::{ColorUnit, Floats};
+use super::floats::{ColorUnit, Watched};
 use super::rgb_conversion::{self, Conversion};
 use super::rgb_range::{By, RgbRange, Scale};
 use crate::error::Result;
@@ -36,13 +36,13 @@ impl Attributes {
     /// Decides by all points. `asked` is the user's range of colours, `limits` the file's of
     /// intensities.
     pub fn of(
-        floats: &Floats,
-        name: &str,
+        floats: &Watched,
         unit: ColorUnit,
         asked: Option<RgbRange>,
         limits: Option<[f64; 2]>,
         notes: &mut Vec<String>,
     ) -> Result<Attributes> {
+        let name = floats.name;
         let mut attributes = Attributes {
             has_colors: false,
             has_normals: false,

@@ -7,12 +7,14 @@
 use super::ColumnSet;
 use super::axis::Axis;
 use super::column_file::ColumnFile;
-use super::input::Input;
+use super::input::{Input, Meter};
 use super::scalar::{Scalar, ScalarColumn};
 use crate::error::Result;
+use crate::progress::Progress;
 use bytemuck::Pod;
 use rayon::prelude::*;
 use std::borrow::Cow;
+use std::ops::Deref;
 use std::sync::Arc;
 
 /// Points as read. Present columns have the length of `x`.
@@ -377,6 +379,12 @@ impl Floats {
         self.spilled.as_ref().map_or(1, |spilled| spilled.blocks.len())
     }
 
+    /// Returns the number of points of a block.
+    fn points_of(&self, block: usize) -> u64 {
+        let spilled = self.spilled.as_ref().map(|spilled| spilled.blocks[block].len());
+        spilled.unwrap_or(self.len()) as u64
+    }
+
     /// Returns what is read from a block, or is in memory.
     fn some_of<'f, T: ToOwned + ?Sized>(
         &'f self,
@@ -439,42 +447,75 @@ impl Floats {
         Ok([x?, y?, z?])
     }
 
-    /// Reads all columns of a block.
-    pub(super) fn block_of(&self, file: &ColumnFile, block: &Block) -> Result<Floats> {
+    /// Reads the wanted columns of a block.
+    pub(super) fn block_of(
+        &self,
+        file: &ColumnFile,
+        block: &Block,
+        wanted: ColumnSet,
+    ) -> Result<Floats> {
         let At { rgb, color, intensity, class, normal, returns, source, gps_time, .. } = block.at;
         let scalar = |(own, at): (&ScalarColumn, &u64)| {
             Ok(ScalarColumn { numbers: block.read(file, *at)?, ..*own })
         };
+        let scalars = self.scalars.iter().zip(&block.at.scalars);
         Ok(Floats {
             axes: self.axes_of(file, block)?,
-            rgb: block.some(file, rgb)?,
-            color: block.some(file, color)?,
-            intensity: block.some(file, intensity)?,
-            class: block.some(file, class)?,
-            normal: block.some(file, normal)?,
-            returns: block.some(file, returns)?,
-            source: block.some(file, source)?,
-            gps_time: block.some(file, gps_time)?,
-            scalars: self
-                .scalars
-                .iter()
-                .zip(&block.at.scalars)
+            rgb: block.some(file, rgb.filter(|_| wanted.rgb))?,
+            color: block.some(file, color.filter(|_| wanted.rgb))?,
+            intensity: block.some(file, intensity.filter(|_| wanted.intensity))?,
+            class: block.some(file, class.filter(|_| wanted.class))?,
+            normal: block.some(file, normal.filter(|_| wanted.normal))?,
+            returns: block.some(file, returns.filter(|_| wanted.returns))?,
+            source: block.some(file, source.filter(|_| wanted.source))?,
+            gps_time: block.some(file, gps_time.filter(|_| wanted.gps_time))?,
+            scalars: scalars
+                .filter(|(own, _)| wanted.scalars.has(own.scalar))
                 .map(scalar)
                 .collect::<Result<_>>()?,
             spilled: None,
             ..*self
         })
     }
+}
 
+/// Points as read, and where it is told how many of them were looked at again.
+pub struct Watched<'f> {
+    pub floats: &'f Floats,
+    /// Name of the file.
+    pub name: &'f str,
+    pub progress: &'f dyn Progress,
+}
+
+impl Deref for Watched<'_> {
+    type Target = Floats;
+
+    fn deref(&self) -> &Floats {
+        self.floats
+    }
+}
+
+impl Watched<'_> {
     /// Maps every block on all threads, and joins what that gives.
     pub fn fold<T: Send>(
         &self,
         map: impl Fn(usize) -> Result<T> + Sync + Send,
         join: impl Fn(T, T) -> T + Sync + Send,
     ) -> Result<T> {
+        let meter = once_more(self.name, self.progress, self.len());
+        let map = |block: usize| {
+            let mapped = map(block)?;
+            meter.advance(self.points_of(block))?;
+            Ok(mapped)
+        };
         let all = (0..self.blocks()).into_par_iter().map(map);
         all.try_reduce_with(|a, b| Ok(join(a, b))).expect("there is a block")
     }
+}
+
+/// Returns the progress of looking at points that were read before.
+pub(super) fn once_more<'p>(name: &str, progress: &'p dyn Progress, points: usize) -> Meter<'p> {
+    Meter::named(progress, &format!("{name} once more"), points as u64)
 }
 
 /// Points that are moved to the temporary file together, about.

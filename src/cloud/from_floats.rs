@@ -10,11 +10,13 @@ use super::axis::Axis;
 use super::crs::Crs;
 use super::digits::number;
 use super::float_attributes::Attributes;
-use super::floats::{Block, ColorUnit, Floats};
+use super::floats::{Block, ColorUnit, Floats, Watched, once_more};
 use super::input::Input;
+use super::scalar::Scalars;
 use super::strays::{Places, RobustBounds, tasks};
 use super::{ColumnSet, Columns, Header, Lattice, Part};
 use crate::error::{Error, Result};
+use crate::progress::Progress;
 use glam::DVec3;
 use rayon::prelude::*;
 use std::ops::Range;
@@ -30,6 +32,7 @@ impl Floats {
         header: Header,
         unit: ColorUnit,
         limits: Option<[f64; 2]>,
+        progress: &dyn Progress,
         notes: &mut Vec<String>,
     ) -> Result<Vec<ReadPart>> {
         let floats = self.settle()?;
@@ -42,23 +45,26 @@ impl Floats {
         }
         let header = Header { columns: floats.there, ..header };
         let is_angular = Crs::of(&header).is_some_and(|system| system.degrees.is_some());
-        let attributes = Attributes::of(&floats, &name, unit, input.rgb_range, limits, notes)?;
-        let (core, mut rounded) = (RobustBounds::among(&floats)?, None);
+        let watched = Watched { floats: &floats, name: &name, progress };
+        let attributes = Attributes::of(&watched, unit, input.rgb_range, limits, notes)?;
+        let (core, mut rounded) = (RobustBounds::among(&watched)?, None);
         let (floats, strays) = match core {
             None => (floats, None),
             Some(core) => {
-                let (floats, strays) = floats.split(core)?;
+                let (floats, strays) = floats.split(core, &name, progress)?;
                 (floats, Some(strays))
             }
         };
         let (mut parts, has_intensities) = (Vec::new(), floats.intensity.is_some());
         for (floats, strays) in [(Some(floats), false), (strays, true)] {
             let Some(floats) = floats else { continue };
-            let extent = extent(&floats, is_angular, strays)?;
+            let watched = Watched { floats: &floats, name: &name, progress };
+            let extent = extent(&watched, is_angular, strays)?;
             if !strays && extent.rounds[2] {
                 rounded = Some(extent.step[2]);
             }
-            let Placed { lattice, columns, on_disk } = floats.placed(&extent, &attributes)?;
+            let Placed { lattice, columns, on_disk } =
+                floats.placed(&extent, &attributes, &name, progress)?;
             let part = Part {
                 path: input.path.clone(),
                 name: None,
@@ -80,30 +86,44 @@ impl Floats {
     }
 
     /// Separates the points outside of a box.
-    fn split(mut self, core: RobustBounds) -> Result<(Floats, Floats)> {
+    fn split(
+        mut self,
+        core: RobustBounds,
+        name: &str,
+        progress: &dyn Progress,
+    ) -> Result<(Floats, Floats)> {
         let divide = |axes: &[Axis; 3]| -> (Vec<u32>, Vec<u32>) {
             (0..axes[0].len() as u32).partition(|&i| core.has(place(axes, i as usize)))
         };
+        let meter = once_more(name, progress, self.len());
         let Some(mut spilled) = self.spilled.take() else {
             let (inside, strays) = divide(&self.axes);
             return Ok((self.pick(&inside), self.pick(&strays)));
         };
         let (file, mut strays) = (&spilled.file, self.clone());
+        let wanted = ColumnSet { scalars: Scalars::ALL, ..ColumnSet::ALL };
         // Strays are few.
         for block in &mut spilled.blocks {
             let (_, outside) = divide(&self.axes_of(file, block)?);
             if !outside.is_empty() {
-                strays.append(self.block_of(file, block)?.pick(&outside));
+                strays.append(self.block_of(file, block, wanted)?.pick(&outside));
                 spilled.points -= outside.len();
                 block.without = outside;
             }
+            meter.advance(block.len() as u64)?;
         }
         self.spilled = Some(spilled);
         Ok((self, strays))
     }
 
     /// Puts the points on a lattice.
-    fn placed(self, extent: &Extent, attributes: &Attributes) -> Result<Placed> {
+    fn placed(
+        self,
+        extent: &Extent,
+        attributes: &Attributes,
+        name: &str,
+        progress: &dyn Progress,
+    ) -> Result<Placed> {
         let Extent { offset, step, .. } = *extent;
         let lattice = |shift: u32| Lattice {
             step: DVec3::from_array(step) * (1u32 << shift) as f64,
@@ -125,7 +145,8 @@ impl Floats {
             };
             Ok(Occurred::of(&columns))
         };
-        let occurred = self.fold(occurred, Occurred::join)?;
+        let watched = Watched { floats: &self, name, progress };
+        let occurred = watched.fold(occurred, Occurred::join)?;
         let shift = occurred.shift();
         let bounds = occurred.bounds.map(|ends| ends.map(|end| end.map(|q| q >> shift)));
         let on_disk =
@@ -208,7 +229,7 @@ impl OnDisk {
     pub fn every(&self, most: usize) -> Result<Vec<[i32; 3]>> {
         let (every, mut next, mut steps) = (self.len().div_ceil(most).max(1), 0, Vec::new());
         for (block, first) in self.firsts().into_iter().enumerate() {
-            let columns = self.columns(block)?;
+            let columns = self.columns(block, ColumnSet::default())?;
             let Columns { x, y, z, .. } = &columns;
             while next < first as usize + columns.len() {
                 let i = next - first as usize;
@@ -219,30 +240,34 @@ impl OnDisk {
         Ok(steps)
     }
 
-    /// Returns the points of a block.
-    pub fn columns(&self, block: usize) -> Result<Columns> {
+    /// Returns the points of a block with the wanted columns.
+    pub fn columns(&self, block: usize, wanted: ColumnSet) -> Result<Columns> {
         let OnDisk { floats, attributes, offset, step, shift, .. } = self;
         let Some(spilled) = &floats.spilled else { return Ok(Columns::default()) };
-        let floats = floats.block_of(&spilled.file, &spilled.blocks[block])?;
+        let floats = floats.block_of(&spilled.file, &spilled.blocks[block], wanted)?;
         let mut columns = floats.columns(attributes, *offset, *step);
         shift_right(&mut columns, *shift);
         Ok(columns)
     }
 
-    /// Returns the columns of all blocks.
-    pub fn available(&self) -> ColumnSet {
+    /// Returns the wanted columns of all blocks.
+    pub fn available(&self, wanted: ColumnSet) -> ColumnSet {
         let Floats {
             rgb, color, intensity, class, normal, returns, source, gps_time, scalars, ..
         } = &self.floats;
         ColumnSet {
-            rgb: (rgb.is_some() || color.is_some()) && self.attributes.has_colors,
-            intensity: intensity.is_some(),
-            class: class.is_some(),
-            returns: returns.is_some(),
-            source: source.is_some(),
-            normal: normal.is_some() && self.attributes.has_normals,
-            gps_time: gps_time.is_some(),
-            scalars: scalars.iter().map(|own| own.scalar).collect(),
+            rgb: wanted.rgb && (rgb.is_some() || color.is_some()) && self.attributes.has_colors,
+            intensity: wanted.intensity && intensity.is_some(),
+            class: wanted.class && class.is_some(),
+            returns: wanted.returns && returns.is_some(),
+            source: wanted.source && source.is_some(),
+            normal: wanted.normal && normal.is_some() && self.attributes.has_normals,
+            gps_time: wanted.gps_time && gps_time.is_some(),
+            scalars: scalars
+                .iter()
+                .map(|own| own.scalar)
+                .filter(|scalar| wanted.scalars.has(*scalar))
+                .collect(),
         }
     }
 }
@@ -298,7 +323,7 @@ fn place(axes: &[Axis; 3], i: usize) -> DVec3 {
     DVec3::from_array(axes.each_ref().map(|axis| axis.at(i)))
 }
 
-impl Places for Floats {
+impl Places for Watched<'_> {
     type Error = Error;
 
     fn count(&self) -> usize {
@@ -320,7 +345,7 @@ impl Places for Floats {
             };
             Ok(tasks(axes[0].len()).map(of_range).reduce(&empty, &join))
         };
-        Floats::fold(self, of_block, &join)
+        Watched::fold(self, of_block, &join)
     }
 }
 
@@ -339,7 +364,7 @@ struct Extent {
 
 /// Returns the extent that decides the step. Angles are finer than the heights beside them. Strays
 /// count from the origin, and their lattice is as fine as their distance allows.
-fn extent(floats: &Floats, is_angular: bool, strays: bool) -> Result<Extent> {
+fn extent(floats: &Watched, is_angular: bool, strays: bool) -> Result<Extent> {
     let wider = |(a, b): (f64, f64), (lo, hi): (f64, f64)| (a.min(lo), b.max(hi));
     let range = |axis: usize| {
         let of_block = |block: usize| Ok(floats.axis(axis, block)?.range());
@@ -380,7 +405,7 @@ fn extent(floats: &Floats, is_angular: bool, strays: bool) -> Result<Extent> {
 }
 
 /// Tests whether all coordinates along some axes are multiples of a power of two.
-fn are_on(floats: &Floats, mut axes: Range<usize>, step: f64) -> Result<bool> {
+fn are_on(floats: &Watched, mut axes: Range<usize>, step: f64) -> Result<bool> {
     let is_off = AtomicBool::new(false);
     let is_on = |axis: usize| {
         let look = |block: usize| {
@@ -402,7 +427,7 @@ fn half_width(ranges: &[(f64, f64)]) -> f64 {
 
 /// Returns the last decimal digit of coordinates, if the width is less than 2^30 of it, and the
 /// farthest from 0 less than 2^53; `None` for `f32`.
-fn decimal_step(floats: &Floats, axes: Range<usize>, half: f64, far: f64) -> Result<Option<f64>> {
+fn decimal_step(floats: &Watched, axes: Range<usize>, half: f64, far: f64) -> Result<Option<f64>> {
     const MOST: i32 = 15;
     let fits = |digits: &i32| {
         let steps = 10f64.powi(*digits);

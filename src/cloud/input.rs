@@ -5,6 +5,7 @@
 //! Indexes, whose nodes are read again and again, are mapped; other files are read once.
 
 use super::column_file::ColumnFile;
+use super::encoding::Utf16;
 use super::mmap::{Map, read_some_at};
 use super::rgb_range::RgbRange;
 use crate::error::{Error, Result};
@@ -32,8 +33,9 @@ enum Contents {
     File(File),
     Mapped(Map),
     Remote(Arc<Object>),
-    /// Decoded bytes to read instead of the file's.
-    Made(Vec<u8>),
+    /// Bytes to read instead of a file's.
+    Made(Arc<[u8]>),
+    Utf16(Utf16),
 }
 
 /// Descriptions of clouds in several files, those of Potree 2 and EPT. A folder with one is opened by
@@ -165,17 +167,25 @@ impl Input {
             length: bytes.len() as u64,
             rgb_range: None,
             column_file: None,
-            contents: Contents::Made(bytes),
+            contents: Contents::Made(bytes.into()),
         }
     }
 
-    /// Returns the same file with other contents.
-    pub fn with(&self, bytes: Vec<u8>) -> Input {
-        Input {
-            rgb_range: self.rgb_range,
-            column_file: self.column_file.clone(),
-            ..Input::made(self.path.clone(), bytes)
-        }
+    /// Returns the same input once more.
+    pub fn again(&self) -> Result<Input> {
+        let contents = match &self.contents {
+            Contents::Remote(object) => Contents::Remote(object.clone()),
+            Contents::Made(bytes) => Contents::Made(bytes.clone()),
+            _ => Input::open(&self.path)?.contents,
+        };
+        let (path, column_file) = (self.path.clone(), self.column_file.clone());
+        Ok(Input { path, column_file, contents, ..*self })
+    }
+
+    /// Returns the same file as UTF-8 of this length.
+    pub fn decoded(&self, length: u64, text: Utf16) -> Input {
+        let (path, column_file) = (self.path.clone(), self.column_file.clone());
+        Input { path, length, column_file, contents: Contents::Utf16(text), ..*self }
     }
 
     /// Returns the input with the user's colour range.
@@ -298,6 +308,7 @@ impl Contents {
             Contents::File(file) => read_some_at(file, bytes, offset),
             Contents::Mapped(map) => map.read_some_at(bytes, offset),
             Contents::Remote(object) => object.read_at(offset, bytes).map_err(io::Error::other),
+            Contents::Utf16(text) => text.read_some_at(bytes, offset).map_err(io::Error::other),
             Contents::Made(made) => {
                 let rest = usize::try_from(offset)
                     .ok()

@@ -754,8 +754,10 @@ pub fn stations(part: &Part, index: usize) -> Vec<Station> {
             points: part.columns.len() as u64,
         }];
     };
+    // Ids are small, mostly.
+    let most = source.par_iter().copied().max().unwrap_or(0);
     let count = |ids: &[u16]| {
-        let mut counts = vec![0u64; 1 << 16];
+        let mut counts = vec![0u64; most as usize + 1];
         ids.iter().for_each(|&id| counts[id as usize] += 1);
         counts
     };

@@ -48,7 +48,7 @@ pub fn read(
         notes.push(format!("{}: {what}", input.name()));
     }
     let header = Header { format: "OBJ".into(), faces, ..Header::default() };
-    floats.into_parts(input, header, ColorUnit::Guess, None, notes)
+    floats.into_parts(input, header, ColorUnit::Guess, None, progress, notes)
 }
 
 /// Tests whether the letter before this was a keyword.

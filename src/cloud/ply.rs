@@ -78,9 +78,6 @@ pub fn read(
     let found = match (skip(input, &layout, &layout.elements[..index])?, vertex.record_bytes()) {
         _ if vertex.count == 0 => Found { floats: empty, records: 0 },
         (None, _) => Found { floats: empty, records: 0 },
-        (Some(at), _) if layout.coding == Coding::Ascii && layout.returns => {
-            returned(input, vertex, at, empty, progress)?
-        }
         (Some(at), _) if layout.coding == Coding::Ascii => {
             let decimal_comma = has_decimal_commas(&input.take(at, SAMPLE_BYTES)?, vertex);
             if decimal_comma {
@@ -120,7 +117,7 @@ pub fn read(
         facts: layout.comments.iter().map(|comment| ("comment".into(), comment.clone())).collect(),
         ..Header::default()
     };
-    found.floats.into_parts(input, header, unit, None, notes)
+    found.floats.into_parts(input, header, unit, None, progress, notes)
 }
 
 /// The constant spherical harmonic, 1 / (2 sqrt(pi)).
@@ -142,11 +139,7 @@ struct Found {
 fn skip(input: &Input, layout: &Layout, elements: &[Element]) -> Result<Option<u64>> {
     let mut at = layout.body_at;
     for element in elements {
-        if layout.coding == Coding::Ascii && layout.returns {
-            let lines = if element.properties.is_empty() { 0 } else { element.count };
-            let Some(next) = skip_returned(input, at, lines)? else { return Ok(None) };
-            at = next;
-        } else if layout.coding == Coding::Ascii {
+        if layout.coding == Coding::Ascii {
             let (next, lines) = text::skip_lines(
                 input,
                 at,
@@ -227,51 +220,6 @@ fn ascii(
         records += its_records;
     })?;
     Ok(Found { floats, records })
-}
-
-/// Returns where the line after `count` non-blank ones begins, for lines that end in CR alone;
-/// `None` if there are fewer. Such files are old and small, and are held whole.
-fn skip_returned(input: &Input, at: u64, count: u64) -> Result<Option<u64>> {
-    let bytes = input.take(at, u64::MAX)?;
-    let lines = bytes.split_inclusive(|byte| matches!(byte, b'\r' | b'\n'));
-    let (mut seen, mut end) = (0, at);
-    for line in lines {
-        if seen == count {
-            break;
-        }
-        end += line.len() as u64;
-        seen += !line.trim_ascii().is_empty() as u64;
-    }
-    Ok((seen == count).then_some(end))
-}
-
-fn returned(
-    input: &Input,
-    vertex: &Element,
-    at: u64,
-    empty: Floats,
-    progress: &dyn Progress,
-) -> Result<Found> {
-    let splats = vertex.is_splats();
-    let meter = Meter::new(progress, input, vertex.count);
-    let bytes = input.take(at, u64::MAX)?;
-    let mut found = Found { floats: empty.spilling(input), records: 0 };
-    let lines = bytes
-        .split(|byte| matches!(byte, b'\r' | b'\n'))
-        .filter(|line| !line.trim_ascii().is_empty());
-    for line in lines.take(vertex.count.try_into().unwrap_or(usize::MAX)) {
-        let mut point = found.floats.point();
-        if header::parse_line(line, &vertex.properties, false, |role, value| {
-            set(&mut point, role, value, splats)
-        })
-        .is_some()
-        {
-            found.floats.push(&point);
-            found.records += 1;
-        }
-        meter.advance(1)?;
-    }
-    Ok(found)
 }
 
 fn fixed(

@@ -5,6 +5,7 @@ use super::input::Input;
 use super::strays::Kept;
 use super::{Cloud, ColumnSet, Columns, Header, Lattice, Part, las, rgb_range, stations};
 use crate::error::{Error, Result};
+use crate::progress::Silent;
 use glam::DVec3;
 use std::path::PathBuf;
 
@@ -90,7 +91,8 @@ impl Cloud {
                 floats.reserve(count);
                 (0..count).for_each(|i| floats.push(&point(points, i)));
                 let notes = &mut cloud.notes;
-                let parts = floats.into_parts(&input, header, ColorUnit::Fields, None, notes)?;
+                let unit = ColorUnit::Fields;
+                let parts = floats.into_parts(&input, header, unit, None, &Silent, notes)?;
                 parts.into_iter().map(|own| own.part).collect()
             }
         };

@@ -130,8 +130,8 @@ fn scans(
             ),
         ];
         let header = Header { format: "PTX".into(), facts, ..Header::default() };
-        let own =
-            scan.floats.into_parts(input, header, ColorUnit::Guess, Some([0.0, 1.0]), notes)?;
+        let (unit, limits) = (ColorUnit::Guess, Some([0.0, 1.0]));
+        let own = scan.floats.into_parts(input, header, unit, limits, progress, notes)?;
         parts.extend(own.into_iter().map(|part| part.named(&name)));
     }
 }

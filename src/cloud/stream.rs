@@ -46,8 +46,8 @@ enum Contents {
         length: u64,
     },
     Part(Box<Part>),
-    /// A part whose columns are in a temporary file.
-    OnDisk(Box<Part>, Arc<OnDisk>),
+    /// A part whose columns are in a temporary file, and those of them that are read.
+    OnDisk(Box<Part>, Arc<OnDisk>, ColumnSet),
 }
 
 /// A batch of a source's points.
@@ -113,7 +113,7 @@ pub fn open(
                 let part = Box::new(part);
                 push(match on_disk {
                     None => Contents::Part(part),
-                    Some(points) => Contents::OnDisk(part, points),
+                    Some(points) => Contents::OnDisk(part, points, options.wanted),
                 })?;
             }
         }
@@ -164,7 +164,7 @@ impl Source {
                 part.look_around();
                 (part.lattice, part.title(), &mut part.header)
             }
-            Contents::OnDisk(part, points) => {
+            Contents::OnDisk(part, points, _) => {
                 if part.header.lacks_sample() {
                     part.header.sample = part.sample(points.every(SAMPLE)?.into_iter());
                 }
@@ -207,7 +207,7 @@ impl Source {
     pub fn name(&self) -> Option<&str> {
         match &self.contents {
             Contents::Las { .. } => None,
-            Contents::Part(part) | Contents::OnDisk(part, _) => part.name.as_deref(),
+            Contents::Part(part) | Contents::OnDisk(part, ..) => part.name.as_deref(),
         }
     }
 
@@ -220,7 +220,7 @@ impl Source {
     pub fn header(&self) -> &Header {
         match &self.contents {
             Contents::Las { las, .. } => &las.layout.header,
-            Contents::Part(part) | Contents::OnDisk(part, _) => &part.header,
+            Contents::Part(part) | Contents::OnDisk(part, ..) => &part.header,
         }
     }
 
@@ -232,7 +232,7 @@ impl Source {
     pub fn own_lattice(&self) -> Lattice {
         match &self.contents {
             Contents::Las { las, .. } => las.layout.lattice,
-            Contents::Part(part) | Contents::OnDisk(part, _) => part.lattice,
+            Contents::Part(part) | Contents::OnDisk(part, ..) => part.lattice,
         }
     }
 
@@ -240,7 +240,7 @@ impl Source {
     pub fn intensity_range(&self) -> [f64; 2] {
         match &self.contents {
             Contents::Las { .. } => las::INTENSITY_RANGE,
-            Contents::Part(part) | Contents::OnDisk(part, _) => part.intensity_range,
+            Contents::Part(part) | Contents::OnDisk(part, ..) => part.intensity_range,
         }
     }
 
@@ -249,7 +249,7 @@ impl Source {
     pub fn rgb_scale(&self) -> Scale {
         match &self.contents {
             Contents::Las { las, .. } => las.scale(),
-            Contents::Part(part) | Contents::OnDisk(part, _) => part.rgb_scale,
+            Contents::Part(part) | Contents::OnDisk(part, ..) => part.rgb_scale,
         }
     }
 
@@ -259,7 +259,7 @@ impl Source {
         match &self.contents {
             Contents::Las { las, .. } => las.points(),
             Contents::Part(part) => part.columns.len() as u64,
-            Contents::OnDisk(_, points) => points.len() as u64,
+            Contents::OnDisk(_, points, _) => points.len() as u64,
         }
     }
 
@@ -278,14 +278,17 @@ impl Source {
                 fits.then(|| [lo.as_ivec3().to_array(), hi.as_ivec3().to_array()])
             }
             Contents::Part(part) => part.columns.bounds(),
-            Contents::OnDisk(_, points) => points.bounds,
+            Contents::OnDisk(_, points, _) => points.bounds,
         }
     }
 
-    /// Reads only these of its columns from now on, and its scalars.
+    /// Reads only these of its columns from now on, and
+    /// its scalars. Those in memory stay.
     pub fn narrow(&mut self, wanted: ColumnSet) {
-        if let Contents::Las { las, .. } = &mut self.contents {
-            las.narrow(wanted);
+        match &mut self.contents {
+            Contents::Las { las, .. } => las.narrow(wanted),
+            Contents::OnDisk(_, _, own) => *own = wanted,
+            Contents::Part(_) => {}
         }
     }
 
@@ -294,7 +297,7 @@ impl Source {
         match &self.contents {
             Contents::Las { las, .. } => las.available,
             Contents::Part(part) => part.columns.available(),
-            Contents::OnDisk(_, points) => points.available(),
+            Contents::OnDisk(_, points, wanted) => points.available(*wanted),
         }
     }
 
@@ -380,6 +383,7 @@ impl Source {
             sink: if is_sequence { &settled } else { sink },
             available: self.available(),
             records: self.las().is_some_and(|las| las.keeps_records),
+            most: BATCH.min(usize::try_from(self.points()).unwrap_or(BATCH)),
             spare: Mutex::default(),
             sum: Mutex::default(),
         };
@@ -429,10 +433,10 @@ impl Source {
                 };
                 self.deliver(progress, &batches, at_once, &deliver, settle)?;
             }
-            Contents::OnDisk(_, points) => {
+            Contents::OnDisk(_, points, wanted) => {
                 let blocks: Vec<(usize, u64)> = points.firsts().into_iter().enumerate().collect();
                 let deliver = |&(block, first): &(usize, u64)| {
-                    let columns = points.columns(block)?;
+                    let columns = points.columns(block, *wanted)?;
                     for at in (0..columns.len()).step_by(BATCH) {
                         let end = columns.len().min(at + BATCH);
                         desk.cut(&columns, at..end, first + at as u64)?;
@@ -487,6 +491,8 @@ struct Desk<'a> {
     available: ColumnSet,
     /// Whether batches have LAS records.
     records: bool,
+    /// Most points of a batch, by the header.
+    most: usize,
     /// Spare columns and records, as many as batches existed at a time.
     spare: Mutex<Vec<(Columns, Vec<u8>)>>,
     sum: Mutex<Sum>,
@@ -506,7 +512,7 @@ impl Desk<'_> {
 
     fn lend(&self) -> (Columns, Vec<u8>) {
         let spare = self.spare.lock().unwrap_or_else(|poisoned| poisoned.into_inner()).pop();
-        spare.unwrap_or_else(|| (records::zeros(BATCH, self.available), Vec::new()))
+        spare.unwrap_or_else(|| (records::zeros(self.most, self.available), Vec::new()))
     }
 
     fn take_back(&self, columns: Columns, records: Vec<u8>) {

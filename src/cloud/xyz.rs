@@ -20,7 +20,7 @@ pub fn read(
     progress: &dyn Progress,
     notes: &mut Vec<String>,
 ) -> Result<Vec<ReadPart>> {
-    let decoded = encoding::decoded(input, notes)?;
+    let decoded = encoding::decoded(input, progress, notes)?;
     let input = decoded.as_ref().unwrap_or(input);
     let begin = encoding::mark_bytes(input)?;
     let start = input.take(begin, sniff::SAMPLE_BYTES)?;
@@ -71,7 +71,7 @@ pub fn read(
     let extras = extras.map(|(extra, _)| extra).collect();
     let header =
         Header { format: format.into(), points, facts, extras, scalars, ..Header::default() };
-    rows.floats.into_parts(input, header, table.color_unit(), None, notes)
+    rows.floats.into_parts(input, header, table.color_unit(), None, progress, notes)
 }
 
 /// Tests whether x and y are named after longitude and latitude.

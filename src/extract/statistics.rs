@@ -238,6 +238,7 @@ pub fn statistics(
     if !words.is_empty() {
         notes.push(format!("{words} leaves {} of {} points", grouped(points), grouped(of)));
     }
+    input.narrow(selection.wanted());
     read_samples(&mut ranges, &Rounds { input, selection, progress, kept: &kept })?;
     for (number, (own, part)) in ranges.iter_mut().zip(input.parts()).enumerate() {
         own.part.part = number;

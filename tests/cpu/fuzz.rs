@@ -3,7 +3,7 @@
 
 use crate::fuzz_heap;
 use crate::fuzz_mutate::{Random, mutated};
-use crate::fuzz_targets::{MOST_BYTES, MOST_HEAP, TARGETS, Target, target};
+use crate::fuzz_targets::{MOST_HEAP, TARGETS, Target, target};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
@@ -54,12 +54,13 @@ fn fuzzed(name: &str) {
     let mut seeds = (target.seeds)(folder.path());
     assert!(!seeds.is_empty());
     seeds.extend(crashed(name));
+    assert!(seeds.iter().all(|seed| seed.len() <= target.most_bytes));
     let pool = rayon::ThreadPoolBuilder::new().num_threads(1).use_current_thread().build().unwrap();
     pool.install(|| {
         seeds.iter().for_each(|seed| run(target, folder.path(), seed));
         let (began, mut random, mut runs) = (Instant::now(), Random::new(39), 0);
         while began.elapsed() < time {
-            let input = mutated(&mut random, &seeds, target.words, MOST_BYTES);
+            let input = mutated(&mut random, &seeds, target.words, target.most_bytes);
             run(target, folder.path(), &input);
             runs += 1;
         }

@@ -1,6 +1,7 @@
 //! The driver of `tools/fuzz`: libFuzzer, guided by coverage, with the target that TARGET names.
 //!
-//! `POINTILLIST_FUZZ_SEEDS=FOLDER` writes the seeds of the target there, and its words, and ends.
+//! `POINTILLIST_FUZZ_SEEDS=FOLDER` writes the seeds of the target there, and its words, prints the most
+//! bytes of an input, and ends.
 
 #![no_main]
 
@@ -19,6 +20,7 @@ mod targets;
 #[allow(dead_code, reason = "tests use the rest")]
 mod tree;
 
+use std::ffi::{c_char, c_int};
 use std::path::Path;
 use std::sync::OnceLock;
 use std::sync::atomic::{AtomicPtr, Ordering};
@@ -51,7 +53,19 @@ fn keep_overflows() {
     }
 }
 
-fn begin() {
+/// Ends the process at a panic, with the stack that led there.
+fn end_at_panics() {
+    let told = std::panic::take_hook();
+    std::panic::set_hook(Box::new(move |panic| {
+        told(panic);
+        std::process::abort();
+    }));
+}
+
+/// Chooses the target. libFuzzer calls it once, first.
+#[unsafe(no_mangle)]
+extern "C" fn LLVMFuzzerInitialize(_: *const c_int, _: *const *const *const c_char) -> c_int {
+    end_at_panics();
     keep_overflows();
     // One thread, so that coverage is of one input.
     let pool = rayon::ThreadPoolBuilder::new().num_threads(1).use_current_thread();
@@ -70,10 +84,12 @@ fn begin() {
             std::fs::write(output.join(format!("seed-{k}")), seed).expect("seeds");
         }
         std::fs::write(output.with_extension("dict"), dictionary(target)).expect("a dictionary");
+        println!("{}", target.most_bytes);
         drop(folder);
         std::process::exit(0);
     }
     drop(CHOSEN.set((target, folder)));
+    0
 }
 
 /// Returns the words of a target as libFuzzer's dictionary.
@@ -83,10 +99,19 @@ fn dictionary(target: &Target) -> String {
     target.words.iter().map(|word| format!("\"{}\"\n", escaped(word))).collect()
 }
 
-libfuzzer_sys::fuzz_target!(init: begin(), |bytes: &[u8]| {
+/// Runs one input.
+///
+/// # Safety
+///
+/// `bytes` are `length` bytes, as libFuzzer passes them.
+#[unsafe(no_mangle)]
+unsafe extern "C" fn LLVMFuzzerTestOneInput(bytes: *const u8, length: usize) -> c_int {
+    // SAFETY: as the caller ensures. libFuzzer passes a pointer even with no bytes.
+    let bytes = unsafe { std::slice::from_raw_parts(bytes, length) };
     let (target, folder) = CHOSEN.get().expect("a target was chosen");
     heap::peak();
     (target.run)(folder.path(), bytes);
     let peak = heap::peak();
     assert!(peak < MOST_HEAP, "{} MiB of the heap were taken", peak >> 20);
-});
+    0
+}

@@ -10,8 +10,6 @@ pub struct Layout {
     pub coding: Coding,
     pub elements: Vec<Element>,
     pub body_at: u64,
-    /// Whether lines end in CR alone.
-    pub returns: bool,
     /// Comments and object information, in the file's own words.
     pub comments: Vec<String>,
 }
@@ -152,15 +150,9 @@ const HEADER_BYTES: u64 = 1 << 20;
 
 pub fn read(input: &Input) -> Result<Layout> {
     let start = input.take(0, HEADER_BYTES)?;
-    let returns = ends_in_returns(&start);
-    let end = if returns { b'\r' } else { b'\n' };
-    let mut layout = Layout {
-        coding: Coding::Ascii,
-        elements: Vec::new(),
-        body_at: 0,
-        returns,
-        comments: Vec::new(),
-    };
+    let end = if ends_in_returns(&start) { b'\r' } else { b'\n' };
+    let mut layout =
+        Layout { coding: Coding::Ascii, elements: Vec::new(), body_at: 0, comments: Vec::new() };
     let mut has_format = false;
     let mut at = 0;
     for (number, line) in start.split_inclusive(|&byte| byte == end).enumerate() {
