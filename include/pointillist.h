@@ -208,7 +208,8 @@ typedef struct PointillistReport {
   uint64_t points;
   // Nodes that are missing, or coarser than the views call for.
   uint64_t missing;
-  // Data of nodes of indexes that have come since the last frame, in bytes.
+  // Data of clouds that has come to the device since the last frame, in bytes: of each cloud at
+  // most 32 MiB.
   uint64_t streamed;
   // Number of clouds or nodes that could not be drawn.
   uint64_t errors;
@@ -339,7 +340,8 @@ enum PointillistResult pointillist_state(struct PointillistRenderer *renderer,
                                          enum PointillistCloudState *state,
                                          struct PointillistError *error);
 
-// Sets style, effect, light, background, layer, opacity, clip, time or error, as on the command line.
+// Sets style, effect, light, background, layer, opacity, clip, ramp, range, brightness, contrast,
+// gamma, time or error, as on the command line.
 enum PointillistResult pointillist_set(struct PointillistRenderer *renderer,
                                        const char *name,
                                        const char *value,
@@ -411,33 +413,6 @@ void pointillist_picked_init(struct PointillistPicked *to, size_t size);
 // Writes a buffer without points.
 void pointillist_point_buffer_init(struct PointillistPointBuffer *to, size_t size);
 
-// Writes a host without handles.
-void pointillist_host_init(struct PointillistHost *to, size_t size);
-
-// Writes an empty requirement.
-void pointillist_requirement_init(struct PointillistRequirement *to, size_t size);
-
-// Writes a target without an image, of one sample.
-void pointillist_target_init(struct PointillistTarget *to, size_t size);
-
-// Writes a view with unit matrices and no area.
-void pointillist_view_init(struct PointillistView *to, size_t size);
-
-// Writes a frame without targets and views, which writes depth.
-void pointillist_frame_init(struct PointillistFrame *to, size_t size);
-
-// Writes an empty report.
-void pointillist_report_init(struct PointillistReport *to, size_t size);
-
-// Writes no points.
-void pointillist_points_init(struct PointillistPoints *to, size_t size);
-
-// Writes an answer that is not there yet.
-void pointillist_picked_init(struct PointillistPicked *to, size_t size);
-
-// Writes a buffer without points.
-void pointillist_point_buffer_init(struct PointillistPointBuffer *to, size_t size);
-
 #ifdef __cplusplus
 }  // extern "C"
 #endif  // __cplusplus
@@ -450,6 +425,12 @@ void pointillist_point_buffer_init(struct PointillistPointBuffer *to, size_t siz
 static inline PointillistHost pointillist_host_default(void) {
   PointillistHost value;
   pointillist_host_init(&value, sizeof value);
+  return value;
+}
+
+static inline PointillistRequirement pointillist_requirement_default(void) {
+  PointillistRequirement value;
+  pointillist_requirement_init(&value, sizeof value);
   return value;
 }
 
@@ -486,6 +467,12 @@ static inline PointillistPoints pointillist_points_default(void) {
 static inline PointillistPicked pointillist_picked_default(void) {
   PointillistPicked value;
   pointillist_picked_init(&value, sizeof value);
+  return value;
+}
+
+static inline PointillistPointBuffer pointillist_point_buffer_default(void) {
+  PointillistPointBuffer value;
+  pointillist_point_buffer_init(&value, sizeof value);
   return value;
 }
 

@@ -6,6 +6,7 @@ use crate::error::{Error, Result};
 use crate::renderer::{Access, Preset, Target};
 use std::ffi::{CStr, c_char};
 use std::panic::resume_unwind;
+use std::sync::atomic::Ordering::Acquire;
 
 /// Copies text, as much as there is room for, and ends it with 0.
 pub(super) fn copy(text: &str, to: &mut [c_char]) {
@@ -34,21 +35,30 @@ pub(super) fn null<T>(name: &str) -> Result<T> {
 /// # Safety
 /// `from` is null or has as many bytes as it says.
 pub(super) unsafe fn sized<T: Copy>(from: *const T, default: T, name: &str) -> Result<T> {
-    if from.is_null() {
-        return null(name);
-    }
     let mut value = default;
     // SAFETY: every such struct begins with its size, and has that many bytes.
     unsafe {
-        let size = *from.cast::<usize>();
-        if size < size_of::<usize>() || size > 1 << 16 {
-            let what = format!("{name} has the size {size}; make it with its _default function");
-            return Err(Error::Request(what));
-        }
-        let bytes = size.min(size_of::<T>());
+        let bytes = room(from, name)?.min(size_of::<T>());
         std::ptr::copy_nonoverlapping(from.cast::<u8>(), (&raw mut value).cast::<u8>(), bytes);
     }
     Ok(value)
+}
+
+/// Returns the size of a caller's struct. Errors if it is null, or has none.
+///
+/// # Safety
+/// `of` is null or begins with a size.
+pub(super) unsafe fn room<T>(of: *const T, name: &str) -> Result<usize> {
+    if of.is_null() {
+        return null(name);
+    }
+    // SAFETY: as the caller ensures.
+    let size = unsafe { of.cast::<usize>().read_unaligned() };
+    if size < size_of::<usize>() || size > 1 << 16 {
+        let what = format!("{name} has the size {size}; make it with its _default function");
+        return Err(Error::Request(what));
+    }
+    Ok(size)
 }
 
 /// Writes a struct that begins with its size, as far as the caller knows it.
@@ -56,15 +66,12 @@ pub(super) unsafe fn sized<T: Copy>(from: *const T, default: T, name: &str) -> R
 /// # Safety
 /// As for [`sized`].
 pub(super) unsafe fn give<T: Copy>(value: T, to: *mut T, name: &str) -> Result<()> {
-    if to.is_null() {
-        return null(name);
-    }
     // SAFETY: as the caller ensures.
     unsafe {
-        let size = *to.cast::<usize>();
+        let size = room(to, name)?;
         let bytes = size.min(size_of::<T>());
         std::ptr::copy_nonoverlapping((&raw const value).cast::<u8>(), to.cast::<u8>(), bytes);
-        *to.cast::<usize>() = size;
+        to.cast::<usize>().write_unaligned(size);
     }
     Ok(())
 }
@@ -95,17 +102,24 @@ pub(super) fn preset(value: i32) -> Result<Preset> {
     })
 }
 
-/// Returns the renderer for one call; ends the call as a panic does if an earlier one ended so.
+/// Returns the renderer for one call; ends the call as a panic does if an earlier one ended so. Errors
+/// if another call has it.
 ///
 /// # Safety
 /// `renderer` is null, or from [`pointillist_new`] and not freed.
 pub(super) unsafe fn renderer<'r>(renderer: *mut PointillistRenderer) -> Result<Borrowed<'r>> {
     // SAFETY: as the caller ensures.
-    let renderer = unsafe { renderer.as_mut() }.map_or_else(|| null("renderer"), Ok)?;
-    if renderer.faulty {
+    let renderer = unsafe { renderer.as_ref() }.map_or_else(|| null("renderer"), Ok)?;
+    if renderer.busy.swap(true, Acquire) {
+        return Err(Error::Request(
+            "the renderer is in another call, of another thread or around this one; wait for its end".into(),
+        ));
+    }
+    let own = Borrowed(renderer);
+    if own.faulty {
         resume_unwind(Box::new("an earlier call ended in a panic"));
     }
-    Ok(Borrowed(renderer))
+    Ok(own)
 }
 
 /// # Safety

@@ -5,7 +5,8 @@
 //! What the caller gives as a choice is an integer, so that every value may be checked.
 //! Every function returns a [`PointillistResult`]; on failure, outputs are as they were, and the
 //! last argument, which may be null, receives a message. Panics do not cross. A renderer is used by
-//! one thread at a time; different renderers are independent.
+//! one thread at a time, a call that meets another one is refused; different renderers are
+//! independent.
 
 #![allow(clippy::missing_safety_doc, reason = "the rules are those of the module and of Vulkan")]
 
@@ -16,7 +17,9 @@ mod tests;
 
 pub use structs::*;
 
-use arguments::{array, code, copy, flag, give, null, preset, renderer, sized, target, words};
+use arguments::{
+    array, code, copy, flag, give, null, preset, renderer, room, sized, target, words,
+};
 
 use crate::error::{Error, Result};
 use crate::renderer::{
@@ -24,10 +27,12 @@ use crate::renderer::{
     OpenSettings, PickId, Picked, PointBuffer, Points, Positions, Renderer, RendererOptions,
     Targets, ViewCamera, check, enable_features, requirements,
 };
+use std::cell::UnsafeCell;
 use std::ffi::{c_char, c_void};
 use std::ops::{Deref, DerefMut};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::PathBuf;
+use std::sync::atomic::{AtomicBool, Ordering::Release};
 
 /// Outcome of a function.
 #[repr(C)]
@@ -55,6 +60,13 @@ pub struct PointillistError {
 
 /// A renderer.
 pub struct PointillistRenderer {
+    own: UnsafeCell<Own>,
+    /// True during a call.
+    busy: AtomicBool,
+}
+
+/// What a renderer consists of.
+struct Own {
     renderer: Renderer,
     /// Report of the last frame.
     report: FrameReport,
@@ -62,26 +74,29 @@ pub struct PointillistRenderer {
     faulty: bool,
 }
 
-/// A renderer during a call.
-struct Borrowed<'r>(&'r mut PointillistRenderer);
+/// A renderer during a call, which no other call has.
+struct Borrowed<'r>(&'r PointillistRenderer);
 
 impl Deref for Borrowed<'_> {
-    type Target = PointillistRenderer;
+    type Target = Own;
 
-    fn deref(&self) -> &PointillistRenderer {
-        self.0
+    fn deref(&self) -> &Own {
+        // SAFETY: only one call has the renderer, whose flag it has set.
+        unsafe { &*self.0.own.get() }
     }
 }
 
 impl DerefMut for Borrowed<'_> {
-    fn deref_mut(&mut self) -> &mut PointillistRenderer {
-        self.0
+    fn deref_mut(&mut self) -> &mut Own {
+        // SAFETY: as above.
+        unsafe { &mut *self.0.own.get() }
     }
 }
 
 impl Drop for Borrowed<'_> {
     fn drop(&mut self) {
-        self.0.faulty |= std::thread::panicking();
+        self.faulty |= std::thread::panicking();
+        self.0.busy.store(false, Release);
     }
 }
 
@@ -199,8 +214,28 @@ unsafe fn read_host(host: *const PointillistHost) -> Result<(Host, RendererOptio
 
 /// Returns a renderer for the caller to free.
 fn boxed(renderer: Renderer) -> *mut PointillistRenderer {
-    let report = FrameReport::default();
-    Box::into_raw(Box::new(PointillistRenderer { renderer, report, faulty: false }))
+    let own = UnsafeCell::new(Own { renderer, report: FrameReport::default(), faulty: false });
+    Box::into_raw(Box::new(PointillistRenderer { own, busy: AtomicBool::new(false) }))
+}
+
+/// Makes a renderer on a host's device, and writes it to `out`.
+///
+/// # Safety
+/// `host` is null or has as many bytes as it says, and `out` is null or valid.
+unsafe fn make(
+    host: *const PointillistHost,
+    out: *mut *mut PointillistRenderer,
+    made: impl FnOnce(&Host, RendererOptions) -> Result<Renderer>,
+) -> Result<()> {
+    if out.is_null() {
+        return null("out");
+    }
+    // SAFETY: as the caller ensures.
+    unsafe {
+        let (host, options) = read_host(host)?;
+        out.write(boxed(made(&host, options)?));
+    }
+    Ok(())
 }
 
 /// Creates a renderer on the host's device, which must outlive it.
@@ -210,17 +245,8 @@ pub unsafe extern "C" fn pointillist_new(
     out: *mut *mut PointillistRenderer,
     error: *mut PointillistError,
 ) -> PointillistResult {
-    guarded(error, || {
-        if out.is_null() {
-            return null("out");
-        }
-        // SAFETY: the pointers and handles are valid, as the caller ensures.
-        unsafe {
-            let (host, options) = read_host(host)?;
-            *out = boxed(Renderer::new(&host, options)?);
-        }
-        Ok(())
-    })
+    // SAFETY: the pointers and handles are valid, as the caller ensures.
+    guarded(error, || unsafe { make(host, out, |host, options| Renderer::new(host, options)) })
 }
 
 /// Returns in `out` a renderer on another device, such as after the loss of one, with the clouds,
@@ -234,17 +260,9 @@ pub unsafe extern "C" fn pointillist_restore(
     out: *mut *mut PointillistRenderer,
     error: *mut PointillistError,
 ) -> PointillistResult {
-    guarded(error, || {
-        if out.is_null() {
-            return null("out");
-        }
-        // SAFETY: the pointers and handles are valid, as the caller ensures.
-        unsafe {
-            let own = self::renderer(renderer)?;
-            let (host, _) = read_host(host)?;
-            *out = boxed(own.renderer.restored(&host)?);
-        }
-        Ok(())
+    // SAFETY: the pointers and handles are valid, as the caller ensures.
+    guarded(error, || unsafe {
+        make(host, out, |host, _| self::renderer(renderer)?.renderer.restored(host))
     })
 }
 
@@ -442,7 +460,8 @@ pub unsafe extern "C" fn pointillist_state(
     result
 }
 
-/// Sets style, effect, light, background, layer, opacity, clip, time or error, as on the command line.
+/// Sets style, effect, light, background, layer, opacity, clip, ramp, range, brightness, contrast,
+/// gamma, time or error, as on the command line.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn pointillist_set(
     renderer: *mut PointillistRenderer,
@@ -507,10 +526,13 @@ pub unsafe extern "C" fn pointillist_record(
             if command_buffer == 0 {
                 return null("command_buffer");
             }
+            if !report.is_null() {
+                room(report, "report")?;
+            }
             let view = |number: usize| {
                 // The caller's views are as far apart as it knows them.
                 let first = frame.views.cast::<u8>();
-                let apart = *first.cast::<usize>();
+                let apart = first.cast::<usize>().read_unaligned();
                 let view = first.add(number * apart).cast::<PointillistView>();
                 let view = sized(view, PointillistView::default(), "a view")?;
                 let matrices = Matrices { view: view.view, projection: view.projection };
@@ -618,6 +640,9 @@ pub unsafe extern "C" fn pointillist_picked(
     guarded(error, || {
         // SAFETY: as the caller ensures.
         let mut own = unsafe { self::renderer(renderer)? };
+        // An answer is given once, so it is not taken without a place for it.
+        // SAFETY: as the caller ensures.
+        unsafe { room(picked, "picked") }?;
         let found = match own.renderer.picked(PickId(pick)) {
             Picked::Pending => PointillistPicked::default(),
             Picked::Nothing => PointillistPicked { answered: true, ..PointillistPicked::default() },

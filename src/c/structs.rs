@@ -136,7 +136,8 @@ pub struct PointillistReport {
     pub points: u64,
     /// Nodes that are missing, or coarser than the views call for.
     pub missing: u64,
-    /// Data of nodes of indexes that have come since the last frame, in bytes.
+    /// Data of clouds that has come to the device since the last frame, in bytes: of each cloud at
+    /// most 32 MiB.
     pub streamed: u64,
     /// Number of clouds or nodes that could not be drawn.
     pub errors: u64,

@@ -163,6 +163,36 @@ fn a_renderer_can_only_be_freed_after_a_panic() {
     }
 }
 
+/// A call is refused while another one has the renderer, and is answered afterwards.
+#[test]
+fn calls_from_two_threads_do_not_meet() {
+    let opened =
+        Renderer::open_device(&DeviceOptions::default(), RendererOptions::default()).unwrap();
+    let (own, mut pick) = (boxed(opened), 7);
+    // SAFETY: the renderer is alive until it is freed.
+    unsafe {
+        let first = renderer(own).unwrap();
+        let address = own as usize;
+        let said = std::thread::spawn(move || {
+            let (own, mut pick) = (address as *mut PointillistRenderer, 7);
+            let said = refused(|error| pointillist_pick(own, 1, 1, &raw mut pick, error));
+            assert_eq!(pick, 7);
+            said
+        });
+        assert!(said.join().unwrap().contains("in another call"));
+        drop(first);
+        let null = std::ptr::null_mut();
+        assert_eq!(pointillist_pick(own, 1, 1, &raw mut pick, null), PointillistResult::Ok);
+        // An answer without a place, or with a place of no size, stays for the next call.
+        let said = refused(|error| pointillist_picked(own, pick, null.cast(), error));
+        assert_eq!(said, "picked is null");
+        let mut picked = PointillistPicked { size: 3, ..PointillistPicked::default() };
+        let said = refused(|error| pointillist_picked(own, pick, &raw mut picked, error));
+        assert!(said.contains("picked has the size 3") && !picked.answered, "{said}");
+        pointillist_free(own);
+    }
+}
+
 #[test]
 fn numbers_that_are_no_choice_are_refused() {
     assert_eq!(preset(PointillistPreset::Iso as i32).unwrap(), Preset::Iso);

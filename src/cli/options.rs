@@ -4,7 +4,7 @@ use super::filters::{ClipOptions, FilterOptions};
 use super::streams;
 use super::units::{self, Bytes, Size, note_length};
 use crate::cloud::attribute::{Attribute, DisplayAttribute, ExtraAttributes};
-use crate::cloud::color_scale::{ColorScale, Ramp};
+use crate::cloud::color_scale::{self, ColorScale, Ramp, number};
 use crate::cloud::filter::Filter;
 use crate::cloud::length::Length;
 use crate::cloud::rgb_range::RgbRange;
@@ -108,17 +108,7 @@ impl ReportOptions {
 pub struct Range(pub [f64; 2]);
 
 fn range(text: &str) -> std::result::Result<Range, String> {
-    let numbers: Option<Vec<f64>> =
-        text.split(',').map(|number| number.trim().parse().ok()).collect();
-    match numbers.as_deref() {
-        Some(&[lo, hi]) if lo < hi && (hi - lo).is_finite() => Ok(Range([lo, hi])),
-        _ => Err(format!("{text:?} is not a range; give a smaller and a larger number: 20,30")),
-    }
-}
-
-fn number(text: &str) -> std::result::Result<f64, String> {
-    let number = text.trim().parse::<f64>().ok().filter(|number| number.is_finite());
-    number.ok_or(format!("{text:?} is not a number, such as 1.5"))
+    color_scale::range(text).map(Range)
 }
 
 impl ScaleOptions {

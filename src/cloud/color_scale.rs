@@ -79,6 +79,22 @@ impl Default for ColorScale {
     }
 }
 
+/// Reads the ends of a ramp, such as `20,30`.
+pub fn range(text: &str) -> Result<[f64; 2], String> {
+    let numbers: Option<Vec<f64>> =
+        text.split(',').map(|number| number.trim().parse().ok()).collect();
+    match numbers.as_deref() {
+        Some(&[lo, hi]) if lo < hi && (hi - lo).is_finite() => Ok([lo, hi]),
+        _ => Err(format!("{text:?} is not a range; give a smaller and a larger number: 20,30")),
+    }
+}
+
+/// Reads a brightness, contrast or gamma.
+pub fn number(text: &str) -> Result<f64, String> {
+    let number = text.trim().parse::<f64>().ok().filter(|number| number.is_finite());
+    number.ok_or(format!("{text:?} is not a number, such as 1.5"))
+}
+
 impl ColorScale {
     pub fn is_neutral(&self) -> bool {
         *self == ColorScale::default()

@@ -3,6 +3,7 @@
 
 use super::{Device, LogicalDevice};
 use crate::error::Result;
+use crate::thread_pool::Workers;
 use ash::vk;
 use rayon::prelude::*;
 use std::collections::{BTreeMap, HashMap};
@@ -91,19 +92,25 @@ impl Kernels {
         Kernels { device: device.raw.clone(), made: HashMap::new() }
     }
 
-    /// Makes the kernels that are missing on all cores: compiling one takes some milliseconds.
+    /// Makes the kernels that are missing on all threads: compiling one takes some milliseconds.
     pub fn prepare<'c>(
         &mut self,
         device: &Device,
+        workers: &Workers,
         wanted: impl Iterator<Item = (&'c Code, &'c Constants)>,
     ) -> Result<()> {
         let missing = wanted.map(|(code, constants)| ((code.name, constants.clone()), code));
         let missing: BTreeMap<_, _> =
             missing.filter(|(key, _)| !self.made.contains_key(key)).collect();
-        let made: Vec<_> = missing
-            .into_par_iter()
-            .map(|(key, code)| make(device, code, &key.1).map(|kernel| (key, kernel)))
-            .collect();
+        if missing.is_empty() {
+            return Ok(());
+        }
+        let made: Vec<_> = workers.run(|| {
+            missing
+                .into_par_iter()
+                .map(|(key, code)| make(device, code, &key.1).map(|kernel| (key, kernel)))
+                .collect()
+        });
         // Kernels made before or after one that failed are kept, too.
         let keep = |kernel: Result<_>| kernel.map(|kernel| self.made.extend([kernel]));
         made.into_iter().map(keep).fold(Ok(()), Result::and)

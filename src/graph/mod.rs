@@ -20,6 +20,7 @@ use crate::gpu::memory::{Memory, RawBuffer, Texels};
 use crate::gpu::timeline::Timeline;
 use crate::gpu::{Device, TestOverrides, raster};
 use crate::progress::Progress;
+use crate::thread_pool::Workers;
 use ash::vk;
 use host::{Answers, HostQueue};
 use plan::{Pass, Plan, Resource, Shape};
@@ -208,6 +209,8 @@ pub struct Gpu {
     detached: Vec<PendingSubmission>,
     /// The host that submits, if the device is not ours.
     pub(crate) host: Option<HostQueue>,
+    /// Threads that work of the CPU is divided among.
+    pub workers: Workers,
     pub memory: Memory,
     pub device: Device,
 }
@@ -220,6 +223,7 @@ impl Gpu {
     }
 
     fn on(device: Device) -> Result<Gpu> {
+        let workers = Workers::of_process_or_own()?;
         let memory = Memory::new(&device)?;
         let completed = Timeline::new(&device, &memory.alive, "completed")?;
         let (kernels, raster) = (Kernels::new(&device), raster::Rasters::new(&device));
@@ -233,6 +237,7 @@ impl Gpu {
             paces: HashMap::new(),
             detached: Vec::new(),
             host: None,
+            workers,
             memory,
             device,
         })

@@ -327,7 +327,7 @@ impl Recording<'_> {
             Work::Run { code, constants, .. } => Some((code, constants)),
             _ => None,
         };
-        gpu.kernels.prepare(&gpu.device, plan.steps.iter().filter_map(kernel))?;
+        gpu.kernels.prepare(&gpu.device, &gpu.workers, plan.steps.iter().filter_map(kernel))?;
         let recorder = Recorder::new(gpu, plan, work, commands)?;
         let breadcrumbs = Breadcrumbs::new(&gpu.device, &mut gpu.memory, names.to_vec())?;
         let recorded = (|| {

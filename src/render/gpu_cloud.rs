@@ -2,6 +2,7 @@
 
 use crate::cloud::attribute::DisplayAttribute;
 use crate::cloud::color_scale::ColorScale;
+use crate::config::UPLOAD_BYTES;
 use crate::error::Result;
 use crate::graph::Gpu;
 use crate::index::format::Index;
@@ -33,18 +34,20 @@ impl PreparedCloud {
         }
     }
 
-    /// Uploads some of it. Returns whether more remains.
-    pub fn step(&mut self, gpu: &mut Gpu, progress: &dyn Progress) -> Result<bool> {
-        let PreparedCloud::Files(upload) = self else { return Ok(false) };
-        let (began, mut before) = (Instant::now(), upload.uploaded());
-        while upload.upload_nodes(gpu, rayon::current_num_threads(), progress)? {
+    /// Uploads some of it, at most [`UPLOAD_BYTES`] of pages. Returns whether more remains, and how
+    /// much was uploaded `[bytes]`.
+    pub fn step(&mut self, gpu: &mut Gpu, progress: &dyn Progress) -> Result<(bool, u64)> {
+        let PreparedCloud::Files(upload) = self else { return Ok((false, 0)) };
+        let (began, mut before, mut room) = (Instant::now(), upload.uploaded(), UPLOAD_BYTES);
+        let mut remains = true;
+        while remains && began.elapsed() < STEP {
+            remains = upload.upload_nodes(gpu, gpu.workers.count(), &mut room, progress)?;
             // Without progress, room comes with a later frame.
-            let is_stuck = std::mem::replace(&mut before, upload.uploaded()) == upload.uploaded();
-            if is_stuck || began.elapsed() >= STEP {
-                return Ok(true);
+            if std::mem::replace(&mut before, upload.uploaded()) == upload.uploaded() {
+                break;
             }
         }
-        Ok(false)
+        Ok((remains, UPLOAD_BYTES - room))
     }
 
     /// Completes the upload.

@@ -15,6 +15,7 @@ use crate::render::gpu_cloud::{GpuCloud, PreparedCloud};
 use crate::render::source::{OpenOptions, Source};
 use crate::resident::Resident;
 use crate::select::lod::{Detail, LodOptions};
+use crate::thread_pool::Workers;
 use crate::view::View;
 use glam::DVec3;
 use std::path::PathBuf;
@@ -83,7 +84,7 @@ pub(super) struct Entry {
     origin: Origin,
     /// Nodes that the views call for, and that are missing or coarser.
     pub missing: usize,
-    /// Data of nodes that the last update has brought `[bytes]`.
+    /// Data that has come to the device since the last frame `[bytes]`.
     pub streamed: u64,
     stage: Stage,
 }
@@ -119,7 +120,7 @@ struct Loading {
 }
 
 impl Loading {
-    /// Starts a thread that loads and prepares.
+    /// Starts a thread that loads and prepares, with others that it divides the work among.
     fn start(
         load: impl FnOnce(&dyn Progress) -> Result<Loaded> + Send + 'static,
     ) -> Result<Loading> {
@@ -132,16 +133,21 @@ impl Loading {
         let own = watch.clone();
         let thread = std::thread::Builder::new()
             .name("pointillist load".into())
-            .spawn(move || drop(send.send(load(&*own))))
+            .spawn(move || {
+                // Threads of its own: those of frames are free while files are read.
+                let loaded = Workers::start().and_then(|workers| workers.run(|| load(&*own)));
+                // A cancelled load has no receiver.
+                drop(send.send(loaded));
+            })
             .map_err(|error| Error::Request(format!("cannot start a thread: {error}")))?;
         Ok(Loading { watch, loaded, thread: Some(thread) })
     }
 }
 
 impl Loading {
-    /// Prepares points that are copied, on a thread.
-    fn of_points(points: &Points, strokes: bool) -> Result<Loading> {
-        let cloud = Cloud::of_points(points)?;
+    /// Copies points, and prepares them on a thread.
+    fn of_points(points: &Points, strokes: bool, workers: &Workers) -> Result<Loading> {
+        let cloud = workers.run(|| Cloud::of_points(points))?;
         Loading::start(move |progress: &dyn Progress| {
             prepare(Source::Files(cloud), None, strokes, progress)
         })
@@ -149,7 +155,7 @@ impl Loading {
 }
 
 impl Drop for Loading {
-    /// Cancels the thread and waits for its end: no thread outlives the renderer.
+    /// Cancels the thread and waits for its end: none outlives the renderer.
     fn drop(&mut self) {
         self.watch.cancelled.store(true, Relaxed);
         if let Some(thread) = self.thread.take() {
@@ -256,8 +262,13 @@ impl Entry {
     }
 
     /// Takes points of the host's memory, which are copied; they are prepared on a thread.
-    pub fn of_points(id: CloudId, points: &Points, strokes: bool) -> Result<Entry> {
-        let stage = Stage::Loading(Loading::of_points(points, strokes)?);
+    pub fn of_points(
+        id: CloudId,
+        points: &Points,
+        strokes: bool,
+        workers: &Workers,
+    ) -> Result<Entry> {
+        let stage = Stage::Loading(Loading::of_points(points, strokes, workers)?);
         Ok(Entry::new(id, Origin::Device, stage, strokes))
     }
 
@@ -279,6 +290,7 @@ impl Entry {
 
     /// Uploads some of what is loaded.
     pub fn advance(&mut self, gpu: &mut Gpu, memory_budget: u64) {
+        self.streamed = 0;
         let failed = |error: Error| Stage::Failed(error.to_string());
         let waiting = Stage::Failed(String::new());
         self.stage = match std::mem::replace(&mut self.stage, waiting) {
@@ -289,7 +301,8 @@ impl Entry {
             Stage::Copying(points, copy, frame)
                 if gpu.completed().is_ok_and(|safe| safe >= frame) =>
             {
-                let loading = points.read(&copy, |points| Loading::of_points(points, self.strokes));
+                let read = |points: &Points| Loading::of_points(points, self.strokes, &gpu.workers);
+                let loading = points.read(&copy, read);
                 loading.map_or_else(failed, Stage::Loading)
             }
             Stage::Loading(loading) => match loading.loaded.try_recv() {
@@ -318,7 +331,9 @@ impl Entry {
         progress: &dyn Progress,
     ) -> Result<bool> {
         let Stage::Uploading(prepared) = &mut self.stage else { return Ok(false) };
-        if prepared.step(gpu, progress)? {
+        let (remains, bytes) = prepared.step(gpu, progress)?;
+        self.streamed += bytes;
+        if remains {
             return Ok(true);
         }
         let waiting = Stage::Failed(String::new());
@@ -350,7 +365,6 @@ impl Entry {
         views: &[View],
         limits: &impl Fn([u32; 2]) -> LodOptions,
     ) -> Result<Vec<String>> {
-        self.streamed = 0;
         let Stage::Ready(GpuCloud::Parts(residency)) = &mut self.stage else {
             return Ok(Vec::new());
         };
@@ -361,7 +375,7 @@ impl Entry {
         };
         let update = residency.update_views(gpu, views, &detail)?;
         self.missing = update.missing + update.coarse;
-        self.streamed = update.bytes_read;
+        self.streamed += update.bytes_read;
         Ok(update.errors)
     }
 

@@ -54,7 +54,6 @@ use crate::gpu::memory::{Block, RawBuffer, RawImage};
 use crate::gpu::{ImageDesc, TestOverrides};
 use crate::graph::Gpu;
 use crate::passes::Switch;
-use crate::thread_pool;
 use crate::tune::Governor;
 use crate::view::View;
 use ash::vk::{self, Handle as _};
@@ -98,8 +97,8 @@ pub struct FrameReport {
     pub points: u64,
     /// Nodes of indexes that are missing, or coarser than the views call for.
     pub missing: usize,
-    /// Data of nodes of indexes that have come since the last frame `[bytes]`: of each index at most
-    /// 32 MiB, for all views together.
+    /// Data of clouds that has come to the device since the last frame `[bytes]`: of each cloud at
+    /// most 32 MiB, for all views together.
     pub streamed: u64,
     /// Whether each effect runs, and why, for the first view of the first cloud.
     pub effects: Vec<EffectReport>,
@@ -260,7 +259,6 @@ impl Renderer {
     }
 
     fn on(mut gpu: Gpu, options: RendererOptions) -> Result<Renderer> {
-        thread_pool::start()?;
         let buckets = compose::buckets(&mut gpu)?;
         Ok(Renderer {
             settings: RenderSettings::default(),
@@ -301,7 +299,8 @@ impl Renderer {
     /// another number of values than there are positions.
     pub fn add_points(&mut self, points: &Points) -> Result<CloudId> {
         let id = self.new_id();
-        self.clouds.push(Entry::of_points(id, points, self.has_strokes())?);
+        let entry = Entry::of_points(id, points, self.has_strokes(), &self.gpu.workers)?;
+        self.clouds.push(entry);
         Ok(id)
     }
 
@@ -379,7 +378,8 @@ impl Renderer {
             .iter()
             .flat_map(|cloud| cloud.core_points.iter().map(|p| cloud.transform.in_world(*p)))
             .collect();
-        (!places.is_empty()).then(|| Camera::framing(preset, &places, size))
+        let framing = || Camera::framing(preset, &places, size);
+        (!places.is_empty()).then(|| self.gpu.workers.run(framing))
     }
 
     /// Returns the settings: effects, light and background.
@@ -502,6 +502,7 @@ impl Renderer {
         let waits = |cloud: &Entry| {
             matches!(cloud.state(), CloudState::Loading { .. } | CloudState::Uploading)
         };
+        report.streamed = self.clouds.iter().map(|cloud| cloud.streamed).sum();
         report.settled &= report.missing == 0 && !self.clouds.iter().any(waits);
         drawn.map(|()| report)
     }
@@ -531,7 +532,6 @@ impl Renderer {
                 Err(error) => return Err(error),
             }
             report.missing += cloud.missing;
-            report.streamed += cloud.streamed;
         }
         Ok(())
     }

@@ -1,6 +1,7 @@
 //! Settings as words: those of the command line and of scene files.
 
 use super::{Error, Limit, Renderer, Result};
+use crate::cloud::color_scale::{ColorScale, Ramp, number, range};
 use crate::cloud::length::Length;
 use crate::passes::Effects;
 use crate::render::settings::{Background, Style};
@@ -8,6 +9,26 @@ use crate::select::clip::{Clip, Clips};
 use crate::select::opacity::{Opacities, Rule};
 use crate::view::light::Light;
 use clap::ValueEnum;
+
+/// Returns a scale with one of its values replaced.
+fn scale_with(
+    scale: ColorScale,
+    name: &str,
+    value: &str,
+) -> std::result::Result<ColorScale, String> {
+    let is_set = value != "auto";
+    match name {
+        "ramp" => {
+            let ramp = is_set.then(|| Ramp::from_str(value, false)).transpose()?;
+            ColorScale { ramp, ..scale }
+        }
+        "range" => ColorScale { range: is_set.then(|| range(value)).transpose()?, ..scale },
+        "brightness" => ColorScale { brightness: number(value)?, ..scale },
+        "contrast" => ColorScale { contrast: number(value)?, ..scale },
+        _ => ColorScale { gamma: number(value)?, ..scale },
+    }
+    .checked()
+}
 
 impl Renderer {
     /// Sets what a scene file or the command line has under `name`:
@@ -20,6 +41,9 @@ impl Renderer {
     ///   or with a unit, such as `0.1m`; 0 is automatic
     /// - `opacity` and `clip`: rules and boxes, separated by `;`, which replace those before; boxes
     ///   are in each cloud's own coordinates
+    /// - `ramp`: colours of numbers, `grey`, `terrain`, `viridis`, `cividis` or `turbo`; `range`: the
+    ///   numbers at its ends, `LO,HI`; `auto` for either is automatic
+    /// - `brightness`, `contrast` and `gamma` of what is shown
     /// - `time`: most time of a frame's pictures such as `50ms`, and `error`: the largest such as
     ///   `0.5px` ([`Renderer::set_limit`]); `none` for neither
     ///
@@ -58,12 +82,15 @@ impl Renderer {
                     items().map(str::parse).collect();
                 self.clips = Clips(boxes.map_err(refused)?);
             }
+            "ramp" | "range" | "brightness" | "contrast" | "gamma" => {
+                self.scale = scale_with(self.scale, name, value).map_err(refused)?;
+            }
             "time" | "error" if value == "none" => self.set_limit(None)?,
             "time" => self.set_limit(Some(Limit::time(value).map_err(refused)?))?,
             "error" => self.set_limit(Some(value.parse().map_err(refused)?))?,
             _ => {
                 return Err(refused(
-                    "there is no such setting; there are: style, effect, light, background, layer, opacity, clip, time, error".into(),
+                    "there is no such setting; there are: style, effect, light, background, layer, opacity, clip, ramp, range, brightness, contrast, gamma, time, error".into(),
                 ));
             }
         }

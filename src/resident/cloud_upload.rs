@@ -7,6 +7,7 @@
 //!
 //! Pages are taken in node order, so that the result does not depend on how the halves interleave.
 
+use super::pages::PAGE_BYTES;
 use super::pool::Pool;
 use super::{MOST_NODES, Resident, ResidentNode, in_metres};
 use crate::cloud::attribute::{Attribute, DisplayAttribute, put, station_numbers};
@@ -226,16 +227,18 @@ impl CloudUpload {
         })
     }
 
-    /// Uploads at most `most` nodes of the partitioned parts; returns whether some are left.
+    /// Uploads at most `most` nodes of the partitioned parts, whose pages fit in `room` `[bytes]`, from
+    /// which they are taken. Returns whether some are left.
     pub fn upload_nodes(
         &mut self,
         gpu: &mut Gpu,
         most: usize,
+        room: &mut u64,
         progress: &dyn Progress,
     ) -> Result<bool> {
         let Some(mut ready) = self.ready.pop_front() else { return Ok(false) };
         let half = progress::Part { progress, done: self.built_points, total: 2 * self.points };
-        let written = ready.write(self.resident(gpu), gpu, most, &half);
+        let written = ready.write(self.resident(gpu), gpu, (most, room), &half);
         if ready.written < ready.nodes.len() {
             self.ready.push_front(ready);
         }
@@ -295,12 +298,20 @@ impl Ready {
         &mut self,
         resident: &mut Resident,
         gpu: &mut Gpu,
-        most: usize,
+        (most, room): (usize, &mut u64),
         progress: &dyn Progress,
     ) -> Result<()> {
         let Ready { lattice, nodes: all, framed, rows, written, faces } = self;
         let (shown, first, faces) = (resident.shown, resident.nodes.len(), *faces);
-        let nodes = *written..written.saturating_add(most).min(all.len());
+        let bytes = |planes: u32| (planes + shown.words()) as u64 * PAGE_BYTES;
+        let mut free = *room;
+        let fits = |(frame, _): &&(Frame, Option<u32>)| {
+            let left = free.checked_sub(bytes(frame.planes));
+            free = left.unwrap_or(free);
+            left.is_some()
+        };
+        let count = framed[*written..].iter().take(most).take_while(fits).count();
+        let nodes = *written..*written + count;
         for (node, &(frame, station)) in all[nodes.clone()].iter().zip(&framed[nodes.clone()]) {
             let first_page = resident
                 .pool
@@ -341,6 +352,8 @@ impl Ready {
             progress.tick("organising", done, 0)
         })?;
         resident.points = done.into_inner();
+        let took = resident.nodes[first..first + count].iter().map(|node| bytes(node.planes));
+        *room -= took.sum::<u64>();
         // The others are written when there is room.
         for node in resident.nodes.drain(first + count..) {
             resident.pool.pages.give(node.first_page, node.planes + shown.words());

@@ -263,7 +263,7 @@ impl Resident {
     ) -> Result<Resident> {
         let mut upload = CloudUpload::new(cloud, shown, None);
         while upload.build_nodes(arrangement, progress)? {
-            upload.upload_nodes(gpu, usize::MAX, progress)?;
+            upload.upload_nodes(gpu, usize::MAX, &mut { u64::MAX }, progress)?;
         }
         Ok(upload.finish(gpu))
     }

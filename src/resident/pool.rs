@@ -136,8 +136,10 @@ impl Pool {
             );
             let jobs: Vec<_> =
                 placed.into_iter().zip(runs).map(|((.., job), run)| (job, run)).collect();
-            let written = jobs.into_par_iter().try_for_each(|(job, run)| {
-                write(job, run.chunks_exact_mut(POINTS_PER_PAGE as usize).collect())
+            let written = gpu.workers.run(|| {
+                jobs.into_par_iter().try_for_each(|(job, run)| {
+                    write(job, run.chunks_exact_mut(POINTS_PER_PAGE as usize).collect())
+                })
             });
             firsts.iter().for_each(|&first| self.close(first, written.is_ok()));
             written?;

@@ -28,7 +28,6 @@ fn header() -> String {
     let mut text = Vec::new();
     cbindgen::Builder::new()
         .with_src(root.join("src/c/mod.rs"))
-        .with_src(root.join("src/c/structs.rs"))
         .with_config(config)
         .generate()
         .expect("src/c is what cbindgen understands")
@@ -40,19 +39,39 @@ fn header() -> String {
 /// the library knows.
 fn defaults() -> String {
     let source = include_str!("../../src/c/structs.rs");
-    let names = source.match_indices("_init(to: *mut ").map(|(at, found)| {
-        let name = source[..at].rsplit("pointillist_").next().expect("a name");
-        let kind = source[at + found.len()..].split(',').next().expect("a type");
-        format!(
-            "static inline {kind} pointillist_{name}_default(void) {{\n  {kind} value;\n  \
+    let names =
+        source.match_indices("pub unsafe extern \"C\" fn pointillist_").map(|(at, found)| {
+            let function = &source[at + found.len()..];
+            let name = function.split("_init(").next().expect("a name");
+            let argument = function.split("*mut ").nth(1).expect("an argument");
+            let kind = argument.split(',').next().expect("a type");
+            format!(
+                "static inline {kind} pointillist_{name}_default(void) {{\n  {kind} value;\n  \
              pointillist_{name}_init(&value, sizeof value);\n  return value;\n}}\n"
-        )
-    });
+            )
+        });
     let functions: Vec<String> = names.collect();
     format!(
         "#ifndef POINTILLIST_DEFAULTS\n#define POINTILLIST_DEFAULTS\n\n{}\n#endif",
         functions.join("\n")
     )
+}
+
+/// Each struct that begins with its size can be made as the caller knows it.
+#[test]
+fn every_sized_struct_has_a_default() {
+    let header = header();
+    let sized = header.split("typedef struct ").filter_map(|found| {
+        let (name, members) = found.split_once(" {\n")?;
+        members.starts_with("  size_t size;").then_some(name)
+    });
+    let sized: Vec<&str> = sized.collect();
+    assert!(sized.len() >= 9, "{sized:?}");
+    for name in sized {
+        let count = |what: String| header.matches(&what).count();
+        assert_eq!(count(format!("static inline {name} pointillist_")), 1, "{name}");
+        assert_eq!(count(format!("_init(struct {name} *to, size_t size);")), 1, "{name}");
+    }
 }
 
 #[test]

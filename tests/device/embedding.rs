@@ -4,6 +4,7 @@ mod affine;
 mod application;
 mod colors;
 mod depth;
+mod families;
 mod lifetimes;
 mod memory;
 mod ownership;

@@ -16,6 +16,8 @@ mod exr_file;
 mod files;
 #[path = "../support/index_file.rs"]
 mod index_file;
+#[path = "../support/png_file.rs"]
+mod png_file;
 #[path = "../support/points.rs"]
 mod points;
 #[path = "../support/program.rs"]

@@ -150,6 +150,16 @@ fn the_example_of_the_readme_is_that_of_the_crate() {
     }
 }
 
+/// A cloud in an empty program of another application; doctests compile it.
+#[test]
+fn the_example_of_embedding_has_at_most_sixty_lines() {
+    let page = PAGES.iter().find(|page| page.name == "embedding").unwrap();
+    let example = lines(page.text, "no_run");
+    let code = |line: &&&str| !line.is_empty() && !line.trim_start().starts_with("//");
+    let count = example.iter().filter(code).count();
+    assert!((20..=60).contains(&count), "{count} lines");
+}
+
 #[test]
 fn tables_are_those_that_were_measured() {
     let checked = Command::new("python3").arg(root().join("tools/measure")).arg("--check").output();

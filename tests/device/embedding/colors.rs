@@ -41,6 +41,77 @@ fn an_embedded_frame_is_that_of_render_byte_for_byte() {
     }
 }
 
+/// What a scene file has is set by words, and is drawn as `render --scene` draws it.
+#[test]
+fn a_scene_is_drawn_as_render_draws_its_file() {
+    let folder = tempfile::tempdir().unwrap();
+    let (path, camera) = scan(folder.path());
+    let words = [
+        ("effect", "edl=on,strength=2"),
+        ("effect", "ao=on"),
+        ("effect", "phong=on"),
+        ("light", "direction:1,2,-3"),
+        ("background", "1e3c5a"),
+        ("opacity", "0.75"),
+        ("clip", "box:-2,-2,-1,0.5,2,1"),
+        ("ramp", "turbo"),
+        ("range", "-0.3,0.25"),
+        ("brightness", "0.05"),
+        ("contrast", "1.2"),
+        ("gamma", "1.5"),
+    ];
+    let of = |name: &str| {
+        words.iter().filter(|(own, _)| *own == name).map(|(_, value)| *value).collect::<Vec<_>>()
+    };
+    let number = |name: &str| of(name)[0].parse::<f64>().unwrap();
+    let scene = serde_json::json!({
+        "camera": camera,
+        "color": "elevation",
+        "scale": {
+            "ramp": of("ramp")[0],
+            "range": [-0.3, 0.25],
+            "brightness": number("brightness"),
+            "contrast": number("contrast"),
+            "gamma": number("gamma"),
+        },
+        "effects": of("effect"),
+        "opacity": of("opacity"),
+        "clip": of("clip"),
+        "light": of("light")[0],
+        "background": of("background")[0],
+    });
+    let [file, picture] = ["scene.json", "scene.png"].map(|name| folder.path().join(name));
+    std::fs::write(&file, scene.to_string()).unwrap();
+    let [width, height] = SIZE;
+    let (file, to) = (file.display(), picture.display());
+    let line = format!("--scene {file} -o {to} --size {width}x{height}");
+    crate::program::succeeded(&crate::program::render(&path, &line));
+    let expected = crate::png_file::read_png(&picture);
+    assert_eq!(expected.size, SIZE);
+
+    let mut application = Application::new(COLOR);
+    let mut renderer = application.renderer();
+    words.iter().for_each(|(name, value)| renderer.set(name, value).unwrap());
+    let settings = OpenSettings { color: Some("elevation".into()), ..OpenSettings::default() };
+    renderer.open(&[path], &settings).unwrap();
+    let targets = application.targets();
+    let (report, color, _) = application.settle(&mut renderer, targets, &[view_of(camera)]);
+    assert!(report.points > 0);
+    let differ = color.chunks(4).zip(&expected.pixels).filter(|(a, b)| a[..3] != b[..3]).count();
+    assert_eq!(differ, 0, "pixels differ");
+    // Each of them is seen.
+    let plain = ["ramp=auto", "range=auto", "brightness=0", "contrast=1", "gamma=1", "opacity=1"];
+    for word in plain {
+        let (name, value) = word.split_once('=').unwrap();
+        renderer.set(name, value).unwrap();
+        let (_, other, _) = application.settle(&mut renderer, targets, &[view_of(camera)]);
+        assert!(other != color, "{word} changes nothing");
+        renderer.set(name, of(name)[0]).unwrap();
+    }
+    let (_, again, _) = application.settle(&mut renderer, targets, &[view_of(camera)]);
+    assert!(again == color);
+}
+
 #[test]
 fn a_host_that_encodes_gets_the_same_codes() {
     let folder = tempfile::tempdir().unwrap();

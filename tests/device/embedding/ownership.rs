@@ -1,13 +1,14 @@
 //! Images that another queue family owns before and after a frame.
 //!
 //! Software drivers have one family each. The other one is therefore that of another device or
-//! process, to which images are given and from which they are taken in the same way.
+//! process, to which images are given and from which they are taken in the same way; `families` has
+//! queues of two families, where a device has them.
 
 use super::*;
 use crate::counting::{ImageBarrier, image_barriers};
 
 /// The host's half of a transfer of one target.
-fn half(
+pub(super) fn half(
     target: &Target,
     layouts: [i32; 2],
     families: [u32; 2],

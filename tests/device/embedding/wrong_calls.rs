@@ -99,8 +99,22 @@ fn clouds_and_words_that_make_no_sense_are_refused() {
     }
     let settings = renderer.settings().clone();
     let junk = ["?", "=", "edl=on,,", "box:1,2", "\u{0}", "-1", "NaN", "1e999", "direction:0,0"];
-    for name in ["", "style", "effect", "light", "background", "layer", "opacity", "clip", "error"]
-    {
+    let names = [
+        "",
+        "style",
+        "effect",
+        "light",
+        "background",
+        "layer",
+        "opacity",
+        "clip",
+        "ramp",
+        "range",
+        "contrast",
+        "gamma",
+        "error",
+    ];
+    for name in names {
         for value in junk {
             assert!(renderer.set(name, value).is_err(), "{name}={value} is taken");
         }
