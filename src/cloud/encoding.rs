@@ -1,6 +1,6 @@
 //! Byte order marks; decoding of UTF-16 to UTF-8, a chunk at a time.
 
-use super::input::{Input, Meter};
+use super::input::{Decoded, Input, Meter};
 use crate::error::Result;
 use crate::progress::Progress;
 
@@ -53,9 +53,11 @@ impl Utf16 {
     fn length(&self) -> u64 {
         self.chunks.last().map_or(0, |[_, end]| *end)
     }
+}
 
-    /// Reads bytes of one chunk, as UTF-8. Returns their number, 0 at the end.
-    pub fn read_some_at(&self, bytes: &mut [u8], offset: u64) -> Result<usize> {
+impl Decoded for Utf16 {
+    /// Reads bytes of one chunk, as UTF-8.
+    fn read_some_at(&self, bytes: &mut [u8], offset: u64) -> Result<usize> {
         let next = self.chunks.partition_point(|[_, decoded]| *decoded <= offset);
         let Some([end, _]) = self.chunks.get(next) else { return Ok(0) };
         let [at, decoded] = self.chunks[next - 1];

@@ -5,7 +5,6 @@
 //! Indexes, whose nodes are read again and again, are mapped; other files are read once.
 
 use super::column_file::ColumnFile;
-use super::encoding::Utf16;
 use super::mmap::{Map, read_some_at};
 use super::rgb_range::RgbRange;
 use crate::error::{Error, Result};
@@ -35,7 +34,13 @@ enum Contents {
     Remote(Arc<Object>),
     /// Bytes to read instead of a file's.
     Made(Arc<[u8]>),
-    Utf16(Utf16),
+    Decoded(Box<dyn Decoded>),
+}
+
+/// Another form of the bytes of a file, read by position.
+pub trait Decoded: Send + Sync {
+    /// Reads bytes, as many as there are at hand. Returns their number, 0 at the end.
+    fn read_some_at(&self, bytes: &mut [u8], offset: u64) -> Result<usize>;
 }
 
 /// Descriptions of clouds in several files, those of Potree 2 and EPT. A folder with one is opened by
@@ -182,10 +187,10 @@ impl Input {
         Ok(Input { path, column_file, contents, ..*self })
     }
 
-    /// Returns the same file as UTF-8 of this length.
-    pub fn decoded(&self, length: u64, text: Utf16) -> Input {
+    /// Returns the same file in another form, of this length.
+    pub fn decoded(&self, length: u64, decoded: impl Decoded + 'static) -> Input {
         let (path, column_file) = (self.path.clone(), self.column_file.clone());
-        Input { path, length, column_file, contents: Contents::Utf16(text), ..*self }
+        Input { path, length, column_file, contents: Contents::Decoded(Box::new(decoded)), ..*self }
     }
 
     /// Returns the input with the user's colour range.
@@ -308,7 +313,9 @@ impl Contents {
             Contents::File(file) => read_some_at(file, bytes, offset),
             Contents::Mapped(map) => map.read_some_at(bytes, offset),
             Contents::Remote(object) => object.read_at(offset, bytes).map_err(io::Error::other),
-            Contents::Utf16(text) => text.read_some_at(bytes, offset).map_err(io::Error::other),
+            Contents::Decoded(decoded) => {
+                decoded.read_some_at(bytes, offset).map_err(io::Error::other)
+            }
             Contents::Made(made) => {
                 let rest = usize::try_from(offset)
                     .ok()
