@@ -9,7 +9,7 @@ use std::error::Error as _;
 use std::sync::{Mutex, OnceLock, PoisonError};
 use std::thread::JoinHandle;
 
-/// Whether the threads of the process have started, or why not.
+/// Start of the threads of the process, with the reason if it failed.
 static OF_PROCESS: OnceLock<Option<String>> = OnceLock::new();
 
 fn failed(error: &dyn std::fmt::Display) -> Error {
@@ -49,7 +49,7 @@ impl Workers {
                 Ok(())
             })
             .build();
-        // Those that have started end without a pool.
+        // Threads that have started end without a pool.
         let pool = Some(started.map_err(|error: ThreadPoolBuildError| failed(&error))?);
         Ok(Workers { pool, threads })
     }

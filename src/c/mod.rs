@@ -65,7 +65,7 @@ pub struct PointillistRenderer {
     busy: AtomicBool,
 }
 
-/// What a renderer consists of.
+/// Renderer, and the state of its calls.
 struct Own {
     renderer: Renderer,
     /// Report of the last frame.

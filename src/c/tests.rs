@@ -136,12 +136,16 @@ fn requirements_are_those_of_the_library() {
     assert!(said.contains("no requirement 999") && text(&found.feature).is_empty(), "{said}");
 }
 
+/// Returns a renderer with a device of its own, to be freed.
+fn opened() -> *mut PointillistRenderer {
+    let (device, options) = (DeviceOptions::default(), RendererOptions::default());
+    boxed(Renderer::open_device(&device, options).unwrap())
+}
+
 /// A panic may leave a renderer halfway.
 #[test]
 fn a_renderer_can_only_be_freed_after_a_panic() {
-    let opened =
-        Renderer::open_device(&DeviceOptions::default(), RendererOptions::default()).unwrap();
-    let (own, mut pick) = (boxed(opened), 7);
+    let (own, mut pick) = (opened(), 7);
     // SAFETY: the renderer is alive until it is freed.
     unsafe {
         let mut error = PointillistError { message: [0; 1024] };
@@ -166,9 +170,7 @@ fn a_renderer_can_only_be_freed_after_a_panic() {
 /// A call is refused while another one has the renderer, and is answered afterwards.
 #[test]
 fn calls_from_two_threads_do_not_meet() {
-    let opened =
-        Renderer::open_device(&DeviceOptions::default(), RendererOptions::default()).unwrap();
-    let (own, mut pick) = (boxed(opened), 7);
+    let (own, mut pick) = (opened(), 7);
     // SAFETY: the renderer is alive until it is freed.
     unsafe {
         let first = renderer(own).unwrap();

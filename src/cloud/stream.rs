@@ -282,8 +282,7 @@ impl Source {
         }
     }
 
-    /// Reads only these of its columns from now on, and
-    /// its scalars. Those in memory stay.
+    /// Reads only these of its columns and scalars from now on. Columns in memory stay.
     pub fn narrow(&mut self, wanted: ColumnSet) {
         match &mut self.contents {
             Contents::Las { las, .. } => las.narrow(wanted),

@@ -78,8 +78,8 @@ fn scattered(resident: &Resident, view: &View) -> f64 {
     points[1] as f64 / (points[0] + points[1]).max(1) as f64
 }
 
-/// Returns the point spacing on the screen and the covered area `[px]` of a node, or of its clumps
-/// where it is both near and far.
+/// Returns the point spacing on the screen `[px]` and the covered area in pixels of a node, or of its
+/// clumps where it is near and far at once: the size of pixels in it differs by more than two.
 fn apart(view: &View, depths: (f64, f64), node: &ResidentNode) -> Vec<(f64, f64)> {
     let spacing = node.spacing();
     let of = |count, depths, bounds| {

@@ -41,7 +41,7 @@ fn an_embedded_frame_is_that_of_render_byte_for_byte() {
     }
 }
 
-/// What a scene file has is set by words, and is drawn as `render --scene` draws it.
+/// Compares a frame whose settings are set by words with that of `render --scene`.
 #[test]
 fn a_scene_is_drawn_as_render_draws_its_file() {
     let folder = tempfile::tempdir().unwrap();
