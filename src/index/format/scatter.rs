@@ -47,7 +47,7 @@ impl Clump {
         self.scatter >= SCATTERED
     }
 
-    /// Returns the corners of the box of its points, from the node's origin [cells].
+    /// Returns the corners of the box of its points, from the node's origin `[cells]`.
     pub fn bounds(&self) -> (DVec3, DVec3) {
         let most = [1, 3, 9].map(|digit| self.reach[SIGNS / 2 + digit] as f64);
         let least = [1, 3, 9].map(|digit| -self.reach[SIGNS / 2 - digit] as f64);
