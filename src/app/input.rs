@@ -1,6 +1,7 @@
 //! Input: mouse buttons and keys, turned into navigation, picks and actions.
 
 use super::App;
+use super::cancel::CancelToken;
 use super::keys::{self, Binding};
 use super::navigation::{Button, Input, Modifiers};
 use super::render_thread::{Message, PickRequest};
@@ -31,6 +32,8 @@ pub(super) struct Mouse {
     pub pressed: Option<DVec2>,
     /// Clicks on a sample of the files, which wait for all points.
     pub early_picks: Vec<PickRequest>,
+    /// Token of clicks that are not answered yet.
+    pub pick_token: CancelToken,
 }
 
 impl App {
@@ -102,7 +105,8 @@ impl App {
         if is_exact && id.is_none() && self.under_cursor().is_none() {
             return self.nothing_picked(adds);
         }
-        self.mouse.early_picks.push(PickRequest { view, at, id, adds });
+        let token = self.mouse.pick_token.clone();
+        self.mouse.early_picks.push(PickRequest { view, at, id, adds, token });
         self.post_picks();
     }
 

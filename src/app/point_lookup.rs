@@ -8,8 +8,15 @@ use crate::resident::Point;
 use glam::DVec3;
 
 impl App {
-    /// Clears the picked points.
+    /// Forgets the picked points, and clicks that are not answered yet.
     pub(super) fn forget(&mut self) {
+        self.clear_picked();
+        self.mouse.early_picks.clear();
+        self.mouse.pick_token.renew();
+    }
+
+    /// Clears the picked points.
+    pub(super) fn clear_picked(&mut self) {
         self.ui.measure.points.clear();
         self.load.lookup_token.renew();
         if !self.load.active {

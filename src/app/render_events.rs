@@ -26,7 +26,11 @@ impl App {
             RenderEvent::Priced(prices) => self.ui.prices = prices,
             RenderEvent::Counted(points) => self.counted(points),
             RenderEvent::Uploaded(info, token) => self.uploaded(*info, &token),
-            RenderEvent::Picked { point, adds } => self.picked(point, adds),
+            RenderEvent::Picked { point, adds, token } if !token.is_cancelled() => {
+                self.picked(point, adds);
+            }
+            // The user has forgotten the picked points since the click.
+            RenderEvent::Picked { .. } => {}
             RenderEvent::NothingPicked { adds } => self.nothing_picked(adds),
             RenderEvent::Profile(profile) => {
                 print_line(&profile.summary(&self.ui.measure.reference));
@@ -119,7 +123,7 @@ impl App {
 
     pub(super) fn picked(&mut self, point: Point, adds: bool) {
         if !adds {
-            self.forget();
+            self.clear_picked();
         }
         self.ui.measure.points.push(Picked::new(point));
         print_line(&self.ui.measure.to_string());

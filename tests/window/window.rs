@@ -693,6 +693,24 @@ fn clicks_while_moving_pick_what_was_seen() {
     viewer.ended();
 }
 
+/// The view moves, so that a click waits for its answer, which the key forgets before it is there.
+#[test]
+fn clicks_that_are_forgotten_pick_nothing_later() {
+    let place = Place::new();
+    let cloud = place.street(300_000);
+    let mut viewer = place.view(&[&cloud], "--view top");
+    viewer.comes_to_rest();
+    for [x, y] in [[200, 150], [230, 140], [150, 160], [260, 145]] {
+        place.display.xdotool(&format!(
+            "mousemove {x} {y} keydown d sleep 0.3 click 1 key Delete keyup d key 7"
+        ));
+        viewer.comes_to_rest();
+    }
+    viewer.shows(&place.picture(&[&cloud], "top.png", "--view top"));
+    viewer.leave();
+    viewer.ended();
+}
+
 /// What is seen first is a sample, or the coarse levels of an index.
 #[test]
 fn clicks_while_points_arrive_pick_the_same_as_when_all_are_there() {

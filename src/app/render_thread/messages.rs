@@ -93,6 +93,7 @@ pub enum RenderEvent {
     Picked {
         point: Point,
         adds: bool,
+        token: CancelToken,
     },
     /// There is no point under a click.
     NothingPicked {

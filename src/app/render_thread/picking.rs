@@ -6,6 +6,7 @@
 //! between any two frames.
 
 use super::{RenderEvent, RenderLoop};
+use crate::app::cancel::CancelToken;
 use crate::app::pick_buffer::{MISS_PX, PickBuffer};
 use crate::error::{Error, Result};
 use crate::output::tiled::Piece;
@@ -16,7 +17,7 @@ use glam::DVec2;
 use std::time::{Duration, Instant};
 
 /// A click.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 pub struct PickRequest {
     /// The window as it was seen, in its full size.
     pub view: View,
@@ -26,6 +27,8 @@ pub struct PickRequest {
     pub id: Option<u32>,
     /// Whether the point joins the picked ones.
     pub adds: bool,
+    /// Cancelled once the user forgets the picked points.
+    pub token: CancelToken,
 }
 
 /// Longest time that a pick takes between two frames.
@@ -67,7 +70,7 @@ impl RenderLoop {
             if resident.identity() == self.last_drawn
                 && let Some(point) = resident.point(gpu, id)?
             {
-                self.answer(Some(point), pick.adds);
+                self.answer(Some(point), &pick);
                 return Ok(());
             }
         }
@@ -77,22 +80,24 @@ impl RenderLoop {
 
     /// Draws the surroundings of the first click that is kept, and answers it.
     pub(super) fn pick_step(&mut self) -> Result<()> {
-        let Some(pick) = self.picks.front().copied() else { return Ok(()) };
+        let Some(pick) = self.picks.front().cloned() else { return Ok(()) };
         match self.point_at(&pick) {
             // It goes on after the next frame.
             Err(Error::Interrupted) => return Ok(()),
             Err(error @ Error::Request(_)) => (self.report)(RenderEvent::Failed(error)),
             Err(error) => return Err(error),
-            Ok(point) => self.answer(point, pick.adds),
+            Ok(point) => self.answer(point, &pick),
         }
         self.picks.pop_front();
         Ok(())
     }
 
-    fn answer(&self, point: Option<Point>, adds: bool) {
+    fn answer(&self, point: Option<Point>, pick: &PickRequest) {
         (self.report)(match point {
-            Some(point) => RenderEvent::Picked { point, adds },
-            None => RenderEvent::NothingPicked { adds },
+            Some(point) => {
+                RenderEvent::Picked { point, adds: pick.adds, token: pick.token.clone() }
+            }
+            None => RenderEvent::NothingPicked { adds: pick.adds },
         });
     }
 
