@@ -101,14 +101,15 @@ impl ResidentNode {
         (a.min(b), a.max(b))
     }
 
-    /// Returns the numbers of points and the boxes of its clumps, in the coordinates of views.
-    pub fn boxed_clumps(&self) -> impl Iterator<Item = (u64, (DVec3, DVec3))> {
+    /// Returns its clumps with their numbers of points and their boxes, in the cloud's own
+    /// coordinates.
+    pub fn boxed_clumps(&self) -> impl Iterator<Item = (&Clump, u64, (DVec3, DVec3))> {
         let (origin, cell) = (self.lattice.world(self.frame.origin), self.clump_cell());
         (0..).zip(self.clumps.iter()).map(move |(k, clump)| {
             let (least, most) = clump.bounds();
             let (a, b) = (origin + least * cell, origin + most * cell);
             let left = (self.count as u64).saturating_sub(k * POINTS_PER_CLUMP as u64);
-            (left.min(POINTS_PER_CLUMP as u64), self.map.bounds((a.min(b), a.max(b))))
+            (clump, left.min(POINTS_PER_CLUMP as u64), (a.min(b), a.max(b)))
         })
     }
 
@@ -126,15 +127,19 @@ impl ResidentNode {
                 origin.dot(normal) + clump.reach_along(normal * cell)
             })
         };
-        let (min, max) = self.own_bounds();
-        let by_box = view.crossed(|normal| {
-            let normal = self.map.pulled(normal);
-            (min * normal).max(max * normal).element_sum()
-        });
+        let by_box = self.box_crosses(view, self.own_bounds());
         match by_box.contains(&true) {
             true => self.clumps.iter().map(clump).fold([false; 4], either),
             false => by_box,
         }
+    }
+
+    /// Returns beyond which edges of a window a box in the cloud's own coordinates reaches.
+    fn box_crosses(&self, view: &View, (min, max): (DVec3, DVec3)) -> [bool; 4] {
+        view.crossed(|normal| {
+            let normal = self.map.pulled(normal);
+            (min * normal).max(max * normal).element_sum()
+        })
     }
 }
 

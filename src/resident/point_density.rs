@@ -2,7 +2,8 @@
 //! picture use those of the whole.
 
 use super::{Resident, ResidentNode, either};
-use crate::index::format::scatter::{AROUND, POINTS_PER_CLUMP};
+use crate::index::format::scatter::{AROUND, Clump, POINTS_PER_CLUMP};
+use crate::select::clip::Left;
 use crate::view::{Projection, View};
 use glam::DVec3;
 
@@ -30,27 +31,22 @@ pub struct PointDensity {
 impl PointDensity {
     /// Measures the nodes in view.
     pub fn of(resident: &Resident, view: &View) -> PointDensity {
-        let seen: Vec<Node> =
-            resident.seen(view).map(|(depths, node)| Node::of(view, depths, node)).collect();
-        let number = |of: fn(&Node) -> Option<f64>| {
-            seen.iter().filter_map(|node| Some((of(node)?, node.count))).collect()
+        let seen = parts(resident, view);
+        let number = |of: fn(&Seen) -> Option<f64>| {
+            let sizes = seen.iter().map(|part| Seen::of(view, part));
+            sizes.filter_map(|seen| Some((of(&seen)?, seen.count))).collect()
         };
         // Points in one place have no known density.
-        let density = |node: &Node| (node.covered > 0.0).then(|| node.count as f64 / node.covered);
+        let density = |seen: &Seen| (seen.covered > 0.0).then(|| seen.count as f64 / seen.covered);
+        let pixels = seen.iter().map(|part| pixel_m(view, part.depths));
         PointDensity {
             spacing_m: resident.spacing_m(),
-            pixel_m: weighted_median(number(|node| Some(node.pixel_m))),
-            finest_m: seen.iter().map(|node| node.pixel_m).reduce(f64::min).unwrap_or(0.0),
+            pixel_m: weighted_median(number(|seen| Some(seen.pixel_m))),
+            finest_m: pixels.reduce(f64::min).unwrap_or(0.0),
             density: weighted_median(number(density)),
-            scattered: scattered(resident, view),
-            apart_px: quantile(
-                resident.seen(view).flat_map(|(depths, node)| apart(view, depths, node)).collect(),
-                0.9,
-            ),
-            crossed: resident
-                .seen(view)
-                .map(|(_, node)| node.crosses(view))
-                .fold([false; 4], either),
+            scattered: scattered(resident, &seen),
+            apart_px: quantile(seen.iter().flat_map(|part| apart(view, part)).collect(), 0.9),
+            crossed: seen.iter().map(|part| part.crosses(view)).fold([false; 4], either),
         }
     }
 
@@ -60,16 +56,74 @@ impl PointDensity {
     }
 }
 
-/// Returns the share of the points of nodes in view whose clumps lie on no surface: all of a cloud
-/// of few points.
-fn scattered(resident: &Resident, view: &View) -> f64 {
+/// What clip boxes leave of a node: all of it, or a part of one of its clumps.
+struct Part<'r> {
+    node: &'r ResidentNode,
+    clump: Option<&'r Clump>,
+    count: u64,
+    /// Corners of its box, in the cloud's own coordinates.
+    own_bounds: (DVec3, DVec3),
+    /// Least and greatest depth.
+    depths: (f64, f64),
+}
+
+impl Part<'_> {
+    fn bounds(&self) -> (DVec3, DVec3) {
+        self.node.map.bounds(self.own_bounds)
+    }
+
+    fn clumps(&self) -> &[Clump] {
+        self.clump.map_or(&self.node.clumps, std::slice::from_ref)
+    }
+
+    /// Returns beyond which edges of a window its points may lie: left, right, upper, lower.
+    fn crosses(&self, view: &View) -> [bool; 4] {
+        match self.clump {
+            None => self.node.crosses(view),
+            Some(_) => self.node.box_crosses(view, self.own_bounds),
+        }
+    }
+}
+
+/// Returns what clip boxes leave of the nodes in view.
+fn parts<'r>(resident: &'r Resident, view: &'r View) -> Vec<Part<'r>> {
+    let mut parts = Vec::new();
+    for (depths, node) in resident.seen(view) {
+        let own_bounds = node.own_bounds();
+        if resident.clips.left(own_bounds) == Left::Everything {
+            let count = node.count as u64;
+            parts.push(Part { node, clump: None, count, own_bounds, depths });
+            continue;
+        }
+        parts.extend(node.boxed_clumps().filter_map(|(clump, count, whole)| {
+            let own_bounds = resident.clips.cut(whole)?;
+            let depths = view.depths(node.map.bounds(own_bounds))?;
+            let count = (count as f64 * share(own_bounds, whole)).ceil() as u64;
+            Some(Part { node, clump: Some(clump), count, own_bounds, depths })
+        }));
+    }
+    parts
+}
+
+/// Returns the share of a box that another one within it takes.
+fn share((min, max): (DVec3, DVec3), (least, most): (DVec3, DVec3)) -> f64 {
+    let axis = |axis: usize| match most[axis] - least[axis] {
+        whole if whole > 0.0 => (max[axis] - min[axis]) / whole,
+        _ => 1.0,
+    };
+    axis(0) * axis(1) * axis(2)
+}
+
+/// Returns the share of the points in view whose clumps lie on no surface: all of a cloud of few
+/// points.
+fn scattered(resident: &Resident, seen: &[Part]) -> f64 {
     if resident.points <= AROUND as u64 {
         return 1.0;
     }
     let mut points = [0, 0];
-    for (_, node) in resident.seen(view) {
-        let mut left = node.count as u64;
-        for clump in node.clumps.iter() {
+    for part in seen {
+        let mut left = part.count;
+        for clump in part.clumps() {
             let own = left.min(POINTS_PER_CLUMP as u64);
             points[clump.is_scattered() as usize] += own;
             left -= own;
@@ -78,23 +132,22 @@ fn scattered(resident: &Resident, view: &View) -> f64 {
     points[1] as f64 / (points[0] + points[1]).max(1) as f64
 }
 
-/// Returns the point spacing on the screen `[px]` and the covered area in pixels of a node, or of its
+/// Returns the point spacing on the screen `[px]` and the covered area in pixels of a part, or of its
 /// clumps where it is near and far at once: the size of pixels in it differs by more than two.
-fn apart(view: &View, depths: (f64, f64), node: &ResidentNode) -> Vec<(f64, f64)> {
-    let spacing = node.spacing();
+fn apart(view: &View, part: &Part) -> Vec<(f64, f64)> {
+    let (node, spacing) = (part.node, part.node.spacing());
     let of = |count, depths, bounds| {
         let pixel_m = pixel_m(view, depths);
         let covered = covered_m2(view, count, spacing, bounds) / (pixel_m * pixel_m);
         (pixel_m > 0.0).then_some((spacing / pixel_m, covered))
     };
     let has_one_size =
-        view.camera.projection == Projection::Orthographic || depths.1 <= 2.0 * depths.0;
-    if has_one_size {
-        return Vec::from_iter(of(node.count as u64, depths, node.bounds()));
+        view.camera.projection == Projection::Orthographic || part.depths.1 <= 2.0 * part.depths.0;
+    if has_one_size || part.clump.is_some() {
+        return Vec::from_iter(of(part.count, part.depths, part.bounds()));
     }
-    node.boxed_clumps()
-        .filter_map(|(count, bounds)| of(count, view.depths(bounds)?, bounds))
-        .collect()
+    let clumps = node.boxed_clumps().map(|(_, count, bounds)| (count, node.map.bounds(bounds)));
+    clumps.filter_map(|(count, bounds)| of(count, view.depths(bounds)?, bounds)).collect()
 }
 
 /// Returns the pixel size at the middle of a range of depths `[m]`.
@@ -114,8 +167,8 @@ fn covered_m2(view: &View, count: u64, spacing: f64, (min, max): (DVec3, DVec3))
     (count as f64 * spacing * spacing).min(faces)
 }
 
-/// A node as seen at its centre.
-struct Node {
+/// A part as seen at its centre.
+struct Seen {
     count: u64,
     /// Metres.
     pixel_m: f64,
@@ -123,12 +176,11 @@ struct Node {
     covered: f64,
 }
 
-impl Node {
-    /// Measures a node.
-    fn of(view: &View, depths: (f64, f64), node: &ResidentNode) -> Node {
-        let (count, pixel_m) = (node.count as u64, pixel_m(view, depths));
-        let covered = covered_m2(view, count, node.spacing(), node.bounds());
-        Node { count, pixel_m, covered: covered / (pixel_m * pixel_m) }
+impl Seen {
+    fn of(view: &View, part: &Part) -> Seen {
+        let (count, pixel_m) = (part.count, pixel_m(view, part.depths));
+        let covered = covered_m2(view, count, part.node.spacing(), part.bounds());
+        Seen { count, pixel_m, covered: covered / (pixel_m * pixel_m) }
     }
 }
 

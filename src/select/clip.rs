@@ -9,12 +9,16 @@ use crate::cloud::Lattice;
 use crate::cloud::strays::RobustBounds;
 use crate::config::BITS_PER_PLANE;
 use crate::index::build::pack::Frame;
-use clap::ValueEnum;
+use crate::names::Named;
 use glam::DVec3;
 use serde::Serialize;
+use strum::{EnumString, IntoStaticStr, VariantArray};
 
 /// The points that a box keeps.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum, Serialize)]
+#[derive(
+    Clone, Copy, Debug, Default, PartialEq, Eq, EnumString, IntoStaticStr, VariantArray, Serialize,
+)]
+#[strum(serialize_all = "kebab-case")]
 #[serde(rename_all = "lowercase")]
 pub enum Keeps {
     /// Points inside it, together with those inside other such boxes.
@@ -64,7 +68,7 @@ impl std::str::FromStr for Clip {
             )
         };
         let (kind, numbers) = text.split_once(':').ok_or_else(wrong)?;
-        let keeps = Keeps::from_str(kind, false).map_err(|_| wrong())?;
+        let keeps = Keeps::named(kind).map_err(|_| wrong())?;
         let numbers: Vec<f64> = numbers
             .split(',')
             .map(|number| number.trim().parse().map_err(|_| wrong()))
@@ -80,9 +84,9 @@ impl std::str::FromStr for Clip {
 
 impl std::fmt::Display for Clip {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        let kind = self.keeps.to_possible_value().expect("no kind is hidden");
+        let kind = self.keeps.name();
         let (a, b) = (self.min, self.max);
-        write!(f, "{}:{},{},{},{},{},{}", kind.get_name(), a.x, a.y, a.z, b.x, b.y, b.z)
+        write!(f, "{}:{},{},{},{},{},{}", kind, a.x, a.y, a.z, b.x, b.y, b.z)
     }
 }
 
@@ -197,6 +201,20 @@ impl Clips {
             () if !some || gone => Left::Nothing,
             () if all && !touched => Left::Everything,
             () => Left::Some,
+        }
+    }
+
+    /// Returns the corners around what the boxes leave of the space between two corners; None if
+    /// nothing. Removing boxes that remove a part of it change nothing.
+    pub fn cut(&self, bounds: (DVec3, DVec3)) -> Option<(DVec3, DVec3)> {
+        match self.left(bounds) {
+            Left::Nothing => None,
+            Left::Everything => Some(bounds),
+            Left::Some => {
+                let own = |clip: &Clip| (clip.min.max(bounds.0), clip.max.min(bounds.1));
+                let kept = self.of(Keeps::Box).filter(|clip| clip.meets(bounds)).map(own);
+                Some(kept.reduce(|a, b| (a.0.min(b.0), a.1.max(b.1))).unwrap_or(bounds))
+            }
         }
     }
 

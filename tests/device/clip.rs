@@ -134,6 +134,43 @@ fn the_points_drawn_are_those_that_an_f64_comparison_keeps() {
     assert!(sides.contains(&(true, true, false)), "{sides:?}");
 }
 
+/// Points are five pixels apart, and go on beyond the picture: what lies outside of the box is gone,
+/// so that the surface ends at its faces.
+#[test]
+fn a_surface_ends_where_a_box_cuts_it() {
+    let cloud = carpet(&mut Random(0xC117));
+    let middle = world([SIDE as i32 * PIXEL / 2, SIDE as i32 * PIXEL / 2, 250]);
+    let height = SIDE as f64 * PIXEL as f64 * 0.001 / 10.0;
+    let camera = orthographic(middle + DVec3::Z * 10.0, middle, height);
+    let side = SIDE / 2;
+    let view = View::new(pointillist::view::Camera { up: DVec3::Y, ..camera }, [side; 2]).unwrap();
+    let half = DVec3::new(height / 4.0, height / 4.0, 10.0);
+    let [min, max] = [middle - half, middle + half].map(|p| format!("{},{},{}", p.x, p.y, p.z));
+    gpu::with(Way::Compute64, |gpu| {
+        let shown = DisplayAttribute::new(Attribute::White, &cloud);
+        let mut resident = Resident::fill(gpu, cloud.clone(), shown, &Silent).unwrap();
+        let settings = RenderSettings::default();
+        let whole = FrameConfig::new(&settings, &view, &resident);
+        assert_eq!(whole.sampling.crossed, [true; 4]);
+        resident.clips = clips(&[format!("box:{min},{max}")]);
+        let cut = FrameConfig::new(&settings, &view, &resident);
+        assert_eq!(cut.sampling.crossed, [false; 4]);
+        let share = cut.sampling.spacing_m / whole.sampling.spacing_m;
+        assert!((0.9..1.1).contains(&share), "{share}");
+        let (_, picture, _) = drawn(gpu, &resident, &view, &settings);
+        let is_drawn = |x: u32, y: u32| picture[(y * side + x) as usize][..3] != cut.background;
+        let [mut inside, mut outside] = [0; 2];
+        for (x, y) in (0..side * side).map(|i| (i % side, i / side)) {
+            let from = x.min(y).min(side - 1 - x).min(side - 1 - y);
+            // Contours may lie two spacings beside the faces.
+            outside += u32::from(from + 10 < side / 4 && is_drawn(x, y));
+            inside += u32::from(from > side / 4 && !is_drawn(x, y));
+        }
+        assert_eq!(outside, 0, "pixels are drawn outside of the box");
+        assert!(inside < side * side / 400, "{inside} holes");
+    });
+}
+
 /// Compares clipping with drawing the same nodes with another, hidden class for the clipped points.
 #[test]
 fn what_is_clipped_shows_nowhere_casts_no_shadow_and_has_no_part_in_luminance_and_strokes() {
