@@ -31,7 +31,7 @@
 //!   program, one file a subcommand.
 //! - [`guide`]: the pages of the guide, from the window to the numerics.
 //! - For all: [`config`] (limits and defaults), [`error`], [`progress`], [`atomic_file`],
-//!   [`small_file`], [`similar`] names, [`thread_pool`].
+//!   [`small_file`], [`names`], [`similar`] names, [`thread_pool`].
 //!
 //! A picture of a file, without the program:
 //!
@@ -76,6 +76,7 @@ pub mod graph;
 pub mod guide;
 pub mod index;
 pub mod loader;
+pub mod names;
 pub mod network;
 pub mod output;
 pub mod passes;

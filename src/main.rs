@@ -8,6 +8,7 @@ use pointillist::cli::{
 };
 use pointillist::error::Error;
 use pointillist::thread_pool;
+use std::ffi::OsString;
 use std::io::Write;
 use std::process::ExitCode;
 
@@ -84,14 +85,50 @@ impl log::Log for Logger {
     fn flush(&self) {}
 }
 
-/// Parses the arguments. Help is a line or two an option, for `--help` as for `-h`.
+/// Returns the topic of `--help TOPIC`, and the words without it.
+fn help_topic(words: Vec<OsString>) -> (Option<String>, Vec<OsString>) {
+    let is_help = |word: &OsString| ["-h", "--help"].iter().any(|help| word == help);
+    let topic = words.iter().position(is_help).and_then(|at| words.get(at + 1));
+    let topic = topic.and_then(|word| word.to_str());
+    let topic = topic.filter(|word| ["all", "effects"].contains(word)).map(str::to_owned);
+    match topic.as_deref() {
+        Some("effects") => {
+            let effects = words.into_iter().take(2).chain(["--help-effects".into()]);
+            (topic, effects.collect())
+        }
+        _ => (topic, words),
+    }
+}
+
+/// Parses the arguments. Help is a line or two an option, for `--help` as for `-h`; options that few
+/// need are those of `--help all`.
 fn parse(words: &[String]) -> Program {
-    let help = |command: Clap| {
+    let (topic, typed) = help_topic(std::env::args_os().collect());
+    let shows_all = topic.is_some_and(|topic| topic == "all");
+    let help = |mut command: Clap| {
+        let has_more = command.get_arguments().any(Arg::is_hide_short_help_set);
+        if shows_all {
+            command = command.mut_args(|argument| {
+                let whole = argument.get_long_help().map(|help| help.to_string());
+                let whole = whole.map(|help| help.replace("\n\n", "; "));
+                let argument = argument.hide_short_help(false);
+                match whole {
+                    Some(whole) => argument.help(whole),
+                    None => argument,
+                }
+            });
+        }
+        let has_effects = command.get_arguments().any(|own| own.get_id() == "help_effects");
+        let about = match (has_more, has_effects) {
+            (true, true) => "Print help; all options: --help all; effects: --help effects",
+            (true, false) => "Print help; all options: --help all",
+            _ => "Print help",
+        };
         let help = Arg::new("help").short('h').long("help").action(ArgAction::HelpShort);
-        command.disable_help_flag(true).arg(help.help("Print help"))
+        command.disable_help_flag(true).arg(help.help(about))
     };
     let mut program = help(Program::command()).mut_subcommands(help);
-    let parsed = program.try_get_matches_from_mut(std::env::args_os());
+    let parsed = program.try_get_matches_from_mut(typed);
     let parsed = parsed.and_then(|matches| Program::from_arg_matches(&matches));
     parsed.unwrap_or_else(|error| suggestions::suggest(error, &program, words).exit())
 }

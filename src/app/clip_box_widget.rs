@@ -1,10 +1,9 @@
 //! Clip boxes: numbers in the panel, and edges over the picture with a handle on every face.
 
 use super::measure::Measure;
-use crate::passes::Choice;
+use crate::names::Named;
 use crate::select::clip::{Clip, Clips, Keeps};
 use crate::view::{Camera, Projection, View};
-use clap::ValueEnum;
 use egui::{Color32, DragValue, Pos2, Rect, Sense, Stroke, Ui, Vec2};
 use glam::DVec3;
 
@@ -52,8 +51,8 @@ pub fn list(ui: &mut Ui, clips: &mut Clips, added: &mut bool) {
             let mut gone = None;
             for (number, clip) in clips.0.iter_mut().enumerate() {
                 ui.horizontal(|ui| {
-                    for &keeps in Keeps::value_variants() {
-                        ui.selectable_value(&mut clip.keeps, keeps, Choice::name(&keeps));
+                    for &keeps in Keeps::ALL {
+                        ui.selectable_value(&mut clip.keeps, keeps, keeps.name());
                     }
                     if ui.button("delete").clicked() {
                         gone = Some(number);

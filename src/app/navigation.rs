@@ -16,6 +16,7 @@ use crate::view::{Basis, Camera, Covered, Preset, Projection, View};
 use glam::{DQuat, DVec2, DVec3};
 use std::f64::consts::{FRAC_PI_2, PI};
 use std::sync::Arc;
+use strum::{EnumString, IntoStaticStr, VariantArray};
 
 /// Effect of a drag with the first button.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
@@ -40,7 +41,8 @@ impl Mode {
 }
 
 /// Mouse buttons of other programs.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, EnumString, IntoStaticStr, VariantArray)]
+#[strum(serialize_all = "kebab-case")]
 pub enum NavigationStyle {
     /// Left turns, right and middle move
     #[default]

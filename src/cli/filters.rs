@@ -6,9 +6,11 @@ use crate::select::clip::{Clip, Clips};
 #[derive(clap::Args, Clone, Debug, Default)]
 #[command(next_help_heading = "Points")]
 pub struct FilterOptions {
-    /// Leave only points of these values: class, return (a number, first, last, single), returns,
-    /// source, file, scan, intensity, x, y, z, gps-time. A comma is "or", `10..20` a range; names of
-    /// classes need no "class=". Repeatable: a point must match all
+    /// Leave only points of these values; a comma is "or", 10..20 a range. Repeatable: a point must
+    /// match all
+    ///
+    /// Of class, return (a number, first, last, single), returns, source, file, scan, intensity, x, y,
+    /// z, gps-time, and of any scalar; names of classes need no "class="
     #[arg(
         long,
         visible_alias = "where",
@@ -24,10 +26,11 @@ pub struct FilterOptions {
 #[derive(clap::Args, Clone, Debug, Default)]
 #[command(next_help_heading = "Points")]
 pub struct ClipOptions {
-    /// Clip box, by two opposite corners in the world: leaves what lies inside a `box`, or in one
-    /// of several, and outside of every `outside` box. Faces belong to a box; inf is a number.
-    /// Files in degrees are drawn in metres on a plane, and so are boxes: `info` has both bounds.
-    /// Repeatable
+    /// Leave what lies in a box, or outside of one, by two opposite corners in the world. Repeatable
+    ///
+    /// In one of several boxes, and outside of every `outside` box; faces belong to a box; inf is a
+    /// number; files in degrees are drawn in metres on a plane, and so are boxes: `info` has both
+    /// bounds
     #[arg(long, value_name = "box|outside|off:X0,Y0,Z0,X1,Y1,Z1", allow_hyphen_values = true)]
     pub clip: Vec<Clip>,
 }

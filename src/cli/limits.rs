@@ -20,11 +20,14 @@ use std::path::PathBuf;
 #[derive(clap::Args, Clone, Debug, Default)]
 #[command(next_help_heading = "Accuracy against time")]
 pub struct LimitOptions {
-    /// Most time of the device for a picture: draw the most accurate one that fits, by the front of
-    /// `pointillist tune`; in the window, while it moves
+    /// Draw the most accurate picture in this time of the device
+    ///
+    /// By the front of `pointillist tune`; in the window, while it moves
     #[arg(long, value_name = "MILLISECONDS", value_parser = Limit::time, conflicts_with_all = ["error", "lod", "point_budget"])]
     pub time: Option<Limit>,
-    /// Largest mean error against the finest picture: draw the fastest one that holds it
+    /// Draw the fastest picture with this error against the finest
+    ///
+    /// The mean over its pixels
     #[arg(long, value_name = "0.5px|0.2%", conflicts_with_all = ["lod", "point_budget"])]
     pub error: Option<Limit>,
 }

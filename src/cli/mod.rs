@@ -11,6 +11,7 @@ pub mod index;
 pub mod indexed_info;
 pub mod info;
 mod limits;
+mod named;
 pub mod options;
 pub mod profile;
 pub mod raster;

@@ -1,6 +1,7 @@
 //! Options that `view`, `render`, `bench` and `study` share.
 
 use super::filters::{ClipOptions, FilterOptions};
+use super::named::named;
 use super::streams;
 use super::units::{self, Bytes, Size, note_length};
 use crate::cloud::attribute::{Attribute, DisplayAttribute, ExtraAttributes};
@@ -16,6 +17,7 @@ use crate::config;
 use crate::error::{Error, Result};
 use crate::gpu;
 use crate::index::cache::CacheLocation;
+use crate::names::Named;
 use crate::network;
 use crate::output::annotations::{Shown, no_north};
 use crate::passes::phong::Normals;
@@ -43,7 +45,7 @@ const MIB: u64 = 1 << 20;
 pub struct ColorOptions {
     /// Largest value of a colour channel in the files [default: found from most points; `info`
     /// prints it]
-    #[arg(long, value_name = "0..1|255|65535")]
+    #[arg(long, hide_short_help = true, value_name = "0..1|255|65535")]
     pub rgb_range: Option<RgbRange>,
 }
 
@@ -52,9 +54,11 @@ pub struct ColorOptions {
 #[command(next_help_heading = "Colours")]
 pub struct ScaleOptions {
     /// Ramp of heights and intensities [default: terrain, grey]
-    #[arg(long, value_enum)]
+    #[arg(long, value_parser = named::<Ramp>())]
     pub ramp: Option<Ramp>,
-    /// Values at its ends, or of channels up to 255 [default: the 2nd and 98th percentile]
+    /// Values at its ends [default: 2nd and 98th percentile]
+    ///
+    /// Of colours: channels up to 255
     #[arg(long, value_name = "LOW,HIGH", value_parser = range, allow_hyphen_values = true)]
     pub range: Option<Range>,
     /// Added to colours and places on the ramp, -1 to 1
@@ -63,7 +67,9 @@ pub struct ScaleOptions {
     /// Slope of colours about the middle grey
     #[arg(long, value_name = "NUMBER", default_value_t = 1.0, value_parser = number, allow_hyphen_values = true)]
     pub contrast: f64,
-    /// Above 1 brightens what is dark, and keeps black and white
+    /// Above 1 brightens what is dark
+    ///
+    /// Black and white stay
     #[arg(long, value_name = "NUMBER", default_value_t = 1.0, value_parser = number, allow_hyphen_values = true)]
     pub gamma: f64,
 }
@@ -78,7 +84,9 @@ pub struct ReportOptions {
     /// Colours of the numbers or labels that points show
     #[arg(long)]
     pub legend: bool,
-    /// Bar of a round length; in perspective, at the depth of the points in the middle
+    /// Bar of a round length
+    ///
+    /// In perspective, at the depth of the points in the middle
     #[arg(long)]
     pub scale_bar: bool,
     /// Arrow to the north
@@ -133,42 +141,50 @@ pub struct PictureOptions {
     /// Size of the picture, pixels
     #[arg(long, value_name = "WxH", default_value_t = Size(config::SIZE))]
     pub size: Size,
-    /// Camera file: eye, target, up (world; of files in degrees metres on a plane, as `info` says),
-    /// fov_y, projection (perspective|orthographic), ortho_height
+    /// Camera file: eye, target, up, fov_y, projection, ortho_height
+    ///
+    /// World coordinates (of files in degrees metres on a plane, as `info` says); projection is
+    /// perspective or orthographic
     #[arg(long, value_name = "CAM.json", conflicts_with = "view")]
     pub camera: Option<PathBuf>,
     /// Scene file, as the window saves it, in place of --camera and of looks
     #[arg(long, value_name = "SCENE.json", conflicts_with_all = ["camera", "view", "color", "effect", "style", "point_size", "light", "layer", "opacity", "only", "not", "clip", "background", "ramp", "range", "brightness", "contrast", "gamma"])]
     pub scene: Option<PathBuf>,
     /// Where to look from if no --camera is given
-    #[arg(long, value_enum, default_value_t = Preset::Fit)]
+    #[arg(long, value_parser = named::<Preset>(), default_value = Preset::Fit.name())]
     pub view: Preset,
     /// Axis of the coordinates that points up
-    #[arg(long, value_enum, default_value_t = UpOption::Auto)]
+    #[arg(long, hide_short_help = true, value_parser = named::<UpOption>(), default_value = UpOption::Auto.name())]
     pub up: UpOption,
-    /// What the points show [default: rgb if the files have it, else intensity if it varies, else
-    /// elevation]
+    /// What the points show [default: rgb, else intensity, else elevation]
+    ///
+    /// Intensity only if it varies
     #[arg(long, value_name = "rgb|intensity|elevation|class|return|time|...|extra:NAME")]
     pub color: Option<Attribute>,
     /// Switch an effect and set its values; repeatable
     #[arg(long, value_name = "NAME=off|on|auto[,key=value...]", value_parser = effect)]
     pub effect: Vec<String>,
     /// How points are drawn [default: auto; splats with --point-size]
-    #[arg(long, value_enum)]
+    #[arg(long, value_parser = named::<Style>())]
     pub style: Option<Style>,
-    /// Diameter of points, for --style splats and points: pixels such as 3, a length such as 0.05m
-    /// or 0.2ft, or auto, which follows the spacing of the points
+    /// Diameter of points, for --style splats and points: 3, 0.05m or 0.2ft; auto: by their spacing
     #[arg(long, value_name = "PIXELS|LENGTHm|auto", allow_hyphen_values = true)]
     pub point_size: Option<PointSize>,
-    /// Light: headlight; direction:X,Y,Z in which it travels; position:X,Y,Z; world coordinates
-    #[arg(long, value_name = "KIND[:X,Y,Z]", default_value_t, allow_hyphen_values = true)]
+    /// Light: headlight, the direction in which it travels, or its position, in the world
+    #[arg(
+        long,
+        value_name = "headlight|direction:X,Y,Z|position:X,Y,Z",
+        default_value_t,
+        allow_hyphen_values = true
+    )]
     pub light: Light,
     /// Layer distance: surfaces nearer to each other are one, for fill=method=mask, transparency and
     /// shadows, in the files' unit, or such as 0.1m [default: four spacings of points or pixels]
-    #[arg(long, value_name = "LENGTH", value_parser = units::length, allow_hyphen_values = true)]
+    #[arg(long, hide_short_help = true, value_name = "LENGTH", value_parser = units::length, allow_hyphen_values = true)]
     pub layer: Option<Length>,
-    /// Opacity, 0 to 1, of all points or those of a class, return number, station (as in `info`) or
-    /// file; they multiply, and 0 hides. Repeatable
+    /// Opacity, 0 to 1, of all points or these; 0 hides. Repeatable
+    ///
+    /// Stations are those of `info`; opacities multiply
     #[arg(
         long,
         value_name = "[class:N|return:N|station:S|file:F=]OPACITY",
@@ -176,13 +192,13 @@ pub struct PictureOptions {
     )]
     pub opacity: Vec<Rule>,
     /// Whether to draw points far outside of all others
-    #[arg(long, value_enum, default_value_t)]
+    #[arg(long, hide_short_help = true, value_parser = named::<Treatment>(), default_value = Treatment::Show.name())]
     pub strays: Treatment,
-    /// Colour behind the points, sRGB [default: 181b20; none in maps, which are transparent there]
+    /// Colour behind the points, sRGB [default: 181b20; none in maps]
     #[arg(long, value_name = "RRGGBB")]
     pub background: Option<Background>,
     /// Memory for fragments of strokes [default: 512MiB]; beyond it a picture is painted in parts
-    #[arg(long, value_name = "BYTES", value_parser = abuffer)]
+    #[arg(long, hide_short_help = true, value_name = "BYTES", value_parser = abuffer)]
     pub abuffer_memory: Option<Bytes>,
     #[command(flatten)]
     pub colors: ColorOptions,
@@ -208,19 +224,19 @@ pub struct PictureOptions {
 #[command(next_help_heading = "Large clouds")]
 pub struct DetailOptions {
     /// Most points to draw [default: 4 a pixel, at least a million]; beyond it, nodes are coarser
-    #[arg(long, alias = "budget", value_name = "POINTS")]
+    #[arg(long, hide_short_help = true, alias = "budget", value_name = "POINTS")]
     pub point_budget: Option<u64>,
     /// Refine until samples are this near to each other [default: 1, and 0 for maps]; 0 draws all points within
     /// --point-budget
-    #[arg(long, value_name = "PIXELS", value_parser = pixels)]
+    #[arg(long, hide_short_help = true, value_name = "PIXELS", value_parser = pixels)]
     pub lod: Option<f64>,
     /// Device memory for nodes of an index [default: 1GiB]; beyond it a picture is coarser
-    #[arg(long, alias = "pool", value_name = "BYTES")]
+    #[arg(long, hide_short_help = true, alias = "pool", value_name = "BYTES")]
     pub gpu_memory: Option<Bytes>,
     #[command(flatten)]
     pub cache: CacheOptions,
     /// Shadows of the index, as `pointillist shadows` saved them for the same --light
-    #[arg(long, value_name = "FILE.shadows")]
+    #[arg(long, hide_short_help = true, value_name = "FILE.shadows")]
     pub shadows: Option<PathBuf>,
 }
 
@@ -230,13 +246,13 @@ pub struct DetailOptions {
 pub struct CacheOptions {
     /// Folder for indexes of large files, and for what servers have sent [default: pointillist in the
     /// user's cache folder]
-    #[arg(long, value_name = "FOLDER")]
+    #[arg(long, hide_short_help = true, value_name = "FOLDER")]
     pub cache_dir: Option<PathBuf>,
     /// Keep neither; build and fetch again each time
-    #[arg(long, conflicts_with = "cache_dir")]
+    #[arg(long, hide_short_help = true, conflicts_with = "cache_dir")]
     pub no_cache: bool,
     /// Most bytes to keep of what servers have sent [default: 4GiB]
-    #[arg(long, value_name = "BYTES")]
+    #[arg(long, hide_short_help = true, value_name = "BYTES")]
     pub cache_size: Option<Bytes>,
 }
 
@@ -268,14 +284,14 @@ impl CacheOptions {
 pub struct TextArguments {
     /// The columns in order, - for one to skip: x,y,z,-,red,green,blue; also nx ny nz intensity
     /// class return returns source time [default: by names, else by order and values]
-    #[arg(long, value_name = "NAME,...")]
+    #[arg(long, hide_short_help = true, value_name = "NAME,...")]
     pub columns: Option<Columns>,
     /// Separator of fields: , ; tab space [default: detected]
-    #[arg(long, value_name = "MARK", allow_hyphen_values = true)]
+    #[arg(long, hide_short_help = true, value_name = "MARK", allow_hyphen_values = true)]
     pub delimiter: Option<Delimiter>,
     /// Column to read intensities from, by its name or as "column 7": `--scalar "Illuminance (PCV)"
     /// --color intensity` shows it
-    #[arg(long, value_name = "NAME", value_parser = lasting)]
+    #[arg(long, hide_short_help = true, value_name = "NAME", value_parser = lasting)]
     pub scalar: Option<&'static str>,
 }
 
@@ -350,7 +366,7 @@ pub struct DeviceOptions {
     #[arg(long, value_name = "NAME|INDEX")]
     pub device: Option<String>,
     /// Run under the Vulkan validation layers; each of their messages is an error
-    #[arg(long)]
+    #[arg(long, hide_short_help = true)]
     pub validate: bool,
     /// Treat the device as one whose memory the CPU cannot map; for tests
     #[arg(long, hide = true)]

@@ -4,6 +4,7 @@
 use super::export;
 use super::files::{check_extension, refuse_to_overwrite};
 use super::filters::{ClipOptions, FilterOptions};
+use super::named::named;
 use super::options::{CacheOptions, ColorOptions, TextArguments};
 use super::streams;
 use super::units::{self, Bytes};
@@ -17,6 +18,7 @@ use crate::error::{Error, Result};
 use crate::extract::Selection;
 use crate::extract::extent::extent;
 use crate::extract::raster::{self, Filled, NoData, Pick, Request, Value};
+use crate::names::Named;
 use crate::output::geotiff::{self, Map, Sample};
 use crate::progress::Progress;
 use crate::select::opacity::{Opacities, Rule};
@@ -57,7 +59,7 @@ pub struct Arguments {
     #[arg(long, value_name = "height|intensity|count|rgb|nir|scan-angle|height-above-ground|extra:NAME", default_value_t = Value::Height)]
     pub value: Value,
     /// Which of a cell's points gives the value
-    #[arg(long, value_enum, default_value_t = Pick::Highest)]
+    #[arg(long, value_parser = named::<Pick>(), default_value = Pick::Highest.name())]
     pub pick: Pick,
     /// Value of cells without points, a number or nan, which the file states as GDAL_NODATA
     /// [default: -9999; counts have 0, which is not stated]. Colours have an alpha of 0 instead

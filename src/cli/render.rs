@@ -49,25 +49,14 @@ use std::time::Instant;
 const EXAMPLES: &str = "\
 Examples:
   pointillist render scan.laz -o out.png
-  pointillist render scan.e57 -o out.png --camera cam.json --size 3840x2160 --exr out.exr
-  pointillist render https://example.org/site.copc.laz -o out.png --explain    the nodes that it shows are fetched
-  pointillist render scan.laz -o out.png --effect edl=on,strength=0.5,radius=2 --background ffffff
-  pointillist render scan.laz -o out.png --opacity class:6=0.3 --opacity class:5=0    glass roofs, no trees
-  pointillist render scan.laz -o out.png --clip box:10,-5,0,14,5,3 --clip outside:11,-1,0,12,1,3    a room, without its table
-  pointillist render scan.laz -o out.png --only ground       also building, class=2,6, return=last, z=10..20
-  pointillist render scan.laz -o out.png --not noise --where intensity=100..2000
-  pointillist render scan.laz -o out.png --time 50ms         the most accurate picture in this time; see `tune`
-  pointillist render scan.laz -o out.png --error 0.5px       the fastest with this error against the finest; or 0.2% of depth
-  pointillist render scan.laz -o map.png --view top --color elevation --legend --scale-bar --axes
-  pointillist render scan.laz -o poster.png --size 40000x20000    in pieces, without seams
-  pointillist render scan.laz -o out.png --scene scene.json  a scene saved by the window
-  pointillist render scan.laz -o tour.png --path tour.json   tour-0001.png and so on, along a camera path
-  pointillist render scan.laz -o tour.mp4 --path tour.json   the same as a film; needs ffmpeg
-  pointillist render scan.laz -o turn.webm --turntable 120 --fps 30    also .mp4, .apng, or .png for frames
-  pointillist render scan.laz -o map.tif --view top --resolution 0.25    a map, GeoTIFF or PNG with map.pgw
-  pointillist render scan.laz -o dem.tif --raster height --resolution 1 --only ground --only return=last    also: raster
+  pointillist render huge.las -o out.png                   indexed first; the index is kept
+  pointillist render scan.laz -o out.png --effect edl=on,strength=0.5 --background ffffff
+  pointillist render scan.laz -o out.png --only ground --not noise --where intensity=100..2000
+  pointillist render scan.laz -o map.tif --view top --resolution 0.25 --legend
+  pointillist render scan.laz -o turn.mp4 --turntable 120
+  pointillist render scan.laz -o out.png --time 50ms       the most accurate in this time
   pointillist render scan.laz -o - | magick - out.jpg      a picture to standard output
-  pointillist render huge.las -o out.png                   indexed first; the index is kept";
+More: `pointillist guide command_line`";
 
 #[derive(clap::Args, Clone, Debug)]
 #[command(after_help = EXAMPLES)]
@@ -75,49 +64,67 @@ pub struct Arguments {
     /// Point clouds: LAS, LAZ, COPC, Potree 2, EPT, PLY, E57, OBJ, XYZ, CSV, TXT, PTS, PTX; or one index, PNTI
     #[arg(required = true, value_name = "FILE")]
     pub files: Vec<PathBuf>,
-    /// The picture to write: PNG, - for standard output; with --resolution a map, as GeoTIFF or PNG with a world file; with
-    /// --path and --turntable also a film: MP4 and WebM by ffmpeg, or animated PNG
+    /// The picture: PNG, - for standard output; a map, with --resolution: GeoTIFF or PNG; a film,
+    /// with --path or --turntable: MP4, WebM or APNG
+    ///
+    /// PNG maps have a world file beside them; MP4 and WebM are written by ffmpeg
     #[arg(short, long, value_name = "OUT.png|tif|mp4|webm|apng", required_unless_present = "exr")]
     pub output: Option<PathBuf>,
-    /// Also (or only) write layers: R G B A linear, depth.Z, index.V, coverage.V, normal.X Y Z,
-    /// lit.V, raw.Z
+    /// Also (or only) write layers: linear colour, depth, ids, coverage, normals
+    ///
+    /// R G B A, depth.Z, index.V, coverage.V, normal.X Y Z, lit.V, raw.Z
     #[arg(long, value_name = "OUT.exr")]
     pub exr: Option<PathBuf>,
     /// Draw every frame of a camera path: OUT-0001.png, OUT-0001.exr and so on
     #[arg(long, value_name = "PATH.json", conflicts_with_all = ["camera", "view", "explain", "timings"])]
     pub path: Option<PathBuf>,
-    /// Draw this many frames on a level circle around the cloud, all of it in view, anticlockwise
-    /// seen from above; with --camera around its target
+    /// Draw this many frames on a level circle around the cloud, or --camera's target
+    ///
+    /// All of the cloud is in view; the circle runs anticlockwise seen from above
     #[arg(long, value_name = "FRAMES", value_parser = clap::value_parser!(u64).range(1..=100_000), conflicts_with_all = ["path", "explain", "timings"])]
     pub turntable: Option<u64>,
     /// Frames per second of a film [default: those of the camera path, 25]
-    #[arg(long, value_name = "NUMBER", value_parser = frames::per_second)]
+    #[arg(long, hide_short_help = true, value_name = "NUMBER", value_parser = frames::per_second)]
     pub fps: Option<f64>,
     /// Keep frames of --path or --turntable that exist already; a note counts them
-    #[arg(long)]
+    #[arg(long, hide_short_help = true)]
     pub resume: bool,
     /// Draw one part of --path or --turntable, or of the rows of a picture, as one of many jobs
-    #[arg(long, value_name = "PART/PARTS")]
+    #[arg(long, hide_short_help = true, value_name = "PART/PARTS")]
     pub part: Option<Part>,
     /// Draw in pieces of at most this many pixels a side [default: whole up to 33 million pixels
     /// and the device's largest image]
-    #[arg(long, value_name = "PIXELS", value_parser = clap::value_parser!(u32).range(8..), conflicts_with_all = ["path", "turntable"])]
+    #[arg(long, hide_short_help = true, value_name = "PIXELS", value_parser = clap::value_parser!(u32).range(8..), conflicts_with_all = ["path", "turntable"])]
     pub piece: Option<u32>,
-    /// Draw a map with --view top, north up, of pixels of this size, in the files' unit, or such as
-    /// 0.5m; metres for coordinates in degrees. Edges of pixels are multiples of it. Transparent where
-    /// nothing is drawn. `pointillist raster` writes heights, intensities and counts
+    /// Draw a map, north up, of pixels of this size, in the files' unit or such as 0.5m; rasters of
+    /// heights and counts: `pointillist raster`
+    ///
+    /// With --view top; metres for coordinates in degrees; edges of pixels are multiples of it;
+    /// transparent where nothing is drawn
     #[arg(long, value_name = "LENGTH", value_parser = units::length, allow_hyphen_values = true, requires = "output", conflicts_with_all = ["part", "size", "camera", "scene", "path", "turntable", "exr", "explain", "timings"])]
     pub resolution: Option<Length>,
     /// West, south, east and north of the map, in the coordinates of the files, widened to whole pixels
     /// [default: around all points but strays]
-    #[arg(long, value_name = "X0,Y0,X1,Y1", allow_hyphen_values = true, requires = "resolution")]
+    #[arg(
+        long,
+        hide_short_help = true,
+        value_name = "X0,Y0,X1,Y1",
+        allow_hyphen_values = true,
+        requires = "resolution"
+    )]
     pub extent: Option<Extent>,
     /// Write a raster of the points' own values with --resolution, instead of a picture. `pointillist
     /// raster` also picks the lowest, the mean or the last
-    #[arg(long, value_name = "height|intensity|count|rgb", requires_all = ["output", "resolution"], conflicts_with_all = ["style", "color", "effect", "point_size", "title", "legend", "scale_bar", "north_arrow", "axes"])]
+    #[arg(long, hide_short_help = true, value_name = "height|intensity|count|rgb", requires_all = ["output", "resolution"], conflicts_with_all = ["style", "color", "effect", "point_size", "title", "legend", "scale_bar", "north_arrow", "axes"])]
     pub raster: Option<Value>,
     /// Value of cells of --raster without points, a number or nan [default: -9999]
-    #[arg(long, value_name = "NUMBER|nan", allow_hyphen_values = true, requires = "raster")]
+    #[arg(
+        long,
+        hide_short_help = true,
+        value_name = "NUMBER|nan",
+        allow_hyphen_values = true,
+        requires = "raster"
+    )]
     pub no_data: Option<NoData>,
     #[command(flatten)]
     pub picture: PictureOptions,
@@ -125,19 +132,20 @@ pub struct Arguments {
     pub limits: LimitOptions,
     #[command(flatten)]
     pub device: DeviceOptions,
-    /// Print which passes run and why: to standard error, or as JSON to standard output. `prices`
-    /// also measures what each effect costs or would cost, by pictures without and with it; both:
-    /// json,prices
+    /// Print which passes run and why; json: to standard output; prices: also what each effect
+    /// costs or would cost
+    ///
+    /// Prices are measured by pictures without and with the effect; both: json,prices
     #[arg(long, value_name = "json|prices", num_args = 0..=1, require_equals = true, default_missing_value = "text", value_delimiter = ',', value_parser = ["text", "json", "prices"])]
     pub explain: Option<Vec<String>>,
     /// Print how long every stage and pass took, in ms
-    #[arg(long)]
+    #[arg(long, hide_short_help = true)]
     pub timings: bool,
-    /// Refuse a truncated, inconsistent or damaged file instead of keeping what is readable
+    /// Refuse a damaged file instead of keeping what is readable
     #[arg(long)]
     pub strict: bool,
-    /// List the effects and their settings, instead of drawing
-    #[arg(long, exclusive = true)]
+    /// List the effects and their settings, as `--help effects` does
+    #[arg(long, exclusive = true, hide = true)]
     pub help_effects: bool,
 }
 

@@ -2,6 +2,7 @@
 //! camera as EXR.
 
 use super::files::check_extension;
+use super::named::named;
 use super::units::Size;
 use crate::atomic_file::write_atomically;
 use crate::config;
@@ -27,7 +28,7 @@ Examples:
 #[command(after_help = EXAMPLES)]
 pub struct Arguments {
     /// What to scan
-    #[arg(value_enum)]
+    #[arg(value_parser = named::<SceneKind>())]
     pub scene: SceneKind,
     /// The file to write: .las or .laz, with --truth .exr
     #[arg(short, long, value_name = "FILE")]

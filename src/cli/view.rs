@@ -1,6 +1,7 @@
 //! `pointillist view`: point clouds in a window.
 
 use super::limits::LimitOptions;
+use super::named::named;
 use super::options::{DeviceOptions, PictureOptions};
 use super::tune;
 use super::units::Size;
@@ -9,6 +10,7 @@ use crate::app::panel::SaveSize;
 use crate::app::{self, Options, keys};
 use crate::error::Result;
 use crate::index::fault_injection::Fault;
+use crate::names::Named;
 use crate::progress::Progress;
 use crate::render::scene::Scene;
 use crate::render::source::OpenOptions;
@@ -42,7 +44,7 @@ pub struct Arguments {
     #[command(flatten)]
     pub device: DeviceOptions,
     /// Mouse buttons as in this program
-    #[arg(long, value_enum, default_value_t)]
+    #[arg(long, value_parser = named::<NavigationStyle>(), default_value = NavigationStyle::Potree.name())]
     pub navigation: NavigationStyle,
     /// Camera path to fly along, as the window saves it; Space plays it
     #[arg(long, value_name = "PATH.json")]

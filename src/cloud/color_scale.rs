@@ -1,13 +1,26 @@
 //! How numbers and channels of colours become colours: ramps, their ends, and tone.
 
 use serde::{Deserialize, Serialize};
+use strum::{EnumString, IntoStaticStr, VariantArray};
 
 /// Colour ramps of numbers, as in `--ramp`.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum, Serialize, Deserialize)]
+#[derive(
+    Clone,
+    Copy,
+    Debug,
+    PartialEq,
+    Eq,
+    EnumString,
+    IntoStaticStr,
+    VariantArray,
+    Serialize,
+    Deserialize,
+)]
+#[strum(serialize_all = "kebab-case")]
 #[serde(rename_all = "lowercase")]
 pub enum Ramp {
     /// Dark grey to white
-    #[value(aliases = ["greys", "gray", "grays"])]
+    #[strum(to_string = "grey", serialize = "greys", serialize = "gray", serialize = "grays")]
     Grey,
     /// Blue, green, sand and white
     Terrain,

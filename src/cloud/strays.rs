@@ -15,6 +15,7 @@ use std::collections::HashMap;
 use std::convert::Infallible;
 use std::ops::Range;
 use std::sync::OnceLock;
+use strum::{EnumString, IntoStaticStr, VariantArray};
 
 /// Fewest points among which strays are sought.
 const FEWEST: usize = 32;
@@ -28,7 +29,8 @@ const AT_ONCE: usize = 1 << 15;
 const BLOCK: usize = 64;
 
 /// The treatment of strays.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, EnumString, IntoStaticStr, VariantArray)]
+#[strum(serialize_all = "kebab-case")]
 pub enum Treatment {
     /// Draws strays where they lie
     #[default]

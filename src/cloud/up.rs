@@ -9,6 +9,7 @@
 use super::Header;
 use super::crs::Crs;
 use glam::DVec3;
+use strum::{EnumString, IntoStaticStr, VariantArray};
 
 /// An axis that points up.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -19,7 +20,8 @@ pub enum Up {
 }
 
 /// A requested axis, as in `--up`.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, EnumString, IntoStaticStr, VariantArray)]
+#[strum(serialize_all = "kebab-case")]
 pub enum UpOption {
     Y,
     #[default]

@@ -16,6 +16,7 @@ use crate::progress::Progress;
 use crate::similar::did_you_mean;
 use crate::view::map::MapGrid;
 use std::ops::Range;
+use strum::{EnumString, IntoStaticStr, VariantArray};
 
 /// Value of a cell.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -58,7 +59,8 @@ impl std::str::FromStr for Value {
 }
 
 /// Which of a cell's points counts.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, EnumString, IntoStaticStr, VariantArray)]
+#[strum(serialize_all = "kebab-case")]
 pub enum Pick {
     /// The highest; of equal ones the first in the files
     Highest,

@@ -19,6 +19,7 @@ use super::{
 use crate::graph::{Dispatch, Graph, Kind};
 use crate::shader::{self, antialias, antialias_end, antialias_tiles};
 use crate::view::View;
+use strum::{EnumString, IntoStaticStr, VariantArray};
 
 pub const SUMMARY: &str =
     "anti-aliasing: blends the stairs of silhouettes, found by the Laplacian of the depth";
@@ -34,7 +35,19 @@ pub struct Settings {
 }
 
 /// The silhouettes that are blended.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum, serde::Serialize)]
+#[derive(
+    Clone,
+    Copy,
+    Debug,
+    Default,
+    PartialEq,
+    Eq,
+    EnumString,
+    IntoStaticStr,
+    VariantArray,
+    serde::Serialize,
+)]
+#[strum(serialize_all = "kebab-case")]
 #[serde(rename_all = "lowercase")]
 pub enum Threshold {
     /// Against the background and between surfaces.
@@ -45,7 +58,19 @@ pub enum Threshold {
 }
 
 /// The quantity whose Laplacian finds silhouettes.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum, serde::Serialize)]
+#[derive(
+    Clone,
+    Copy,
+    Debug,
+    Default,
+    PartialEq,
+    Eq,
+    EnumString,
+    IntoStaticStr,
+    VariantArray,
+    serde::Serialize,
+)]
+#[strum(serialize_all = "kebab-case")]
 #[serde(rename_all = "lowercase")]
 pub enum Laplacian {
     /// 1 / depth, which is affine on every plane.

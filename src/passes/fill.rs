@@ -28,6 +28,7 @@ use super::{
 use crate::graph::{Buffer, Dispatch, Graph, Image, Kind};
 use crate::shader::{self, fill_median, fill_median_begin, fill_median_end};
 use crate::view::{Projection, View};
+use strum::{EnumString, IntoStaticStr, VariantArray};
 
 pub const SUMMARY: &str = "fills holes from the surfaces around them";
 
@@ -51,17 +52,29 @@ pub struct Settings {
     pub layer: f64,
 }
 
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum, serde::Serialize)]
+#[derive(
+    Clone,
+    Copy,
+    Debug,
+    Default,
+    PartialEq,
+    Eq,
+    EnumString,
+    IntoStaticStr,
+    VariantArray,
+    serde::Serialize,
+)]
+#[strum(serialize_all = "kebab-case")]
 #[serde(rename_all = "lowercase")]
 pub enum Method {
     /// `median` if points are dense or transparent, else `pullpush` ([`settled`]).
     #[default]
     Auto,
     /// Step by step from the rim of a hole inwards.
-    #[value(alias = "pintus")]
+    #[strum(to_string = "median", serialize = "pintus")]
     Median,
     /// From the nearest neighbour, where masks find a hole or a hidden pixel.
-    #[value(alias = "dobrev")]
+    #[strum(to_string = "mask", serialize = "dobrev")]
     Mask,
     /// Discs of one size; plain splats with visibility=off.
     Splat,

@@ -25,6 +25,7 @@ use crate::error::{Error, Result};
 use crate::graph::{Buffer, Dispatch, Graph, Image};
 use crate::shader::{self, luminance as kernel, luminance_sum32, luminance_sum64};
 use crate::view::View;
+use strum::{EnumString, IntoStaticStr, VariantArray};
 
 pub const SUMMARY: &str =
     "one luminance for all stations: the mean over all points of the front surface of a pixel";
@@ -41,7 +42,19 @@ pub struct Settings {
 }
 
 /// The channels that are averaged.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum, serde::Serialize)]
+#[derive(
+    Clone,
+    Copy,
+    Debug,
+    Default,
+    PartialEq,
+    Eq,
+    EnumString,
+    IntoStaticStr,
+    VariantArray,
+    serde::Serialize,
+)]
+#[strum(serialize_all = "kebab-case")]
 #[serde(rename_all = "lowercase")]
 pub enum Space {
     /// The largest channel; hue and saturation stay those of the front point.

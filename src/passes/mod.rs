@@ -29,12 +29,14 @@ use crate::cloud::attribute::Attribute;
 use crate::cloud::length::Length;
 use crate::graph::{Buffer, Graph, Image};
 use crate::index::format::Balance;
+use crate::names::Named;
 use crate::resident::{PointDensity, Resident, StationOverlap};
 use crate::similar::did_you_mean;
 use crate::view::View;
 use crate::view::light::Light;
 use crate::view::linear_map::LinearMap;
 use std::sync::Arc;
+use strum::{EnumString, IntoStaticStr, VariantArray};
 
 /// The images and buffers that screen-space passes read and write.
 pub struct GBuffer {
@@ -138,7 +140,19 @@ pub const MOST_LEVELS: u32 = 10;
 pub const LIST_HEADER: u32 = 4;
 
 /// Off, on, or as the frame calls for it.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum, serde::Serialize)]
+#[derive(
+    Clone,
+    Copy,
+    Debug,
+    Default,
+    PartialEq,
+    Eq,
+    EnumString,
+    IntoStaticStr,
+    VariantArray,
+    serde::Serialize,
+)]
+#[strum(serialize_all = "kebab-case")]
 #[serde(rename_all = "lowercase")]
 pub enum Switch {
     Off,
@@ -424,17 +438,17 @@ pub trait Choice {
     fn choose(&mut self, name: &str) -> bool;
 }
 
-impl<E: clap::ValueEnum> Choice for E {
+impl<E: Named> Choice for E {
     fn name(&self) -> String {
-        self.to_possible_value().expect("no choice is hidden").get_name().to_string()
+        Named::name(*self).to_string()
     }
 
     fn names(&self) -> Vec<String> {
-        E::value_variants().iter().map(Choice::name).collect()
+        E::ALL.iter().map(Choice::name).collect()
     }
 
     fn choose(&mut self, name: &str) -> bool {
-        E::from_str(name, false).map(|chosen| *self = chosen).is_ok()
+        E::named(name).map(|chosen| *self = chosen).is_ok()
     }
 }
 

@@ -19,6 +19,7 @@ use crate::shader::{self, phong::Push, phong::Spec, point_normals};
 use crate::view::light::Light;
 use crate::view::{Projection, View};
 use glam::DVec3;
+use strum::{EnumString, IntoStaticStr, VariantArray};
 
 pub const SUMMARY: &str = "Phong lighting by --light: ambient, diffuse and specular";
 
@@ -39,7 +40,19 @@ pub struct Settings {
 }
 
 /// Source of normals.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum, serde::Serialize)]
+#[derive(
+    Clone,
+    Copy,
+    Debug,
+    Default,
+    PartialEq,
+    Eq,
+    EnumString,
+    IntoStaticStr,
+    VariantArray,
+    serde::Serialize,
+)]
+#[strum(serialize_all = "kebab-case")]
 #[serde(rename_all = "lowercase")]
 pub enum Normals {
     /// The points, if they have any.
@@ -146,7 +159,19 @@ pub fn source(context: &FrameContext, settings: &Settings) -> &'static str {
 }
 
 /// Treatment of points that face away from the camera.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum, serde::Serialize)]
+#[derive(
+    Clone,
+    Copy,
+    Debug,
+    Default,
+    PartialEq,
+    Eq,
+    EnumString,
+    IntoStaticStr,
+    VariantArray,
+    serde::Serialize,
+)]
+#[strum(serialize_all = "kebab-case")]
 #[serde(rename_all = "lowercase")]
 pub enum Backfaces {
     /// Draws them as the other side of the surface.

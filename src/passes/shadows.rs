@@ -42,6 +42,7 @@ use cameras::LightCamera;
 use glam::DVec3;
 use invalidation::Changed;
 use std::ops::Range;
+use strum::{EnumString, IntoStaticStr, VariantArray};
 
 pub const SUMMARY: &str = "shadows of --light, or of a sun if that is a headlight";
 
@@ -73,7 +74,19 @@ pub struct Settings {
 }
 
 /// How lit points are found.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum, serde::Serialize)]
+#[derive(
+    Clone,
+    Copy,
+    Debug,
+    Default,
+    PartialEq,
+    Eq,
+    EnumString,
+    IntoStaticStr,
+    VariantArray,
+    serde::Serialize,
+)]
+#[strum(serialize_all = "kebab-case")]
 #[serde(rename_all = "lowercase")]
 pub enum Method {
     /// Compares every point with the light's depth.

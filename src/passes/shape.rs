@@ -13,6 +13,7 @@ use super::{
 use crate::graph::{Dispatch, Graph, Kind};
 use crate::shader::{self, base_white, pack_depth, shape, shape_level, shape_unpack};
 use crate::view::{Projection, View};
+use strum::{EnumString, IntoStaticStr, VariantArray};
 
 pub const SUMMARY: &str =
     "shape depiction: lines at creases, light on surfaces that face the viewer, without normals";
@@ -31,7 +32,19 @@ pub struct Settings {
 }
 
 /// The colour that is shaded.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum, serde::Serialize)]
+#[derive(
+    Clone,
+    Copy,
+    Debug,
+    Default,
+    PartialEq,
+    Eq,
+    EnumString,
+    IntoStaticStr,
+    VariantArray,
+    serde::Serialize,
+)]
+#[strum(serialize_all = "kebab-case")]
 #[serde(rename_all = "lowercase")]
 pub enum Base {
     /// The colours of points.

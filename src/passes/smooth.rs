@@ -19,9 +19,10 @@ use super::{
     TileLists, Value, fill, tiles,
 };
 use crate::graph::{Dispatch, Graph, Kind};
+use crate::names::Named;
 use crate::shader::{self, smooth, smooth_end, smooth_tiles};
 use crate::view::View;
-use clap::ValueEnum;
+use strum::{EnumString, IntoStaticStr, VariantArray};
 
 pub const SUMMARY: &str =
     "smooths steps between pixels of one surface: means of depth and colour over 3 x 3";
@@ -36,7 +37,19 @@ pub struct Settings {
 }
 
 /// Pixels that are smoothed.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum, serde::Serialize)]
+#[derive(
+    Clone,
+    Copy,
+    Debug,
+    Default,
+    PartialEq,
+    Eq,
+    EnumString,
+    IntoStaticStr,
+    VariantArray,
+    serde::Serialize,
+)]
+#[strum(serialize_all = "kebab-case")]
 #[serde(rename_all = "lowercase")]
 pub enum Pixels {
     /// Filled pixels and their neighbours.
@@ -47,7 +60,19 @@ pub enum Pixels {
 }
 
 /// Weights of the pixel, its four sides and its corners.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum, serde::Serialize)]
+#[derive(
+    Clone,
+    Copy,
+    Debug,
+    Default,
+    PartialEq,
+    Eq,
+    EnumString,
+    IntoStaticStr,
+    VariantArray,
+    serde::Serialize,
+)]
+#[strum(serialize_all = "kebab-case")]
 #[serde(rename_all = "lowercase")]
 pub enum Filter {
     /// Alleviated if points are about a pixel apart; else box, which reaches as far in less than
@@ -64,7 +89,7 @@ pub enum Filter {
 
 impl std::fmt::Display for Filter {
     fn fmt(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
-        self.to_possible_value().expect("none is hidden").get_name().fmt(f)
+        self.name().fmt(f)
     }
 }
 

@@ -13,6 +13,7 @@ use crate::cloud::length::{self, Length};
 use crate::graph::{Dispatch, Graph, Image, Kind};
 use crate::shader::{self, splat_points, splat_resolve, splat32, splat64};
 use crate::view::{Projection, View};
+use strum::{EnumString, IntoStaticStr, VariantArray};
 
 pub const SUMMARY: &str = "round points with a size (--style splats, --point-size)";
 
@@ -29,7 +30,19 @@ pub struct Settings {
     pub largest: f64,
 }
 
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum, serde::Serialize)]
+#[derive(
+    Clone,
+    Copy,
+    Debug,
+    Default,
+    PartialEq,
+    Eq,
+    EnumString,
+    IntoStaticStr,
+    VariantArray,
+    serde::Serialize,
+)]
+#[strum(serialize_all = "kebab-case")]
 #[serde(rename_all = "lowercase")]
 pub enum Shape {
     /// Bent away from the viewer, so that neighbours meet halfway.

@@ -42,6 +42,7 @@ use crate::shader::{
 };
 use crate::view::{Projection, View};
 use std::f64::consts::{PI, SQRT_2, TAU};
+use strum::{EnumString, IntoStaticStr, VariantArray};
 
 pub const SUMMARY: &str = "removes hidden points that shine through and finds holes, by the empty cone towards the camera";
 
@@ -70,7 +71,19 @@ pub struct Settings {
     pub lead: f64,
 }
 
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum, serde::Serialize)]
+#[derive(
+    Clone,
+    Copy,
+    Debug,
+    Default,
+    PartialEq,
+    Eq,
+    EnumString,
+    IntoStaticStr,
+    VariantArray,
+    serde::Serialize,
+)]
+#[strum(serialize_all = "kebab-case")]
 #[serde(rename_all = "lowercase")]
 pub enum Looked {
     /// Tiles where something can be invisible.

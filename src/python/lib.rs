@@ -12,6 +12,7 @@ use pointillist::cloud::points::{Points, Positions};
 use pointillist::cloud::{self, Cloud};
 use pointillist::error::{Error, Result};
 use pointillist::graph::{Buffer, CompletedSubmission, Graph};
+use pointillist::names::Named;
 use pointillist::output::tiled;
 use pointillist::passes::{Switch, encode};
 use pointillist::progress::Progress;
@@ -137,7 +138,7 @@ fn picture(
             })?);
         } else {
             let text = camera.str()?.to_string();
-            let is_preset = <Preset as clap::ValueEnum>::from_str(&text, false).is_ok();
+            let is_preset = Preset::named(&text).is_ok();
             words.insert(if is_preset { "view" } else { "camera" }.into(), vec![text]);
         }
     }

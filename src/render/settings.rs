@@ -5,6 +5,7 @@ mod warnings;
 use crate::cloud::colormap::srgb_to_linear;
 use crate::cloud::length::Length;
 use crate::config::WHOLE_PIXELS;
+use crate::names::Named;
 use crate::passes::phong::Backfaces;
 use crate::passes::project::Precision;
 use crate::passes::{
@@ -14,11 +15,12 @@ use crate::passes::{
 use crate::resident::{PointDensity, Resident, StationOverlap};
 use crate::view::View;
 use crate::view::light::Light;
-use clap::ValueEnum;
 use std::sync::Arc;
+use strum::{EnumString, IntoStaticStr, VariantArray};
 
 /// A set of effects that run by default.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, EnumString, IntoStaticStr, VariantArray)]
+#[strum(serialize_all = "kebab-case")]
 pub enum Style {
     /// A surface, and splats where points lie on no surface, such as leaves
     #[default]
@@ -73,7 +75,7 @@ impl Effects {
     /// Returns the style that these switches are of, if there is one.
     pub fn style(&self) -> Option<Style> {
         let of = |effects: &Effects| effects.clone().switches().map(|switch| *switch);
-        Style::value_variants().iter().copied().find(|style| of(&Effects::of(*style)) == of(self))
+        Style::ALL.iter().copied().find(|style| of(&Effects::of(*style)) == of(self))
     }
 
     /// Sets the switches of a style; settings stay.

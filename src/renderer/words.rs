@@ -3,12 +3,12 @@
 use super::{Error, Limit, Renderer, Result};
 use crate::cloud::color_scale::{ColorScale, Ramp, number, range};
 use crate::cloud::length::Length;
+use crate::names::Named;
 use crate::passes::Effects;
 use crate::render::settings::{Background, Style};
 use crate::select::clip::{Clip, Clips};
 use crate::select::opacity::{Opacities, Rule};
 use crate::view::light::Light;
-use clap::ValueEnum;
 
 /// Returns a scale with one of its values replaced.
 fn scale_with(
@@ -19,7 +19,7 @@ fn scale_with(
     let is_set = value != "auto";
     match name {
         "ramp" => {
-            let ramp = is_set.then(|| Ramp::from_str(value, false)).transpose()?;
+            let ramp = is_set.then(|| Ramp::named(value)).transpose()?;
             ColorScale { ramp, ..scale }
         }
         "range" => ColorScale { range: is_set.then(|| range(value)).transpose()?, ..scale },
@@ -53,7 +53,7 @@ impl Renderer {
         let items = || value.split(';').map(str::trim).filter(|item| !item.is_empty());
         match name {
             "style" => {
-                let style = Style::from_str(value, false).map_err(refused)?;
+                let style = Style::named(value).map_err(refused)?;
                 self.settings.effects = Effects::of(style);
             }
             "effect" => {

@@ -9,6 +9,8 @@
 //! Everything is a function of the scene and the seed; threads, machines' load and the day change
 //! no byte.
 
+use strum::{EnumString, IntoStaticStr, VariantArray};
+
 pub mod bvh;
 pub mod chunk;
 mod collect;
@@ -39,7 +41,8 @@ pub use terrain::Relief;
 pub use terrestrial::reaches;
 pub use world::{Hit, Method, Station, Viewpoint, World};
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, EnumString, IntoStaticStr, VariantArray)]
+#[strum(serialize_all = "kebab-case")]
 pub enum SceneKind {
     /// 4 m x 4 m at z = 0
     Plane,
@@ -55,14 +58,6 @@ pub enum SceneKind {
     Street,
     /// hills with a village and woods, scanned from the air in overlapping strips
     Terrain,
-}
-
-impl std::str::FromStr for SceneKind {
-    type Err = String;
-
-    fn from_str(name: &str) -> std::result::Result<SceneKind, String> {
-        <SceneKind as clap::ValueEnum>::from_str(name, false)
-    }
 }
 
 impl SceneKind {

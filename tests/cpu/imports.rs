@@ -83,8 +83,16 @@ const CIRCLES: &[&str] = &[
     "synth: material props shapes terrain world",
 ];
 
-const FOR_ALL: &[&str] =
-    &["error", "config", "progress", "atomic_file", "small_file", "similar", "thread_pool"];
+const FOR_ALL: &[&str] = &[
+    "error",
+    "config",
+    "progress",
+    "atomic_file",
+    "small_file",
+    "names",
+    "similar",
+    "thread_pool",
+];
 
 fn root() -> &'static Path {
     Path::new(env!("CARGO_MANIFEST_DIR"))

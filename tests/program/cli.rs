@@ -64,12 +64,32 @@ fn every_command_explains_itself_with_examples() {
         );
     }
     assert!(text(&run(["--help"]).stdout).contains("render"));
-    // The settings of effects have a list of their own.
-    let help = text(&run(["render", "--help"]).stdout);
-    assert!(help.contains("--help-effects") && !help.contains("    strength="), "{help}");
-    let effects = run(["render", "--help-effects"]);
-    succeeded(&effects);
-    assert!(text(&effects.stdout).contains("    strength="));
+}
+
+#[test]
+fn help_of_render_fits_two_screens_and_names_where_the_rest_is() {
+    let help = |topic: &[&str]| {
+        let words = ["render", "--help"].iter().chain(topic);
+        let output = pointillist().args(words).output().unwrap();
+        succeeded(&output);
+        text(&output.stdout)
+    };
+    let short = help(&[]);
+    assert!(short.lines().count() <= 100, "{} lines: {short}", short.lines().count());
+    assert!(short.contains("--help all") && short.contains("--help effects"), "{short}");
+    let all = help(&["all"]);
+    let rare = ["--abuffer-memory", "--columns", "--resume", "depth.Z, index.V"];
+    for words in rare {
+        assert!(all.contains(words) && !short.contains(words), "{words}: {all}");
+    }
+    let option = |line: &&str| line.trim_start().starts_with("--");
+    let missing: Vec<&str> = short.lines().filter(option).collect();
+    assert!(missing.len() > 20);
+    for line in missing {
+        let name = line.split_whitespace().next().unwrap();
+        assert!(all.contains(name), "{name}: {all}");
+    }
+    assert!(help(&["effects"]).contains("    strength="));
 }
 
 #[test]

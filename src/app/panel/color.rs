@@ -6,8 +6,8 @@ use super::text;
 use crate::cloud::attribute::{Attribute, DisplayAttribute};
 use crate::cloud::color_scale::{ColorScale, Ramp};
 use crate::cloud::crs::Reference;
+use crate::names::Named;
 use crate::render::scene::Scene;
-use clap::ValueEnum;
 use egui::{Align, CollapsingHeader, ComboBox, DragValue, Layout, Slider, Ui};
 
 pub fn show(ui: &mut Ui, state: &UiState, scene: &mut Scene) {
@@ -54,11 +54,10 @@ pub fn show(ui: &mut Ui, state: &UiState, scene: &mut Scene) {
 
 /// Chooses a ramp.
 fn ramps(ui: &mut Ui, now: Ramp, chosen: &mut Option<Ramp>) {
-    let name = |ramp: Ramp| format!("{ramp:?}").to_lowercase();
-    let list = ComboBox::from_id_salt("ramp").width(70.0).selected_text(name(now));
+    let list = ComboBox::from_id_salt("ramp").width(70.0).selected_text(now.name());
     list.show_ui(ui, |ui| {
-        for &ramp in Ramp::value_variants() {
-            ui.selectable_value(chosen, Some(ramp), name(ramp));
+        for &ramp in Ramp::ALL {
+            ui.selectable_value(chosen, Some(ramp), ramp.name());
         }
     });
 }

@@ -5,12 +5,12 @@ use super::text::{self, spaced_hyphens, weak};
 use super::theme;
 use super::{camera_path, color, effects, light, pace};
 use crate::app::actions::Action;
+use crate::names::Named;
 use crate::output::annotations::no_north;
 use crate::passes::splat::{self, PointSize};
 use crate::passes::{Asked, Effects, Switch};
 use crate::render::scene::Scene;
 use crate::render::settings::{RenderSettings, Style};
-use clap::ValueEnum;
 use egui::{Button, Checkbox, CollapsingHeader, DragValue, ProgressBar, RichText, Ui};
 
 /// Least share of the frame time that a pass needs to be listed.
@@ -36,11 +36,9 @@ pub fn show(ui: &mut Ui, state: &mut UiState, scene: &mut Scene, actions: &mut V
 fn style(ui: &mut Ui, effects: &mut Effects) {
     text::named(ui, "style", |ui| {
         let current = effects.style();
-        for &style in Style::value_variants() {
+        for &style in Style::ALL {
             let is_offered = style != Style::Strokes || current == Some(Style::Strokes);
-            let name = style.to_possible_value().expect("no style is hidden");
-            if is_offered && ui.selectable_label(current == Some(style), name.get_name()).clicked()
-            {
+            if is_offered && ui.selectable_label(current == Some(style), style.name()).clicked() {
                 effects.set_style(style);
             }
         }

@@ -10,9 +10,22 @@
 //! have n^-1/2. Positions are the same in every run.
 
 use std::f64::consts::FRAC_PI_4;
+use strum::{EnumString, IntoStaticStr, VariantArray};
 
 /// The distribution of samples.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum, serde::Serialize)]
+#[derive(
+    Clone,
+    Copy,
+    Debug,
+    Default,
+    PartialEq,
+    Eq,
+    EnumString,
+    IntoStaticStr,
+    VariantArray,
+    serde::Serialize,
+)]
+#[strum(serialize_all = "kebab-case")]
 #[serde(rename_all = "lowercase")]
 pub enum Pattern {
     /// One sample in every cell of equal area.

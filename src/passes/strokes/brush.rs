@@ -5,6 +5,7 @@ use super::settings::Settings;
 use crate::error::Result;
 use crate::graph::{Buffer, Dispatch, Graph};
 use crate::shader::{self, stroke_brush};
+use strum::{EnumString, IntoStaticStr, VariantArray};
 
 /// Size as in glsl/strokes/stroke_brush.comp: 256 brushes of 32 x 32 words.
 const WORDS: u32 = 256 * 32 * 32;
@@ -14,7 +15,19 @@ const WORDS: u32 = 256 * 32 * 32;
 const GROUND_RADII: f64 = 0.85;
 
 /// A named brush, whose parameters may be overridden one by one.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum, serde::Serialize)]
+#[derive(
+    Clone,
+    Copy,
+    Debug,
+    Default,
+    PartialEq,
+    Eq,
+    EnumString,
+    IntoStaticStr,
+    VariantArray,
+    serde::Serialize,
+)]
+#[strum(serialize_all = "kebab-case")]
 #[serde(rename_all = "lowercase")]
 pub enum Brush {
     /// Round and thick: one dab of paint (figure 4 b).

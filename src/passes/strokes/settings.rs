@@ -2,6 +2,7 @@
 
 use super::super::{Setting, Value};
 use super::brush::Brush;
+use strum::{EnumString, IntoStaticStr, VariantArray};
 
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct Settings {
@@ -35,7 +36,19 @@ pub struct Settings {
 }
 
 /// How overlapping strokes are blended.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum, serde::Serialize)]
+#[derive(
+    Clone,
+    Copy,
+    Debug,
+    Default,
+    PartialEq,
+    Eq,
+    EnumString,
+    IntoStaticStr,
+    VariantArray,
+    serde::Serialize,
+)]
+#[strum(serialize_all = "kebab-case")]
 #[serde(rename_all = "lowercase")]
 pub enum Blend {
     /// All strokes, each through what those before it leave uncovered.
@@ -48,7 +61,19 @@ pub enum Blend {
 }
 
 /// How the fragments of a pixel are sorted.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum, serde::Serialize)]
+#[derive(
+    Clone,
+    Copy,
+    Debug,
+    Default,
+    PartialEq,
+    Eq,
+    EnumString,
+    IntoStaticStr,
+    VariantArray,
+    serde::Serialize,
+)]
+#[strum(serialize_all = "kebab-case")]
 #[serde(rename_all = "lowercase")]
 pub enum Sort {
     #[default]
@@ -58,7 +83,19 @@ pub enum Sort {
 }
 
 /// The sort key of fragments.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum, serde::Serialize)]
+#[derive(
+    Clone,
+    Copy,
+    Debug,
+    Default,
+    PartialEq,
+    Eq,
+    EnumString,
+    IntoStaticStr,
+    VariantArray,
+    serde::Serialize,
+)]
+#[strum(serialize_all = "kebab-case")]
 #[serde(rename_all = "lowercase")]
 pub enum Order {
     /// Their own depth: slanted strokes run through each other (the paper's second limitation).
@@ -72,7 +109,19 @@ pub enum Order {
 /// cloud (`index::attributes::axes`). In the axes of the file, the same surface turned there would
 /// be painted along other lines (52 degrees away on average on a torus turned by a quarter). The
 /// paper turns tangents with the cloud instead, which needs to know the rotation.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum, serde::Serialize)]
+#[derive(
+    Clone,
+    Copy,
+    Debug,
+    Default,
+    PartialEq,
+    Eq,
+    EnumString,
+    IntoStaticStr,
+    VariantArray,
+    serde::Serialize,
+)]
+#[strum(serialize_all = "kebab-case")]
 #[serde(rename_all = "lowercase")]
 pub enum Tangents {
     #[default]
