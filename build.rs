@@ -60,7 +60,8 @@ fn out(name: &str) -> PathBuf {
     PathBuf::from(std::env::var_os("OUT_DIR").expect("cargo sets OUT_DIR")).join(name)
 }
 
-/// SPIR-V of a stage: as it is reflected, before the optimiser removes what is unused, and as it runs.
+/// SPIR-V of a stage: as it is reflected, before the optimiser removes what is unused, and as it
+/// runs.
 struct Compiled {
     plain: Vec<u32>,
     optimised: Vec<u32>,
@@ -163,7 +164,8 @@ struct Stage {
     push: Option<String>,
     /// Name and type by constant id.
     spec: BTreeMap<u32, (String, String)>,
-    /// Binding and constant of glsl/lib/tile_mask.glsl, which the graph sets and which are no fields.
+    /// Binding and constant of glsl/lib/tile_mask.glsl, which the graph sets and which are no
+    /// fields.
     area: Option<u32>,
     listed: Option<u32>,
     workgroup: [u32; 3],

@@ -54,7 +54,7 @@ typedef struct PointillistRenderer PointillistRenderer;
 // A device feature that drawing needs, or uses if it is enabled. Text is UTF-8 and ends with 0.
 typedef struct PointillistRequirement {
   size_t size;
-  // Whether nothing works without it.
+  // 1 if nothing works without it.
   bool required;
   // Vulkan structure that has the member.
   char structure[64];
@@ -79,16 +79,16 @@ typedef struct PointillistHost {
   uint64_t device;
   // Family of the command buffers, with graphics and compute.
   uint32_t queue_family;
-  // Whether shaderInt64 and shaderBufferInt64Atomics are enabled: 0 or 1, as all of its kind.
+  // 1 if shaderInt64 and shaderBufferInt64Atomics are enabled, else 0, as all of its kind.
   uint8_t has_int64_atomics;
-  // Whether the instance has VK_EXT_debug_utils.
+  // 1 if the instance has VK_EXT_debug_utils.
   uint8_t has_debug_utils;
   // Device memory for the nodes of each index, in bytes; 0 is the default.
   uint64_t memory_budget;
   // Most points drawn of an index; 0 is automatic.
   uint64_t point_budget;
-  // VkAllocationCallbacks for the CPU memory of all objects that are made here, on any thread, or
-  // null. They are copied. Device memory is allocated without them.
+  // VkAllocationCallbacks for the CPU memory of all objects that are made here, on any thread,
+  // or null. They are copied. Device memory is allocated without them.
   const void *allocation_callbacks;
   // Functions that are called, on any thread, in place of vkAllocateMemory and
   // vkFreeMemory, for blocks of many buffers and images; both null if there are none. They may
@@ -145,8 +145,8 @@ typedef struct PointillistView {
 
 // How an image was used, or will be: Vulkan's numbers. With a transfer of ownership between queue
 // families, the host records the other half of each barrier: before the frame a release from
-// `before.layout` to COLOR_ATTACHMENT_OPTIMAL (of depth: DEPTH_STENCIL_ATTACHMENT_OPTIMAL), after it
-// an acquisition from there to `after.layout`.
+// `before.layout` to COLOR_ATTACHMENT_OPTIMAL (of depth: DEPTH_STENCIL_ATTACHMENT_OPTIMAL), after
+// it an acquisition from there to `after.layout`.
 typedef struct PointillistAccess {
   // VkImageLayout.
   int32_t layout;
@@ -174,7 +174,7 @@ typedef struct PointillistTarget {
   struct PointillistAccess before;
   // First access afterwards.
   struct PointillistAccess after;
-  // Whether the area is cleared first: colour to the background, depth to what is farthest.
+  // 1 if the area is cleared first: colour to the background, depth to what is farthest.
   uint8_t clear;
 } PointillistTarget;
 
@@ -188,9 +188,9 @@ typedef struct PointillistFrame {
   const struct PointillistTarget *color;
   // Depth that points are hidden by; null if there is none.
   const struct PointillistTarget *depth;
-  // Whether points' depth is written.
+  // 1 if points' depth is written.
   uint8_t writes_depth;
-  // Whether colours are stored linear instead of encoded.
+  // 1 if colours are stored linear instead of encoded.
   uint8_t linear;
   const struct PointillistView *views;
   size_t view_count;
@@ -213,18 +213,18 @@ typedef struct PointillistReport {
   uint64_t streamed;
   // Number of clouds or nodes that could not be drawn.
   uint64_t errors;
-  // Whether everything that the views call for is drawn.
+  // 1 if everything that the views call for is drawn.
   bool settled;
 } PointillistReport;
 
 // Answer to a pick.
 typedef struct PointillistPicked {
   size_t size;
-  // Whether there is an answer; if not, ask again after another frame.
+  // 1 if there is an answer; if not, ask again after another frame.
   bool answered;
-  // Whether a point was met; the rest is undefined if not.
+  // 1 if a point was met; the rest is undefined if not.
   bool met;
-  // Whether the position is the file's own, to the last bit.
+  // 1 if the position is the file's own, to the last bit.
   bool exact;
   uint64_t cloud;
   // In the host's world.
@@ -239,8 +239,8 @@ typedef struct PointillistPicked {
   int32_t return_number;
   // Name of the file or station that it is from: UTF-8, ends with 0, cut if longer.
   char station[256];
-  // Colour that it is drawn with before lighting and exposure: 8-bit sRGB, and 255; all 0 if there
-  // is no single point.
+  // Colour that it is drawn with before lighting and exposure: 8-bit sRGB, and 255; all 0 if
+  // there is no single point.
   uint8_t color[4];
   // Number that it is coloured by: its intensity, class or source as in the file; its elevation
   // `[m]`, time `[s]` or scalar within 1/65,535 of the cloud's range. NaN if there is none.
@@ -308,8 +308,8 @@ enum PointillistResult pointillist_add_points(struct PointillistRenderer *render
                                               uint64_t *cloud,
                                               struct PointillistError *error);
 
-// Adds points of a buffer of the host's device as a cloud. The next frame copies them; the buffer is
-// not changed until the device has completed it.
+// Adds points of a buffer of the host's device as a cloud. The next frame copies them; the buffer
+// is not changed until the device has completed it.
 enum PointillistResult pointillist_add_buffer(struct PointillistRenderer *renderer,
                                               const struct PointillistPointBuffer *points,
                                               uint64_t *cloud,
@@ -326,9 +326,9 @@ enum PointillistResult pointillist_set_visible(struct PointillistRenderer *rende
                                                uint8_t visible,
                                                struct PointillistError *error);
 
-// Moves a cloud: an affine matrix, column by column, from its coordinates to the host's world. It may
-// also stretch, shear and mirror the cloud, but not flatten it. Clip boxes are in the cloud's own
-// coordinates, lights in the host's world.
+// Moves a cloud: an affine matrix, column by column, from its coordinates to the host's world. It
+// may also stretch, shear and mirror the cloud, but not flatten it. Clip boxes are in the cloud's
+// own coordinates, lights in the host's world.
 enum PointillistResult pointillist_set_transform(struct PointillistRenderer *renderer,
                                                  uint64_t cloud,
                                                  const double *columns,
@@ -364,9 +364,9 @@ enum PointillistResult pointillist_record(struct PointillistRenderer *renderer,
                                           struct PointillistReport *report,
                                           struct PointillistError *error);
 
-// Describes the last frame, line by line: how complete it is, the state of each cloud, which effects
-// run and why, device times of passes, errors. Writes as much of the text as `size` bytes hold, which
-// ends with 0, and to `length`, which may be NULL, the length of all of it.
+// Describes the last frame, line by line: how complete it is, the state of each cloud, which
+// effects run and why, device times of passes, errors. Writes as much of the text as `size` bytes
+// hold, which ends with 0, and to `length`, which may be NULL, the length of all of it.
 enum PointillistResult pointillist_explain(struct PointillistRenderer *renderer,
                                            char *text,
                                            size_t size,

@@ -83,8 +83,8 @@ impl AtomicFile {
     }
 }
 
-/// Finishes files in this order, all complete before the first gets its name: an interruption leaves
-/// all or none.
+/// Finishes files in this order, all complete before the first gets its name: an interruption
+/// leaves all or none.
 pub fn finish_together<const N: usize>(mut files: [AtomicFile; N]) -> Result<()> {
     files.iter().try_for_each(AtomicFile::sync)?;
     // Under the lock, because after a rename another writer may take the partial name, and the

@@ -15,7 +15,8 @@ pub const POSITION_PLANES: u32 = 3;
 /// f32 (guide: numerics, case 3).
 pub const NEAR_M: f32 = 1.0 / (1u64 << 63) as f32;
 
-/// Pixels beyond which a picture is drawn in pieces: a frame takes a hundred bytes a pixel and more.
+/// Pixels beyond which a picture is drawn in pieces: a frame takes a hundred bytes a pixel and
+/// more.
 pub const WHOLE_PIXELS: u64 = 3 << 23;
 
 /// The point id where there is no point.
@@ -30,8 +31,8 @@ pub const PAGES_PER_BLOCK: u32 = 256;
 pub const POINTS_PER_CHUNK: u32 = 4096;
 pub const CHUNKS_PER_PAGE: u32 = POINTS_PER_PAGE / POINTS_PER_CHUNK;
 
-/// Largest quantisation of positions `[px]`, a fifth of the error of f32 arithmetic (guide: numerics,
-/// case 1.2). A node is drawn from as few planes as keep it.
+/// Largest quantisation of positions `[px]`, a fifth of the error of f32 arithmetic (guide:
+/// numerics, case 1.2). A node is drawn from as few planes as keep it.
 pub const QUANTISATION_PX: f64 = 1.0 / 4096.0;
 
 /// Most points of a cut per pixel of the picture: the cost of a frame grows with the picture, not

@@ -100,8 +100,8 @@ fn help_topic(words: Vec<OsString>) -> (Option<String>, Vec<OsString>) {
     }
 }
 
-/// Parses the arguments. Help is a line or two an option, for `--help` as for `-h`; options that few
-/// need are those of `--help all`.
+/// Parses the arguments. Help is a line or two an option, for `--help` as for `-h`; options that
+/// few need are those of `--help all`.
 fn parse(words: &[String]) -> Program {
     let (topic, typed) = help_topic(std::env::args_os().collect());
     let shows_all = topic.is_some_and(|topic| topic == "all");

@@ -74,7 +74,7 @@ struct Swapchain {
     picture: [u32; 2],
     /// Image that a smaller picture is scaled from, and its memory.
     small: Option<(RawImage, Block)>,
-    /// Whether it no longer fits the window.
+    /// True if it no longer fits the window.
     stale: bool,
 }
 
@@ -85,7 +85,7 @@ pub struct Present {
     swapchains: khr::swapchain::Device,
     surface: vk::SurfaceKHR,
     format: vk::SurfaceFormatKHR,
-    /// Whether the surface is lost.
+    /// True if the surface is lost.
     lost: bool,
     /// Number of pictures until the surface is treated as lost; for tests.
     lost_after: Option<u64>,
@@ -127,8 +127,8 @@ impl Present {
         Ok(present)
     }
 
-    /// Recreates the swapchain if it does not fit the window's size `[px]`. Returns false if nothing
-    /// can be shown, as in a minimised window or one that is gone.
+    /// Recreates the swapchain if it does not fit the window's size `[px]`. Returns false if
+    /// nothing can be shown, as in a minimised window or one that is gone.
     pub fn fit(&mut self, gpu: &mut Gpu, [width, height]: [u32; 2]) -> Result<bool> {
         let mut asked = self.capabilities(gpu);
         if self.lost || matches!(asked, Err(vk::Result::ERROR_SURFACE_LOST_KHR)) {

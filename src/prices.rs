@@ -1,4 +1,5 @@
-//! What each effect costs in a picture, or would cost if it ran: for `--explain=prices` and the window.
+//! What each effect costs in a picture, or would cost if it ran: for `--explain=prices` and the
+//! window.
 //!
 //! The picture is drawn again with each effect the other way. Passes that one of both has alone are
 //! the effect's: their time is its cost, or what skipping it has saved. Where a software device

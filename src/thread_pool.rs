@@ -18,8 +18,8 @@ fn failed(error: &dyn std::fmt::Display) -> Error {
     ))
 }
 
-/// Starts the threads of the process, once, before the first work: where a system that has no thread
-/// left would be a panic.
+/// Starts the threads of the process, once, before the first work: where a system that has no
+/// thread left would be a panic.
 pub fn start() -> Result<()> {
     let why = OF_PROCESS.get_or_init(|| {
         let started = ThreadPoolBuilder::new().build_global();

@@ -230,8 +230,8 @@ impl View {
         self.edges().map(|(normal, at, _)| farthest(normal) - self.camera.eye.dot(normal) > at)
     }
 
-    /// Returns the least planar depth `[m]` of a world box in front of the camera; `None` if no point
-    /// of the box is in view.
+    /// Returns the least planar depth `[m]` of a world box in front of the camera; `None` if no
+    /// point of the box is in view.
     pub fn least_depth(&self, bounds: (DVec3, DVec3)) -> Option<f64> {
         self.depths(bounds).map(|(least, _)| least)
     }
@@ -340,8 +340,8 @@ impl Camera {
         Camera::framing_beside(preset, points, size, Covered::default(), DVec3::Z)
     }
 
-    /// Returns the camera after a turn around an axis through a point, anticlockwise seen from above
-    /// `[rad]`.
+    /// Returns the camera after a turn around an axis through a point, anticlockwise seen from
+    /// above `[rad]`.
     pub fn turned(&self, axis: DVec3, through: DVec3, angle: f64) -> Camera {
         let turn = DMat3::from_axis_angle(axis, angle);
         let turned = |place: DVec3| through + turn * (place - through);
@@ -363,8 +363,8 @@ impl Camera {
         (swept.collect(), middle)
     }
 
-    /// Returns the camera as [`Camera::framing`] for a picture of which a part is covered, of points
-    /// whose y or z axis points `up`.
+    /// Returns the camera as [`Camera::framing`] for a picture of which a part is covered, of
+    /// points whose y or z axis points `up`.
     pub fn framing_beside(
         preset: Preset,
         points: &[DVec3],
@@ -403,8 +403,9 @@ impl Camera {
         }
     }
 
-    /// Returns the camera of one side, by the signs of its direction along x and y; z is up. The left and right planes then have different slopes, so ex = a + t_right ez = -b -
-    /// t_left ez, or the middle of the range that the farther ez allows.
+    /// Returns the camera of one side, by the signs of its direction along x and y; z is up. The
+    /// left and right planes then have different slopes, so ex = a + t_right ez = -b - t_left ez,
+    /// or the middle of the range that the farther ez allows.
     fn framing_side(
         preset: Preset,
         points: &[DVec3],

@@ -1,8 +1,10 @@
 //! A picture against the truth of its scene, for `tools/demo`.
 //!
-//! In: the EXR layers that `render --exr` and `synth --truth` wrote for one camera. Out: a table on standard output, and both pictures side by
-//! side as PNG; or one picture, as a PNG of few colours. Depth errors are relative, and taken away from edges, where a pixel's centre and a point elsewhere in the pixel may lie on
-//! different surfaces and both be right. An edge is a kink of more than 1 % in inverse depth, which is affine on every plane, within two pixels.
+//! In: the EXR layers that `render --exr` and `synth --truth` wrote for one camera. Out: a table on
+//! standard output, and both pictures side by side as PNG; or one picture, as a PNG of few colours.
+//! Depth errors are relative, and taken away from edges, where a pixel's centre and a point
+//! elsewhere in the pixel may lie on different surfaces and both be right. An edge is a kink of
+//! more than 1 % in inverse depth, which is affine on every plane, within two pixels.
 
 use exr::prelude::*;
 use rayon::prelude::*;
@@ -115,7 +117,8 @@ fn side_by_side(pictures: &[&Picture]) -> std::result::Result<Vec<[u8; 3]>, Stri
     Ok(pixels)
 }
 
-/// Median cut (Heckbert 1982): the box of the greatest extent, weighed by the root of its pixels, is halved at its longest axis until there are `count`.
+/// Median cut (Heckbert 1982): the box of the greatest extent, weighed by the root of its pixels,
+/// is halved at its longest axis until there are `count`.
 fn palette(pixels: &[[u8; 3]], count: usize) -> Vec<[u8; 3]> {
     let extent = |colors: &[[u8; 3]]| {
         let of = |axis: usize| {

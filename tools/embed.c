@@ -1,5 +1,5 @@
-// A host in C: an offscreen Vulkan program that draws a rectangle through a cloud, in two viewports,
-// and picks a point.
+// A host in C: an offscreen Vulkan program that draws a rectangle through a cloud, in two
+// viewports, and picks a point.
 //
 //   tools/install ~/.local
 //   cc tools/embed.c $(pkg-config --cflags --libs pointillist vulkan) -o embed

@@ -5,8 +5,8 @@
 //! cargo run --release --example embed -- scan.laz picture.png
 //! ```
 //!
-//! Everything but [`draw_cloud`] is what any Vulkan program has: a device, images, a command buffer,
-//! and geometry of its own.
+//! Everything but [`draw_cloud`] is what any Vulkan program has: a device, images, a command
+//! buffer, and geometry of its own.
 
 use ash::vk::{self, Handle};
 use pointillist::renderer::{
@@ -23,7 +23,8 @@ const HALF: [u32; 2] = [400, 400];
 fn main() -> Outcome<()> {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
     let [cloud, picture] = &arguments[..] else { return Err("give a cloud and a picture".into()) };
-    // SAFETY: the program follows the rules of Vulkan, and the renderer is dropped before the device.
+    // SAFETY: the program follows the rules of Vulkan, and the renderer is dropped before the
+    // device.
     unsafe {
         let vulkan = Vulkan::new()?;
         let mut renderer = Renderer::new(&vulkan.host(), RendererOptions::default())?;

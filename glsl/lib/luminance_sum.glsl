@@ -24,7 +24,7 @@ void four(uint pixel[4], float depth[4], uvec4 words) {
         value[k].r = level_of(values.r, words[k]);
         if (CHANNELS == 3u) value[k].gb = uvec2(level_of(values.g, words[k]), level_of(values.b, words[k]));
     }
-    // Points are in Morton order, so many neighbours are in the same pixel and share one atomic.
+    // Points are in Morton order: many neighbours are in the same pixel and share one atomic.
     for (uint k = 1u; k < 4u; ++k) {
         bool together = pixel[k] == pixel[k - 1u];
         count[k] += together ? count[k - 1u] : 0u;

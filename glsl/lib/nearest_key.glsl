@@ -3,7 +3,7 @@
 //
 //   for a layer behind others, skip points that are not behind them, and chunks that had none left
 //   one layer before
-//   of neighbours in the same pixel keep the nearest; points are in Morton order, so many are
+//   of neighbours in the same pixel keep the nearest; points are in Morton order: many are
 //   bring it to the pixel unless a nearer one is known there: a stale answer only costs an atomic,
 //   since keys only fall
 //

@@ -16,8 +16,8 @@ bool has_depth(uint bits) {
 }
 
 // Returns the weight of a neighbour, number k of 3 x 3: (1 - r / 2) (1 - min(1, |difference| /
-// tolerance)) as in anisotropic filling (Pintus et al. 2011, sec. 5). Without a tolerance, only equal
-// depths are of one surface.
+// tolerance)) as in anisotropic filling (Pintus et al. 2011, sec. 5). Without a tolerance, only
+// equal depths are of one surface.
 float anisotropic_weight(int k, float difference, float tolerance) {
     float strictness = tolerance > 0.0 ? min(1.0 / tolerance, 3.402823466e38) : 3.402823466e38;
     return (k % 2 == 0 ? 0.292893219 : 0.5) * (1.0 - min(1.0, abs(difference) * strictness));

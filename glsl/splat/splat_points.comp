@@ -1,6 +1,6 @@
 // Depth -> list of the pixels with a point: column, and row in the upper 16 bits; with an indirect
-// dispatch of a lane for each. A lane of splat.glsl then has a disc to draw, however few points there
-// are. Lists differ from run to run in their order, which no picture depends on.
+// dispatch of a lane for each. A lane of splat.glsl then has a disc to draw, however few points
+// there are. Lists differ from run to run in their order, which no picture depends on.
 #version 460
 #extension GL_EXT_scalar_block_layout : require
 #extension GL_EXT_control_flow_attributes : require

@@ -1,5 +1,5 @@
-// Keys of discs, and a surface -> the nearer of both in a strip of the picture: depth of the disc, and
-// id and colour of its point; or those of the surface.
+// Keys of discs, and a surface -> the nearer of both in a strip of the picture: depth of the disc,
+// and id and colour of its point; or those of the surface.
 #version 460
 #extension GL_EXT_scalar_block_layout : require
 #extension GL_GOOGLE_include_directive : require

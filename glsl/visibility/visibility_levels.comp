@@ -5,7 +5,7 @@
 // cones: for a pixel with a point, those nearer to the camera than its own surface may be; for one
 // without, all.
 //
-//   open     the open area around the pixel would hold so many leading points that its being empty is
+//   open     the open area around the pixel would hold enough leading points that its being empty is
 //            no chance: lambda A >= `expected`
 //   closed   the remaining cones add up to less than `threshold` (Pintus et al. 2011, sec. 4), or to
 //            less than `holes`
@@ -24,8 +24,9 @@
 // leave a quarter. A sparse surface may reach up to the edge of a denser one. So no sector counts
 // with a density that at least three others cannot have, but each with that of the sparsest surface
 // at least: strays are none. A sector without a point tells nothing, and
-// the widest of all eight does not count. The pixel is open only where too few sectors are empty for
-// background: a finer level sees one side of a gap, and cannot tell it from the edge of a surface.
+// the widest of all eight does not count. The pixel is open only where too few sectors are empty
+// for background: a finer level sees one side of a gap, and cannot tell it from the edge of a
+// surface.
 //
 // Cones are those of visibility.comp, which has the geometry. Sectors follow from the places of
 // points in their cells, since a cell may lie in several.

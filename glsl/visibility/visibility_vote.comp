@@ -5,8 +5,8 @@
 // verdict of the majority around it, of those within three quarters of its square's side. Steps
 // become slopes, squares in the middle of an opening do not float there, gaps have no pinholes, and
 // strips as wide as a square stay as they are. Pixels that no level has decided are open, by the
-// coarsest level. Those that the finest level has closed do not vote, since gaps beside dense points
-// say nothing about openings.
+// coarsest level. Those that the finest level has closed do not vote, since gaps beside dense
+// points say nothing about openings.
 #version 460
 #extension GL_EXT_scalar_block_layout : require
 #extension GL_EXT_control_flow_attributes : require
@@ -21,8 +21,8 @@ layout(scalar) readonly buffer Tiles { Tile tile[]; } tiles;
 layout(scalar) readonly buffer Asked { uint word[]; } asked;
 // Hidden pixels or holes, two words per tile.
 layout(scalar) buffer Invisible { uint word[]; } invisible;
-// Pixels without a point that each level has decided, two words per tile and level; those of level 0
-// are decided by any level, and those after the last level turn.
+// Pixels without a point that each level has decided, two words per tile and level; those of level
+// 0 are decided by any level, and those after the last level turn.
 layout(scalar) buffer Decided { uint word[]; } decided;
 layout(scalar) readonly buffer Lists { uint word[]; } lists;
 // List of tiles with invisible pixels.

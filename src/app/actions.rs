@@ -210,8 +210,12 @@ impl App {
         self.post(Message::Save { path, size, layers, over: Box::new(over.unwrap_or_default()) });
     }
 
-    /// Writes the points of the profile on a thread, since they are read from the files.
+    /// Writes the profile as SVG, and the table of its points on a thread, since these are read
+    /// from the files.
     fn save_profile(&mut self) {
+        if self.ui.profile.is_some() {
+            self.save(&unused_name("profile.svg"), |app, path| app.write_profile(path));
+        }
         let (Some(profile), Some(selection)) = (&self.ui.profile, self.profiled.clone()) else {
             return;
         };
@@ -262,6 +266,18 @@ impl App {
                 false
             }
         }
+    }
+
+    /// Writes the profile as it is shown, with its legend if there is one.
+    fn write_profile(&self, path: &Path) -> Result<()> {
+        let (profile, reference) = (self.ui.profile.as_ref(), &self.ui.measure.reference);
+        let svg = profile.map(|profile| {
+            let shows_legend = self.scene.annotations.legend;
+            let stations = &self.ui.categories.stations;
+            let legend = shows_legend.then(|| profile.legend(reference, stations)).flatten();
+            profile.svg(reference, legend)
+        });
+        svg.map_or(Ok(()), |svg| write(path, svg))
     }
 
     /// Writes the picked points, and the measures between them.

@@ -166,8 +166,8 @@ fn handle(ui: &Ui, id: (usize, usize), clip: &mut Clip, view: &View, color: Colo
     }
 }
 
-/// Returns how far a point at `p` moves along an axis `[m]` to follow a drag `[px]`; 0 if the axis is
-/// seen end on.
+/// Returns how far a point at `p` moves along an axis `[m]` to follow a drag `[px]`; 0 if the axis
+/// is seen end on.
 fn along(view: &View, p: DVec3, axis: DVec3, [x, y]: [f64; 2]) -> f64 {
     let step = 1e-3 * p.distance(view.camera.eye);
     let (Some(a), Some(b)) = (view.pixel(p), view.pixel(p + axis * step)) else { return 0.0 };

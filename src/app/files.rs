@@ -30,7 +30,7 @@ pub(super) struct LoadState {
     pub last: Option<LoadRequest>,
     /// The request that is displayed; None if that is a sample or nothing.
     pub displayed: Option<LoadRequest>,
-    /// Whether a cloud is being read or uploaded.
+    /// True if a cloud is being read or uploaded.
     pub active: bool,
     pub token: CancelToken,
     /// Token of threads that look up picked points.
@@ -43,7 +43,7 @@ pub(super) struct LoadState {
 /// How the first view of a cloud is chosen: automatically, until the camera is moved.
 #[derive(Default)]
 pub(super) struct Framing {
-    /// Whether a camera is set.
+    /// True if a camera is set.
     pub chosen: bool,
     /// The automatic camera for a sample, while the camera has not been moved.
     pub sample_camera: Option<Camera>,

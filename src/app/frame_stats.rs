@@ -30,9 +30,9 @@ pub struct FrameSample {
     latency: Duration,
     /// Time on the device.
     took: Duration,
-    /// Whether no point was drawn.
+    /// True if no point was drawn.
     empty: bool,
-    /// Whether nodes were being loaded.
+    /// True if nodes were being loaded.
     loading: bool,
     /// Processor time of the loader thread until then.
     loader: Duration,

@@ -93,8 +93,8 @@ impl App {
             .and_then(|buffer| buffer.place(self.mouse.cursor, self.viewport.size()))
     }
 
-    /// Picks the point at a pixel of what is seen; it replaces the picked points, or with `adds` joins
-    /// them.
+    /// Picks the point at a pixel of what is seen; it replaces the picked points, or with `adds`
+    /// joins them.
     pub(super) fn pick(&mut self, at: DVec2, adds: bool) {
         let Some(buffer) = &self.pick_buffer else { return };
         let is_exact = buffer.is_exact && !self.shows_sample();

@@ -98,7 +98,7 @@ const KEYS: &[Key] = &[
         &[KeyCode::KeyC],
         "C",
         Binding::Do(Action::Export("csv")),
-        "save the picked points and the profile as CSV",
+        "save the picked points as CSV, and the profile as SVG and CSV",
     ),
     key(
         &[KeyCode::KeyG],

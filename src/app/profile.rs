@@ -8,7 +8,7 @@ use crate::cloud::colormap;
 use crate::cloud::crs::Reference;
 use crate::cloud::histograms::Histograms;
 use crate::output::legend::{self, Legend};
-use crate::output::section::{Axes, Canvas, FINER, SectionPoint};
+use crate::output::section::{self, Axes, Beside, Canvas, FINER, SectionPoint};
 use crate::resident::slab_query::{SlabPoint, SlabPoints};
 use crate::select::slab::Slab;
 use egui::epaint::TextShape;
@@ -23,8 +23,8 @@ use std::f32::consts::FRAC_PI_2;
 /// Largest size of the field of points `[points]`.
 const SIZE: DVec2 = DVec2::new(560.0, 240.0);
 
-/// Least size of it, and what the window has beside it and the axes: its frame, its title and rows of
-/// text `[points]`.
+/// Least size of it, and what the window has beside it and the axes: its frame, its title and rows
+/// of text `[points]`.
 const LEAST: Vec2 = vec2(80.0, 40.0);
 const BESIDES: Vec2 = vec2(32.0, 124.0);
 
@@ -131,6 +131,22 @@ impl Profile {
         Legend::of(&self.shown, reference, &counts, &stations)
     }
 
+    /// Returns the profile as SVG, as the command line draws it.
+    pub fn svg(&self, reference: &Reference, legend: Option<Legend>) -> String {
+        let room = section::room(section::SIZE);
+        let legend = legend.and_then(|legend| Beside::fitting(legend, room));
+        let most = room - DVec2::new(legend.as_ref().map_or(0.0, Beside::width), 0.0);
+        let axes = Axes::fitting(self.slab.length, self.heights, None, most, reference);
+        let points = self.section.points.len();
+        let side = section::side(&axes, points as u64);
+        let mut canvas = Canvas::new(&axes);
+        for found in &self.section.points {
+            canvas.draw(&axes, &self.point(found), side);
+        }
+        let titles = [self.summary(reference), format!("{points} points")];
+        section::svg(&axes, &titles, &canvas, legend.as_ref(), section::SIZE[0].into())
+    }
+
     pub fn show(
         &mut self,
         ui: &mut Ui,
@@ -180,7 +196,7 @@ impl Profile {
         self.drawn = Some((room, axes, texture));
         ui.label(RichText::new(self.summary(reference)).weak());
         ui.horizontal(|ui| {
-            if ui.button("csv").on_hover_text("C").clicked() {
+            if ui.button("save").on_hover_text("C: as SVG, and as CSV").clicked() {
                 actions.push(Action::SaveProfile);
             }
             if ui.button("close").clicked() {

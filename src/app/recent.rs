@@ -20,7 +20,8 @@ fn place() -> Option<PathBuf> {
     folder.map(|folder| folder.join("pointillist").join("recent.json"))
 }
 
-/// Returns the files in the list that are there, and addresses. A list that cannot be read is empty.
+/// Returns the files in the list that are there, and addresses. A list that cannot be read is
+/// empty.
 pub fn read() -> Vec<PathBuf> {
     let read = |list: PathBuf| serde_json::from_slice(&std::fs::read(list).ok()?).ok();
     let files: Vec<PathBuf> = place().and_then(read).unwrap_or_default();

@@ -12,8 +12,8 @@
 //!
 //! Otherwise it sleeps until a message comes. A frame that is superseded is not finished.
 //!
-//! On a software device a frame that takes long is submitted in parts. Between them a panel that has
-//! come is drawn over the last frame, so that buttons answer while a picture is in progress.
+//! On a software device a frame that takes long is submitted in parts. Between them a panel that
+//! has come is drawn over the last frame, so that buttons answer while a picture is in progress.
 //!
 //! One frame at a time is on the device. As soon as it starts, the window's thread is told and
 //! moves the camera on; where the camera is when the frame is done is drawn next. So input is on
@@ -173,8 +173,8 @@ impl Inbox {
         Superseded { posted: &self.urgent, handled: self.urgent_handled }
     }
 
-    /// Interrupts saving: by changes of the picture alone, since a piece that is begun again at every
-    /// answer of the panel would never be done.
+    /// Interrupts saving: by changes of the picture alone, since a piece that is begun again at
+    /// every answer of the panel would never be done.
     fn picture_superseded(&self) -> Superseded<'_> {
         Superseded { posted: &self.posted, handled: self.handled }
     }
@@ -187,7 +187,7 @@ struct Schedule {
     /// Time at which the change that is not drawn yet was first requested.
     asked: Instant,
     redraw: Redraw,
-    /// Whether the last frame has to be shown again, under another panel.
+    /// True if the last frame has to be shown again, under another panel.
     show_due: bool,
     /// Set if the points of the last frame have to be counted, since filters leave some out; true
     /// if back faces are left out, too.

@@ -1,8 +1,8 @@
 //! The part of the window that the picture has for itself: what the panel leaves.
 //!
 //! The picture fills the window, also below the panel, but its middle is that of the free part: the
-//! projection is off-centre. So a camera looks at its subject whether the panel is there or not, and
-//! in every picture that is drawn from it later.
+//! projection is off-centre. So a camera looks at its subject whether the panel is there or not,
+//! and in every picture that is drawn from it later.
 
 use crate::error::Result;
 use crate::view::{Camera, View};

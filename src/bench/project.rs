@@ -3,8 +3,10 @@
 //! In: a sphere from `synth`, in Morton order or shuffled. Ways, interleaved round by round on the
 //! same device and view:
 //! - `compute64`, `compute32`: ours, clearing and projecting; the keys hold depth and point;
-//! - `point_list`: a POINT_LIST pipeline with depth test that writes depth and point, from a vertex buffer of f32 positions in the same order;
-//! - `cpu`: a plain multi-threaded loop over the same f32 positions with atomic 64-bit minima and an early read: what the CPU can do at all.
+//! - `point_list`: a POINT_LIST pipeline with depth test that writes depth and point, from a vertex
+//!   buffer of f32 positions in the same order;
+//! - `cpu`: a plain multi-threaded loop over the same f32 positions with atomic 64-bit minima and
+//!   an early read: what the CPU can do at all.
 //!
 //! The rasteriser draws on a device of its own: once lavapipe has rasterised, the timestamps around
 //! its compute passes no longer wait for them. Before anything is timed all ways draw once, which

@@ -102,8 +102,8 @@ pub(super) fn preset(value: i32) -> Result<Preset> {
     })
 }
 
-/// Returns the renderer for one call; ends the call as a panic does if an earlier one ended so. Errors
-/// if another call has it.
+/// Returns the renderer for one call; ends the call as a panic does if an earlier one ended so.
+/// Errors if another call has it.
 ///
 /// # Safety
 /// `renderer` is null, or from [`pointillist_new`] and not freed.

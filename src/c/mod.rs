@@ -1,7 +1,7 @@
 //! The interface for C, behind the feature `c`: `include/pointillist.h`.
 //!
-//! Structs begin with their size, so that they can grow: their `_init` functions write as many bytes as
-//! the caller's struct has, and the header's `_default` functions call them.
+//! Structs begin with their size, so that they can grow: their `_init` functions write as many
+//! bytes as the caller's struct has, and the header's `_default` functions call them.
 //! What the caller gives as a choice is an integer, so that every value may be checked.
 //! Every function returns a [`PointillistResult`]; on failure, outputs are as they were, and the
 //! last argument, which may be null, receives a message. Panics do not cross. A renderer is used by
@@ -348,8 +348,8 @@ pub unsafe extern "C" fn pointillist_add_points(
     })
 }
 
-/// Adds points of a buffer of the host's device as a cloud. The next frame copies them; the buffer is
-/// not changed until the device has completed it.
+/// Adds points of a buffer of the host's device as a cloud. The next frame copies them; the buffer
+/// is not changed until the device has completed it.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn pointillist_add_buffer(
     renderer: *mut PointillistRenderer,
@@ -404,9 +404,9 @@ pub unsafe extern "C" fn pointillist_set_visible(
     })
 }
 
-/// Moves a cloud: an affine matrix, column by column, from its coordinates to the host's world. It may
-/// also stretch, shear and mirror the cloud, but not flatten it. Clip boxes are in the cloud's own
-/// coordinates, lights in the host's world.
+/// Moves a cloud: an affine matrix, column by column, from its coordinates to the host's world. It
+/// may also stretch, shear and mirror the cloud, but not flatten it. Clip boxes are in the cloud's
+/// own coordinates, lights in the host's world.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn pointillist_set_transform(
     renderer: *mut PointillistRenderer,
@@ -579,9 +579,9 @@ pub unsafe extern "C" fn pointillist_record(
     })
 }
 
-/// Describes the last frame, line by line: how complete it is, the state of each cloud, which effects
-/// run and why, device times of passes, errors. Writes as much of the text as `size` bytes hold, which
-/// ends with 0, and to `length`, which may be NULL, the length of all of it.
+/// Describes the last frame, line by line: how complete it is, the state of each cloud, which
+/// effects run and why, device times of passes, errors. Writes as much of the text as `size` bytes
+/// hold, which ends with 0, and to `length`, which may be NULL, the length of all of it.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn pointillist_explain(
     renderer: *mut PointillistRenderer,

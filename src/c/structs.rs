@@ -15,16 +15,16 @@ pub struct PointillistHost {
     pub device: u64,
     /// Family of the command buffers, with graphics and compute.
     pub queue_family: u32,
-    /// Whether shaderInt64 and shaderBufferInt64Atomics are enabled: 0 or 1, as all of its kind.
+    /// 1 if shaderInt64 and shaderBufferInt64Atomics are enabled, else 0, as all of its kind.
     pub has_int64_atomics: u8,
-    /// Whether the instance has VK_EXT_debug_utils.
+    /// 1 if the instance has VK_EXT_debug_utils.
     pub has_debug_utils: u8,
     /// Device memory for the nodes of each index, in bytes; 0 is the default.
     pub memory_budget: u64,
     /// Most points drawn of an index; 0 is automatic.
     pub point_budget: u64,
-    /// VkAllocationCallbacks for the CPU memory of all objects that are made here, on any thread, or
-    /// null. They are copied. Device memory is allocated without them.
+    /// VkAllocationCallbacks for the CPU memory of all objects that are made here, on any thread,
+    /// or null. They are copied. Device memory is allocated without them.
     pub allocation_callbacks: *const c_void,
     /// Functions that are called, on any thread, in place of vkAllocateMemory and
     /// vkFreeMemory, for blocks of many buffers and images; both null if there are none. They may
@@ -38,7 +38,7 @@ pub struct PointillistHost {
 #[derive(Clone, Copy)]
 pub struct PointillistRequirement {
     pub size: usize,
-    /// Whether nothing works without it.
+    /// 1 if nothing works without it.
     pub required: bool,
     /// Vulkan structure that has the member.
     pub structure: [c_char; 64],
@@ -50,8 +50,8 @@ pub struct PointillistRequirement {
 
 /// How an image was used, or will be: Vulkan's numbers. With a transfer of ownership between queue
 /// families, the host records the other half of each barrier: before the frame a release from
-/// `before.layout` to COLOR_ATTACHMENT_OPTIMAL (of depth: DEPTH_STENCIL_ATTACHMENT_OPTIMAL), after it
-/// an acquisition from there to `after.layout`.
+/// `before.layout` to COLOR_ATTACHMENT_OPTIMAL (of depth: DEPTH_STENCIL_ATTACHMENT_OPTIMAL), after
+/// it an acquisition from there to `after.layout`.
 #[repr(C)]
 #[derive(Clone, Copy)]
 pub struct PointillistAccess {
@@ -83,7 +83,7 @@ pub struct PointillistTarget {
     pub before: PointillistAccess,
     /// First access afterwards.
     pub after: PointillistAccess,
-    /// Whether the area is cleared first: colour to the background, depth to what is farthest.
+    /// 1 if the area is cleared first: colour to the background, depth to what is farthest.
     pub clear: u8,
 }
 
@@ -114,9 +114,9 @@ pub struct PointillistFrame {
     pub color: *const PointillistTarget,
     /// Depth that points are hidden by; null if there is none.
     pub depth: *const PointillistTarget,
-    /// Whether points' depth is written.
+    /// 1 if points' depth is written.
     pub writes_depth: u8,
-    /// Whether colours are stored linear instead of encoded.
+    /// 1 if colours are stored linear instead of encoded.
     pub linear: u8,
     pub views: *const PointillistView,
     pub view_count: usize,
@@ -141,7 +141,7 @@ pub struct PointillistReport {
     pub streamed: u64,
     /// Number of clouds or nodes that could not be drawn.
     pub errors: u64,
-    /// Whether everything that the views call for is drawn.
+    /// 1 if everything that the views call for is drawn.
     pub settled: bool,
 }
 
@@ -208,11 +208,11 @@ pub enum PointillistPreset {
 #[derive(Clone, Copy)]
 pub struct PointillistPicked {
     pub size: usize,
-    /// Whether there is an answer; if not, ask again after another frame.
+    /// 1 if there is an answer; if not, ask again after another frame.
     pub answered: bool,
-    /// Whether a point was met; the rest is undefined if not.
+    /// 1 if a point was met; the rest is undefined if not.
     pub met: bool,
-    /// Whether the position is the file's own, to the last bit.
+    /// 1 if the position is the file's own, to the last bit.
     pub exact: bool,
     pub cloud: u64,
     /// In the host's world.
@@ -227,8 +227,8 @@ pub struct PointillistPicked {
     pub return_number: i32,
     /// Name of the file or station that it is from: UTF-8, ends with 0, cut if longer.
     pub station: [c_char; 256],
-    /// Colour that it is drawn with before lighting and exposure: 8-bit sRGB, and 255; all 0 if there
-    /// is no single point.
+    /// Colour that it is drawn with before lighting and exposure: 8-bit sRGB, and 255; all 0 if
+    /// there is no single point.
     pub color: [u8; 4],
     /// Number that it is coloured by: its intensity, class or source as in the file; its elevation
     /// `[m]`, time `[s]` or scalar within 1/65,535 of the cloud's range. NaN if there is none.
@@ -251,8 +251,8 @@ pub(super) const TARGET: PointillistTarget = PointillistTarget {
     clear: 0,
 };
 
-/// Writes the default of a struct of a caller's size: members that it does not know are left out, and
-/// members that only it knows are 0.
+/// Writes the default of a struct of a caller's size: members that it does not know are left out,
+/// and members that only it knows are 0.
 ///
 /// # Safety
 /// `to` is null or has `size` bytes.

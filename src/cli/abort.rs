@@ -3,8 +3,8 @@
 const ABORTED: &str = "pointillist: aborted. If memory ran out, free some, or lift `ulimit -v`\n";
 const REMOVED: &str = "pointillist: no file was left half written\n";
 
-/// Lets an abort remove partial files and end with exit code 1: an allocation that fails, in Rust or
-/// in a driver, aborts. Lets writing beyond `ulimit -f` fail as on a full disk.
+/// Lets an abort remove partial files and end with exit code 1: an allocation that fails, in Rust
+/// or in a driver, aborts. Lets writing beyond `ulimit -f` fail as on a full disk.
 pub fn handle_signals() {
     extern "C" fn end(_: libc::c_int) {
         let is_clean = crate::atomic_file::remove_unfinished_at_abort();

@@ -38,7 +38,8 @@ bytes, coordinate system. What a format cannot hold is named in a note.";
 #[derive(clap::Args, Clone, Debug)]
 #[command(after_help = EXAMPLES)]
 pub struct Arguments {
-    /// Point clouds: LAS, LAZ, COPC, Potree 2, EPT, PLY, E57, OBJ, XYZ, CSV, TXT, PTS, PTX; or one index, PNTI
+    /// Point clouds: LAS, LAZ, COPC, Potree 2, EPT, PLY, E57, OBJ, XYZ, CSV, TXT, PTS, PTX; or one
+    /// index, PNTI
     #[arg(required = true, value_name = "FILE")]
     pub files: Vec<PathBuf>,
     /// The file to write: its name says the format
@@ -58,15 +59,15 @@ pub struct Arguments {
     /// Filters, clip boxes and opacities of a scene file, as the window saves it
     #[arg(long, value_name = "SCENE.json", conflicts_with_all = ["only", "not", "clip", "opacity"])]
     pub scene: Option<PathBuf>,
-    /// Keep one point in each cell of a grid of this side, in the files' unit, or such as 0.05m: the
-    /// first in the order of the files
+    /// Keep one point in each cell of a grid of this side, in the files' unit, or such as 0.05m:
+    /// the first in the order of the files
     #[arg(long, value_name = "LENGTH", value_parser = units::length, allow_hyphen_values = true)]
     pub thin: Option<Length>,
     /// Keep every N-th of the points that are left, from the first on
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u64).range(1..), hide_default_value = true)]
     pub every: u64,
-    /// Add heights above a coarse surface of the ground to each point. Scalars of the files are kept
-    /// without being asked for
+    /// Add heights above a coarse surface of the ground to each point. Scalars of the files are
+    /// kept without being asked for
     #[arg(long, value_name = "height-above-ground", value_parser = added)]
     pub add: Option<Scalar>,
     /// Refuse a truncated or inconsistent file instead of keeping what is readable
@@ -87,7 +88,8 @@ fn added(text: &str) -> std::result::Result<Scalar, String> {
     is_it.then_some(height).ok_or(format!("only {height} can be added"))
 }
 
-/// Returns how inputs are read: all attributes, those that are `wanted`, and LAS records as they are.
+/// Returns how inputs are read: all attributes, those that are `wanted`, and LAS records as they
+/// are.
 pub fn reading(
     text: &TextArguments,
     colors: &ColorOptions,

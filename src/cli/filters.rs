@@ -9,8 +9,8 @@ pub struct FilterOptions {
     /// Leave only points of these values; a comma is "or", 10..20 a range. Repeatable: a point must
     /// match all
     ///
-    /// Of class, return (a number, first, last, single), returns, source, file, scan, intensity, x, y,
-    /// z, gps-time, and of any scalar; names of classes need no "class="
+    /// Values of class, return (a number, first, last, single), returns, source, file, scan,
+    /// intensity, x, y, z, gps-time, and of any scalar; names of classes need no "class="
     #[arg(
         long,
         visible_alias = "where",
@@ -26,7 +26,8 @@ pub struct FilterOptions {
 #[derive(clap::Args, Clone, Debug, Default)]
 #[command(next_help_heading = "Points")]
 pub struct ClipOptions {
-    /// Leave what lies in a box, or outside of one, by two opposite corners in the world. Repeatable
+    /// Leave what lies in a box, or outside of one, by two opposite corners in the world.
+    /// Repeatable
     ///
     /// In one of several boxes, and outside of every `outside` box; faces belong to a box; inf is a
     /// number; files in degrees are drawn in metres on a plane, and so are boxes: `info` has both

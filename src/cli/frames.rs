@@ -1,5 +1,5 @@
-//! `pointillist render --path` and `--turntable`: a camera path, or a circle, in; numbered pictures,
-//! and layers with `--exr`, or a film out.
+//! `pointillist render --path` and `--turntable`: a camera path, or a circle, in; numbered
+//! pictures, and layers with `--exr`, or a film out.
 //!
 //! Every file is complete or absent. Existing ones are drawn again unless `--resume` keeps them.
 
@@ -46,7 +46,7 @@ pub fn per_second(text: &str) -> std::result::Result<f64, String> {
 /// The cameras of frames.
 enum Cameras {
     Path(CameraPath),
-    /// So many around the cloud, or the target of a given camera.
+    /// A number of frames around the cloud, or the target of a given camera.
     Turntable(u64),
 }
 

@@ -1,5 +1,5 @@
-//! `pointillist info cloud.pnti`: what an index was built from, and its tree. The same of an octree on
-//! a server.
+//! `pointillist info cloud.pnti`: what an index was built from, and its tree. The same of an octree
+//! on a server.
 //!
 //! The JSON object has `points`, `bounds`, `unit`, `unit_is_stated`, `spacing`, `strays`, `parts`,
 //! `stations`, `notes` as `info` gives them of files (but no ranges of attributes: those would need

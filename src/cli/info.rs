@@ -65,7 +65,8 @@ use std::path::{Path, PathBuf};
   pointillist info scan.laz --only ground --clip box:0,0,0,10,10,5 --count    exactly how many points
   pointillist info --strict found.las       exit code 1 if anything is cut off or the header lies")]
 pub struct Arguments {
-    /// Point clouds: LAS, LAZ, COPC, Potree 2, EPT, PLY, E57, OBJ, XYZ, CSV, TXT, PTS, PTX; or one index, PNTI
+    /// Point clouds: LAS, LAZ, COPC, Potree 2, EPT, PLY, E57, OBJ, XYZ, CSV, TXT, PTS, PTX; or one
+    /// index, PNTI
     #[arg(required = true, value_name = "FILE")]
     pub files: Vec<PathBuf>,
 
@@ -222,7 +223,7 @@ struct Report<'a> {
     system: Option<Crs>,
     /// Unit of lengths.
     unit: Unit,
-    /// Whether a file names it; metres are assumed where none does.
+    /// True if a file names it; metres are assumed where none does.
     unit_is_stated: bool,
     spacing: Spacing,
     /// Points that lie far outside of their part.

@@ -1,5 +1,5 @@
-//! `--time` and `--error`: the tuning that a picture is drawn with, what is expected of it, and what
-//! it takes.
+//! `--time` and `--error`: the tuning that a picture is drawn with, what is expected of it, and
+//! what it takes.
 
 use super::options::PictureOptions;
 use super::tune;
@@ -159,8 +159,8 @@ impl Chosen {
         Ok(Got { ms, errors })
     }
 
-    /// Chooses a tuning for a picture that is drawn in pieces, by a smaller picture of the same view
-    /// with its share of the time.
+    /// Chooses a tuning for a picture that is drawn in pieces, by a smaller picture of the same
+    /// view with its share of the time.
     pub fn settle_pieces(
         limit: Limit,
         target: &mut Target,

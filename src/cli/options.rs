@@ -58,7 +58,7 @@ pub struct ScaleOptions {
     pub ramp: Option<Ramp>,
     /// Values at its ends [default: 2nd and 98th percentile]
     ///
-    /// Of colours: channels up to 255
+    /// Channels of colours up to 255
     #[arg(long, value_name = "LOW,HIGH", value_parser = range, allow_hyphen_values = true)]
     pub range: Option<Range>,
     /// Added to colours and places on the ramp, -1 to 1
@@ -178,8 +178,9 @@ pub struct PictureOptions {
         allow_hyphen_values = true
     )]
     pub light: Light,
-    /// Layer distance: surfaces nearer to each other are one, for fill=method=mask, transparency and
-    /// shadows, in the files' unit, or such as 0.1m [default: four spacings of points or pixels]
+    /// Layer distance: surfaces nearer to each other are one, for fill=method=mask, transparency
+    /// and shadows, in the files' unit, or such as 0.1m [default: four spacings of points or
+    /// pixels]
     #[arg(long, hide_short_help = true, value_name = "LENGTH", value_parser = units::length, allow_hyphen_values = true)]
     pub layer: Option<Length>,
     /// Opacity, 0 to 1, of all points or these; 0 hides. Repeatable
@@ -191,7 +192,7 @@ pub struct PictureOptions {
         allow_hyphen_values = true
     )]
     pub opacity: Vec<Rule>,
-    /// Whether to draw points far outside of all others
+    /// Show or hide points far outside of all others
     #[arg(long, hide_short_help = true, value_parser = named::<Treatment>(), default_value = Treatment::Show.name())]
     pub strays: Treatment,
     /// Colour behind the points, sRGB [default: 181b20; none in maps]
@@ -226,7 +227,8 @@ pub struct DetailOptions {
     /// Most points to draw [default: 4 a pixel, at least a million]; beyond it, nodes are coarser
     #[arg(long, hide_short_help = true, alias = "budget", value_name = "POINTS")]
     pub point_budget: Option<u64>,
-    /// Refine until samples are this near to each other [default: 1, and 0 for maps]; 0 draws all points within
+    /// Refine until samples are this near to each other [default: 1, and 0 for maps]; 0 draws all
+    /// points within
     /// --point-budget
     #[arg(long, hide_short_help = true, value_name = "PIXELS", value_parser = pixels)]
     pub lod: Option<f64>,
@@ -244,8 +246,8 @@ pub struct DetailOptions {
 #[derive(clap::Args, Clone, Debug, Default)]
 #[command(next_help_heading = "Large clouds")]
 pub struct CacheOptions {
-    /// Folder for indexes of large files, and for what servers have sent [default: pointillist in the
-    /// user's cache folder]
+    /// Folder for indexes of large files, and for what servers have sent [default: pointillist in
+    /// the user's cache folder]
     #[arg(long, hide_short_help = true, value_name = "FOLDER")]
     pub cache_dir: Option<PathBuf>,
     /// Keep neither; build and fetch again each time
@@ -591,8 +593,8 @@ impl PictureOptions {
         Ok((self.view_of(&points, up, shown)?, middle))
     }
 
-    /// Returns the view: from the given camera, or one that frames the cloud, whatever is drawn over
-    /// it.
+    /// Returns the view: from the given camera, or one that frames the cloud, whatever is drawn
+    /// over it.
     pub fn plain_view(&self, source: &Source) -> Result<View> {
         let points = source.framed_points(&self.clips());
         self.framing(&points, source.up().axis(), Covered::default())

@@ -23,7 +23,7 @@ use crate::extract::Selection;
 use crate::extract::input::{Batch, Input};
 use crate::extract::profile::Table;
 use crate::output::legend::Legend;
-use crate::output::section::{self, AROUND, Axes, Beside, Canvas, FINER, SectionPoint};
+use crate::output::section::{self, Axes, Beside, Canvas, SectionPoint};
 use crate::progress::Progress;
 use crate::select::opacity::Opacities;
 use crate::select::slab::Slab;
@@ -66,7 +66,8 @@ fn above_zero(text: &str) -> std::result::Result<f64, String> {
 #[derive(clap::Args, Clone, Debug)]
 #[command(after_help = EXAMPLES)]
 pub struct Arguments {
-    /// Point clouds: LAS, LAZ, COPC, Potree 2, EPT, PLY, E57, OBJ, XYZ, CSV, TXT, PTS, PTX; or one index, PNTI
+    /// Point clouds: LAS, LAZ, COPC, Potree 2, EPT, PLY, E57, OBJ, XYZ, CSV, TXT, PTS, PTX; or one
+    /// index, PNTI
     #[arg(required = true, value_name = "FILE")]
     pub files: Vec<PathBuf>,
     /// Where the profile begins, in the coordinates of the files: degrees stay degrees
@@ -75,8 +76,8 @@ pub struct Arguments {
     /// Where it ends
     #[arg(long, value_name = "X,Y", allow_hyphen_values = true)]
     pub to: Place,
-    /// Width of the slab, in the files' unit, or such as 0.5m; metres for coordinates in degrees. Half
-    /// of it lies on either side
+    /// Width of the slab, in the files' unit, or such as 0.5m; metres for coordinates in degrees.
+    /// Half of it lies on either side
     #[arg(long, value_name = "LENGTH", default_value = "1", value_parser = units::length, allow_hyphen_values = true)]
     pub width: Length,
     /// The files to write: a picture with axes, a table with a line a point. Repeatable
@@ -86,13 +87,13 @@ pub struct Arguments {
     /// picture]
     #[arg(long, value_name = "FACTOR", value_parser = above_zero, allow_hyphen_values = true)]
     pub exaggeration: Option<f64>,
-    /// Largest size of the picture, pixels. In a small one the legend is left out first, then parts of
-    /// the words above and below
-    #[arg(long, value_name = "WxH", default_value_t = Size([1600, 800]))]
+    /// Largest size of the picture, pixels. In a small one the legend is left out first, then parts
+    /// of the words above and below
+    #[arg(long, value_name = "WxH", default_value_t = Size(section::SIZE))]
     pub size: Size,
     /// What the points show [default: rgb if the files have it, else intensity, else elevation];
-    /// ramps are those of the profile's points. The table has the files' own colours, intensities and
-    /// times, and the numbers that the points show
+    /// ramps are those of the profile's points. The table has the files' own colours, intensities
+    /// and times, and the numbers that the points show
     #[arg(
         long,
         value_name = "rgb|intensity|elevation|class|time|nir|height-above-ground|extra:NAME|..."
@@ -127,7 +128,7 @@ struct Ranges {
     numbers: [f64; 2],
     /// Points of each intensity.
     intensities: Vec<u64>,
-    /// Whether a point has a colour other than black; a file of black points has none.
+    /// True if a point has a colour other than black; a file of black points has none.
     has_colors: bool,
     /// Points of each class, of each return number and of each source.
     labels: [BTreeMap<u16, u64>; 3],
@@ -202,10 +203,8 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
     if ends[0] == ends[1] {
         return Err(Error::Request("--from and --to are the same place".into()));
     }
-    let [left, top, right, bottom] = AROUND;
     let widest = f64::from(arguments.size.0[0]);
-    let most =
-        DVec2::from_array(arguments.size.0.map(f64::from)) - DVec2::new(left + right, top + bottom);
+    let most = section::room(arguments.size.0);
     if most.min_element() < 50.0 || most.x * most.y > PIXELS {
         return Err(Error::Request(format!(
             "--size {}: a profile needs 250x200 pixels at least, and {} million at most",
@@ -262,7 +261,7 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
         file.write_all(table.head().as_bytes()).map_err(wrote(path))?;
         files.push(file);
     }
-    let side = side(&axes, ranges.points);
+    let side = section::side(&axes, ranges.points);
     let map = |batch: &Batch| {
         let lines = if tables.is_empty() { String::new() } else { table.lines(batch) };
         Ok((points(&input, batch, &slab, &shown), lines))
@@ -286,7 +285,7 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
     if let Some(canvas) = canvas {
         let count = format!("{} points", ranges.points);
         let titles = [said.clone(), format!("{count}, {}", unit.length(slab.length, 3)), count];
-        let svg = section::svg(&axes, &titles, &png(&canvas), legend.as_ref(), widest);
+        let svg = section::svg(&axes, &titles, &canvas, legend.as_ref(), widest);
         for Output { path, whole } in pictures {
             std::fs::write(whole.partial(), &svg).map_err(wrote(&path))?;
             whole.finish()?;
@@ -298,12 +297,6 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
     }
     streams::say(said);
     Ok(())
-}
-
-/// Returns the sides of points on a canvas: larger where there are few `[px]`.
-fn side(axes: &Axes, points: u64) -> usize {
-    let apart = (axes.size.x * axes.size.y / points as f64).sqrt();
-    (FINER as f64 * (0.5 * apart).clamp(1.0, 4.0)).round() as usize
 }
 
 /// Returns the points of a batch that are left.
@@ -430,17 +423,4 @@ fn nothing(input: &Input, arguments: &Arguments, slab: &Slab) -> String {
         to.x,
         to.y
     )
-}
-
-/// Returns a canvas as PNG.
-fn png(canvas: &Canvas) -> Vec<u8> {
-    let mut bytes = Vec::new();
-    let [width, height] = canvas.size();
-    let mut encoder = png::Encoder::new(&mut bytes, width, height);
-    encoder.set_color(png::ColorType::Rgba);
-    encoder
-        .write_header()
-        .and_then(|mut writer| writer.write_image_data(&canvas.rgba()))
-        .expect("a PNG in memory");
-    bytes
 }

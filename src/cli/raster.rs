@@ -1,5 +1,5 @@
-//! `pointillist raster`: files or an index in; a map of heights, intensities, counts or colours out,
-//! complete or absent. No Vulkan device is opened.
+//! `pointillist raster`: files or an index in; a map of heights, intensities, counts or colours
+//! out, complete or absent. No Vulkan device is opened.
 
 use super::export;
 use super::files::{check_extension, refuse_to_overwrite};
@@ -43,14 +43,15 @@ Cells are the points' own: nothing is filled between them. Pictures of filled, s
 #[derive(clap::Args, Clone, Debug)]
 #[command(after_help = EXAMPLES)]
 pub struct Arguments {
-    /// Point clouds: LAS, LAZ, COPC, Potree 2, EPT, PLY, E57, OBJ, XYZ, CSV, TXT, PTS, PTX; or one index, PNTI
+    /// Point clouds: LAS, LAZ, COPC, Potree 2, EPT, PLY, E57, OBJ, XYZ, CSV, TXT, PTS, PTX; or one
+    /// index, PNTI
     #[arg(required = true, value_name = "FILE")]
     pub files: Vec<PathBuf>,
     /// The GeoTIFF to write
     #[arg(short, long, value_name = "OUT.tif")]
     pub output: PathBuf,
-    /// Side of a cell, in the files' unit, or such as 0.5m; metres for coordinates in degrees. Edges
-    /// of cells are multiples of it
+    /// Side of a cell, in the files' unit, or such as 0.5m; metres for coordinates in degrees.
+    /// Edges of cells are multiples of it
     #[arg(long, value_name = "LENGTH", value_parser = units::length, allow_hyphen_values = true)]
     pub resolution: Length,
     /// Values of the cells: heights, intensities or scalars as 32-bit floating point, numbers of
@@ -65,8 +66,8 @@ pub struct Arguments {
     /// [default: -9999; counts have 0, which is not stated]. Colours have an alpha of 0 instead
     #[arg(long, value_name = "NUMBER|nan", allow_hyphen_values = true)]
     pub no_data: Option<NoData>,
-    /// West, south, east and north of the map, in the coordinates of the files, widened to whole cells
-    /// [default: around all points that are left, but strays]
+    /// West, south, east and north of the map, in the coordinates of the files, widened to whole
+    /// cells [default: around all points that are left, but strays]
     #[arg(long, value_name = "X0,Y0,X1,Y1", allow_hyphen_values = true)]
     pub extent: Option<Extent>,
     /// Memory for cells; larger maps read the files several times

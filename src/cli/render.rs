@@ -61,7 +61,8 @@ More: `pointillist guide command_line`";
 #[derive(clap::Args, Clone, Debug)]
 #[command(after_help = EXAMPLES)]
 pub struct Arguments {
-    /// Point clouds: LAS, LAZ, COPC, Potree 2, EPT, PLY, E57, OBJ, XYZ, CSV, TXT, PTS, PTX; or one index, PNTI
+    /// Point clouds: LAS, LAZ, COPC, Potree 2, EPT, PLY, E57, OBJ, XYZ, CSV, TXT, PTS, PTX; or one
+    /// index, PNTI
     #[arg(required = true, value_name = "FILE")]
     pub files: Vec<PathBuf>,
     /// The picture: PNG, - for standard output; a map, with --resolution: GeoTIFF or PNG; a film,
@@ -103,8 +104,8 @@ pub struct Arguments {
     /// transparent where nothing is drawn
     #[arg(long, value_name = "LENGTH", value_parser = units::length, allow_hyphen_values = true, requires = "output", conflicts_with_all = ["part", "size", "camera", "scene", "path", "turntable", "exr", "explain", "timings"])]
     pub resolution: Option<Length>,
-    /// West, south, east and north of the map, in the coordinates of the files, widened to whole pixels
-    /// [default: around all points but strays]
+    /// West, south, east and north of the map, in the coordinates of the files, widened to whole
+    /// pixels [default: around all points but strays]
     #[arg(
         long,
         hide_short_help = true,
@@ -113,8 +114,8 @@ pub struct Arguments {
         requires = "resolution"
     )]
     pub extent: Option<Extent>,
-    /// Write a raster of the points' own values with --resolution, instead of a picture. `pointillist
-    /// raster` also picks the lowest, the mean or the last
+    /// Write a raster of the points' own values with --resolution, instead of a picture.
+    /// `pointillist raster` also picks the lowest, the mean or the last
     #[arg(long, hide_short_help = true, value_name = "height|intensity|count|rgb", requires_all = ["output", "resolution"], conflicts_with_all = ["style", "color", "effect", "point_size", "title", "legend", "scale_bar", "north_arrow", "axes"])]
     pub raster: Option<Value>,
     /// Value of cells of --raster without points, a number or nan [default: -9999]
@@ -441,8 +442,8 @@ fn in_pieces(
     Ok(())
 }
 
-/// The reason to draw maps from an index of the files: where points lie on surfaces is found node by
-/// node, so that maps of files and of their indexes are the same, bit by bit.
+/// The reason to draw maps from an index of the files: where points lie on surfaces is found node
+/// by node, so that maps of files and of their indexes are the same, bit by bit.
 const MAPS_OF_INDEXES: &str = "maps are drawn from an index";
 
 /// Ends of names of maps.
@@ -472,8 +473,8 @@ impl Arguments {
         Ok(rows)
     }
 
-    /// Returns what pixels have. A map is transparent where nothing is drawn, unless a background is
-    /// asked for.
+    /// Returns what pixels have. A map is transparent where nothing is drawn, unless a background
+    /// is asked for.
     fn channels(&self) -> Channels {
         match self.resolution.is_some() && self.picture.background.is_none() {
             true => Channels::Rgba,
@@ -548,8 +549,8 @@ impl Arguments {
         Ok(Some(grid))
     }
 
-    /// Returns the corners of the box around the points that are drawn, but strays. Samples of an index do not
-    /// reach all corners, so that its points are read, unless they are on a server.
+    /// Returns the corners of the box around the points that are drawn, but strays. Samples of an
+    /// index do not reach all corners, so that its points are read, unless they are on a server.
     fn corners(
         &self,
         picture: &PictureOptions,

@@ -5,9 +5,9 @@ use crate::similar::similar;
 use clap::error::{ContextKind, ContextValue, Error, ErrorKind};
 use clap::{Arg, Command};
 
-/// Adds what an unknown option may stand for: the command or the effect of that name, or the visible
-/// option with the most similar name, old names included. `words` are those of the command line,
-/// without the program's name.
+/// Adds what an unknown option may stand for: the command or the effect of that name, or the
+/// visible option with the most similar name, old names included. `words` are those of the command
+/// line, without the program's name.
 pub fn suggest(mut error: Error, program: &Command, words: &[String]) -> Error {
     let option = match error.get(ContextKind::InvalidArg) {
         Some(ContextValue::String(option)) if error.kind() == ErrorKind::UnknownArgument => {

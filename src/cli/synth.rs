@@ -49,7 +49,8 @@ pub struct Arguments {
     /// Lattice step of the coordinates, metres [default: 0.001 for street and terrain, else 0.0001]
     #[arg(long, value_name = "METRES")]
     pub step: Option<f64>,
-    /// Offset of the scene, in metres [default: 500000,5000000,100 for street and terrain, else 0,0,0]
+    /// Offset of the scene, in metres [default: 500000,5000000,100 for street and terrain, else
+    /// 0,0,0]
     #[arg(long, value_name = "E,N,H", value_parser = parse_offset, allow_hyphen_values = true)]
     pub offset: Option<DVec3>,
     /// Instead of scanning, ray-cast what this camera sees into an EXR picture

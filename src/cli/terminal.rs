@@ -14,8 +14,8 @@ static INTERRUPTED: AtomicBool = AtomicBool::new(false);
 /// Callbacks of [`Progress::when_interrupted`].
 static WAITING: Mutex<Vec<Box<dyn Fn() + Send>>> = Mutex::new(Vec::new());
 
-/// A progress bar for work of over a second, on a terminal only. Turns these signals into an error, so
-/// that half-written files are removed.
+/// A progress bar for work of over a second, on a terminal only. Turns these signals into an error,
+/// so that half-written files are removed.
 pub struct Terminal {
     shows: bool,
     since: Instant,

@@ -175,10 +175,11 @@ pub struct DisplayAttribute {
     pub up: Up,
     /// The words at both ends of the ramp; of colours, the values of channels.
     pub stretch: [u32; 2],
-    /// Places of dark colours between these are raised to this power: their median lies in the middle.
+    /// Places of dark colours between these are raised to this power: their median lies in the
+    /// middle.
     power: f64,
     pub scale: ColorScale,
-    /// Whether the highest byte of a colour or an intensity is its station ([`station_code`]).
+    /// True if the highest byte of a colour or an intensity is its station ([`station_code`]).
     pub coded: bool,
     pub further: ExtraAttributes,
 }
@@ -534,9 +535,9 @@ impl DisplayAttribute {
         }
     }
 
-    /// Stretches colours of which nearly all are in the lower half of the channels' range, as far as
-    /// their median lies in the middle at most, and raises those in the middle, if it lies lower.
-    /// Black stays black. `tones` are those of all points ([`tones`]).
+    /// Stretches colours of which nearly all are in the lower half of the channels' range, as far
+    /// as their median lies in the middle at most, and raises those in the middle, if it lies
+    /// lower. Black stays black. `tones` are those of all points ([`tones`]).
     pub fn brighten(&mut self, tones: &[u64]) {
         let [[_, most], [median, _]] = [STRETCH, [0.5; 2]].map(|shares| at_shares(tones, shares));
         if self.attribute == Attribute::Rgb && (1..128).contains(&most) {

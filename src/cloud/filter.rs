@@ -318,7 +318,7 @@ pub struct Compiled {
 }
 
 struct Test {
-    /// Whether matching points are left.
+    /// True if matching points are left.
     keeps: bool,
     by: By,
 }

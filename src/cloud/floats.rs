@@ -281,7 +281,8 @@ impl Floats {
         self.spill_if_full();
     }
 
-    /// Moves points to a temporary file whenever they are too many for memory, if the input has one.
+    /// Moves points to a temporary file whenever they are too many for memory, if the input has
+    /// one.
     pub fn spilling(mut self, input: &Input) -> Self {
         self.spilled = input.column_file.clone().map(|file| Spilled {
             limit: file.room().max(BLOCK),

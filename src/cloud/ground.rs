@@ -1,10 +1,10 @@
 //! Heights of points above the ground: above a coarse surface of cells.
 //!
-//! With points of class 2 (ground), a cell has the mean of their heights. Without, it has its lowest
-//! point, and what is narrower than 30 metres is then taken away: a morphological opening, the
-//! lowest of the cells around, then the highest of these. At the edges of a cloud that takes away
-//! the upper ends of slopes, too. Empty cells have the mean of ever larger cells, interpolated.
-//! Between the centres of cells heights are interpolated bilinearly.
+//! With points of class 2 (ground), a cell has the mean of their heights. Without, it has its
+//! lowest point, and what is narrower than 30 metres is then taken away: a morphological opening,
+//! the lowest of the cells around, then the highest of these. At the edges of a cloud that takes
+//! away the upper ends of slopes, too. Empty cells have the mean of ever larger cells,
+//! interpolated. Between the centres of cells heights are interpolated bilinearly.
 //!
 //! Points of any source are read twice, batch by batch: for the box around most of them, and for
 //! the cells, which are at most 2048 along a side.
@@ -28,7 +28,8 @@ const MOST_CELLS: f64 = 2048.0;
 const WIDEST: f64 = 30.0;
 /// Approximate number of samples that say where most points are.
 const SAMPLES: u64 = 1 << 14;
-/// Heights are added up as whole numbers of this many to a unit, so that their order does not matter.
+/// Heights are added up as whole numbers of this many to a unit, so that their order does not
+/// matter.
 const PARTS: f64 = 1024.0;
 
 const GROUND: u8 = 2;
@@ -107,8 +108,8 @@ impl Points for Cloud {
     }
 }
 
-/// Adds the heights of all points to the columns. Returns a note on how the ground was found; `None`
-/// without points.
+/// Adds the heights of all points to the columns. Returns a note on how the ground was found;
+/// `None` without points.
 pub fn heights(cloud: &mut Cloud) -> Option<String> {
     // Points in memory cannot fail to be read.
     let surface = Surface::of(cloud).ok().flatten()?;

@@ -1,8 +1,8 @@
 //! Inputs, read by position: files, and objects on servers.
 //!
-//! Readers request ranges from several threads at once, so there is no shared file position. What will
-//! be read is said beforehand ([`Input::ahead`]), so that servers are asked for much at a time.
-//! Indexes, whose nodes are read again and again, are mapped; other files are read once.
+//! Readers request ranges from several threads at once, so there is no shared file position. What
+//! will be read is stated beforehand ([`Input::ahead`]), so that servers are asked for much at a
+//! time. Indexes, whose nodes are read again and again, are mapped; other files are read once.
 
 use super::column_file::ColumnFile;
 use super::mmap::{Map, read_some_at};
@@ -43,13 +43,13 @@ pub trait Decoded: Send + Sync {
     fn read_some_at(&self, bytes: &mut [u8], offset: u64) -> Result<usize>;
 }
 
-/// Descriptions of clouds in several files, those of Potree 2 and EPT. A folder with one is opened by
-/// it.
+/// Descriptions of clouds in several files, those of Potree 2 and EPT. A folder with one is opened
+/// by it.
 pub const OCTREES: [&str; 2] = ["metadata.json", "ept.json"];
 
 impl Input {
-    /// Opens a file, or the description of a cloud in a folder; also by an address. Refuses pipes and
-    /// devices by their metadata, since opening a pipe would wait for a writer.
+    /// Opens a file, or the description of a cloud in a folder; also by an address. Refuses pipes
+    /// and devices by their metadata, since opening a pipe would wait for a writer.
     pub fn open(path: &Path) -> Result<Self> {
         Input::open_slowly(path, &Silent)
     }

@@ -63,7 +63,7 @@ pub struct Las {
     packing: Packing,
     /// The octree of a cloud in several files.
     octree: Option<Octree>,
-    /// Whether batches have the records themselves ([`ReadOptions::records`]).
+    /// True if batches have the records themselves ([`ReadOptions::records`]).
     pub keeps_records: bool,
     /// Anomalies of the number of points, or of locating them.
     odd: String,
@@ -289,8 +289,8 @@ impl Las {
         Scale::new(range, by)
     }
 
-    /// Reads only some of the columns from now on, which takes less time where they are compressed in
-    /// layers.
+    /// Reads only some of the columns from now on, which takes less time where they are compressed
+    /// in layers.
     pub fn narrow(&mut self, wanted: ColumnSet) {
         self.available = self.fields.available(wanted);
         if let Packing::Laz(coding) = &mut self.packing {

@@ -9,7 +9,8 @@ pub enum Length {
     Metres(f64),
 }
 
-/// Units that are written after a number, and how long they are `[m]`. Names come before their ends.
+/// Units that are written after a number, and how long they are `[m]`. Names come before their
+/// ends.
 const WRITTEN: [(&str, f64); 6] = [
     ("mm", 0.001),
     ("cm", 0.01),

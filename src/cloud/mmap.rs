@@ -22,7 +22,8 @@ impl Map {
         Ok(Map { file, map })
     }
 
-    /// Copies bytes from `at` on. Returns their number, 0 where the file has none, or none any more.
+    /// Copies bytes from `at` on. Returns their number, 0 where the file has none, or none any
+    /// more.
     #[cfg(target_os = "linux")]
     pub fn read_some_at(&self, bytes: &mut [u8], at: u64) -> io::Result<usize> {
         let count = (self.map.len() as u64).saturating_sub(at).min(bytes.len() as u64) as usize;
@@ -49,7 +50,8 @@ impl Map {
         }
     }
 
-    /// Copies bytes from `at` on. Returns their number, 0 where the file has none, or none any more.
+    /// Copies bytes from `at` on. Returns their number, 0 where the file has none, or none any
+    /// more.
     #[cfg(not(target_os = "linux"))]
     pub fn read_some_at(&self, bytes: &mut [u8], at: u64) -> io::Result<usize> {
         let count = (self.map.len() as u64).saturating_sub(at).min(bytes.len() as u64) as usize;

@@ -381,7 +381,7 @@ pub struct Header {
     /// Attributes without a column, if requested ([`ReadOptions::extras`]).
     #[serde(skip)]
     pub extras: Vec<Extra>,
-    /// Whether the part holds the strays of a file, which are ignored by all statistics.
+    /// True if the part holds the strays of a file, which are ignored by all statistics.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub strays: bool,
     /// True if faces join the points, so that they lie on surfaces.
@@ -493,7 +493,7 @@ pub struct Cloud {
     /// Notes for the user, one line each: wrong headers, unreadable parts, decisions about colours.
     pub notes: Vec<String>,
     pub up: Up,
-    /// Whether filters have left some points out. The rest is what the user wants to see.
+    /// True if filters have left some points out. The rest is what the user wants to see.
     pub chosen: bool,
 }
 

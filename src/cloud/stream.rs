@@ -1,11 +1,11 @@
 //! Files in batches, for clouds larger than memory.
 //!
 //! [`open`] returns a [`Source`] per part, from which points can be streamed repeatedly. LAS, LAZ
-//! and octrees are read anew each time, by the code that fills whole columns in `las`, but into lanes
-//! one batch long: only a batch, a block and a compressed chunk per thread are in memory. Other
-//! formats derive their lattice from all points (`from_floats`), so [`open`] reads them through, and
-//! their source holds the columns of half a million points; those of more are in a temporary file.
-//! Notes and errors are those of [`super::read`]; [`Streamed`] has
+//! and octrees are read anew each time, by the code that fills whole columns in `las`, but into
+//! lanes one batch long: only a batch, a block and a compressed chunk per thread are in memory.
+//! Other formats derive their lattice from all points (`from_floats`), so [`open`] reads them
+//! through, and their source holds the columns of half a million points; those of more are in a
+//! temporary file. Notes and errors are those of [`super::read`]; [`Streamed`] has
 //! what only the points can tell. [`Source::stream_in_order`] gives batches in the file's order.
 
 use super::column_file::ColumnFile;
@@ -71,7 +71,7 @@ pub struct Streamed {
     pub points: u64,
     /// Range of the file's colour channels.
     pub rgb_scale: Scale,
-    /// Whether the colours of batches are wrong, since all points together show another range. The
+    /// True if the colours of batches are wrong, since all points together show another range. The
     /// next call has the right ones.
     pub again: bool,
     /// Columns of the batches, without colours that were all 0.
@@ -264,7 +264,8 @@ impl Source {
     }
 
     /// Returns the header's bounds in lattice steps, rounded outwards where they are more than
-    /// rounding away from a step, if finite, ordered and on the lattice; they may still be wrong. For formats other than LAS, the points' own.
+    /// rounding away from a step, if finite, ordered and on the lattice; they may still be wrong.
+    /// For formats other than LAS, the points' own.
     pub fn stated_bounds(&self) -> Option<[[i32; 3]; 2]> {
         match &self.contents {
             Contents::Las { las, .. } => {
@@ -488,7 +489,7 @@ impl Source {
 struct Desk<'a> {
     sink: &'a (dyn Fn(&Batch) -> Result<()> + Sync),
     available: ColumnSet,
-    /// Whether batches have LAS records.
+    /// True if batches have LAS records.
     records: bool,
     /// Most points of a batch, by the header.
     most: usize,

@@ -153,9 +153,9 @@ impl TextOptions {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Reading {
     pub delimiter: Delimiter,
-    /// Whether the decimal mark is a comma.
+    /// True if the decimal mark is a comma.
     pub decimal_comma: bool,
-    /// Whether commas separate fields and are decimal marks: two pieces make one number.
+    /// True if commas separate fields and are decimal marks: two pieces make one number.
     pub paired: bool,
 }
 
@@ -171,7 +171,7 @@ pub struct Column {
     /// Name in the file.
     pub name: Option<String>,
     pub role: Role,
-    /// Whether it holds words.
+    /// True if it holds words.
     pub is_text: bool,
 }
 
@@ -198,9 +198,9 @@ pub enum Source {
 pub struct Table {
     pub reading: Reading,
     pub columns: Vec<Column>,
-    /// Whether the last column is text of several words, separated by blanks.
+    /// True if the last column is text of several words, separated by blanks.
     pub words_at_end: bool,
-    /// Whether there are return numbers without numbers of returns: each counts as the last.
+    /// True if there are return numbers without numbers of returns: each counts as the last.
     pub lacks_returns: bool,
     pub source: Source,
     /// Number of points in a line of its own before the first row.

@@ -26,8 +26,8 @@ pub enum UpOption {
     Y,
     #[default]
     Z,
-    /// y for PLY and OBJ files without a coordinate system, and for E57 files of things below half a
-    /// metre, whose points stand on a base along y; z for all others
+    /// y for PLY and OBJ files without a coordinate system, and for E57 files of things below half
+    /// a metre, whose points stand on a base along y; z for all others
     Auto,
 }
 
@@ -107,7 +107,8 @@ fn size(points: &[DVec3]) -> DVec3 {
     corners(points).map_or(DVec3::ZERO, |(lo, hi)| hi - lo)
 }
 
-/// Returns the area of some points relative to that of all, seen along an axis: of the convex hulls.
+/// Returns the area of some points relative to that of all, seen along an axis: of the convex
+/// hulls.
 fn share(points: &[DVec3], of: impl Fn(&DVec3) -> bool, along: usize) -> f64 {
     let seen = |p: &DVec3| [p[(along + 1) % 3], p[(along + 2) % 3]];
     let some = hull_area(points.iter().filter(|p| of(p)).map(seen).collect());

@@ -1,8 +1,8 @@
 //! The extent on the map of the points that are left, without strays.
 //!
 //! Points far outside of all others, such as one at the origin, would make a map of almost nothing.
-//! They are found as in clouds that are in memory ([`Bins`]), but on the map: a bird above the points
-//! does not widen it. Only where there may be some are the points read again.
+//! They are found as in clouds that are in memory ([`Bins`]), but on the map: a bird above the
+//! points does not widen it. Only where there may be some are the points read again.
 
 use super::Selection;
 use super::input::{Batch, Input};

@@ -171,8 +171,8 @@ impl Input {
         }
     }
 
-    /// Returns the lower corner `[lattice steps]` and the number of points of a part, by the header of
-    /// its file.
+    /// Returns the lower corner `[lattice steps]` and the number of points of a part, by the header
+    /// of its file.
     pub fn stated(&self, part: usize) -> Option<([i32; 3], u64)> {
         match self {
             Input::Files { sources, .. } => {

@@ -1,5 +1,5 @@
-//! LAS, LAZ and COPC. Points of LAS files of one kind keep their records, bit for bit; others become
-//! records of LAS 1.4, which hold the attributes of all formats, and scalars as extra bytes.
+//! LAS, LAZ and COPC. Points of LAS files of one kind keep their records, bit for bit; others
+//! become records of LAS 1.4, which hold the attributes of all formats, and scalars as extra bytes.
 
 use super::fields::{Colors, has_words, intensity, record};
 use super::input::{Batch, Input, Part};
@@ -29,7 +29,7 @@ pub struct Plan<'p> {
     lattice: Lattice,
     /// Steps from each part's lattice to the file's; `None` if positions are rounded.
     shifts: Vec<Option<[i64; 3]>>,
-    /// Whether points keep their records: all of these, or what one of another format can hold.
+    /// True if points keep their records: all of these, or what one of another format can hold.
     raw: bool,
     /// The kind of file, and the point format.
     kind: Format,
@@ -38,7 +38,7 @@ pub struct Plan<'p> {
     extra_bytes: u16,
     /// Scalars that become extra bytes.
     added: Vec<Scalar>,
-    /// Whether intensities are rounded or stretched, by part.
+    /// True if intensities are rounded or stretched, by part.
     intensities: Vec<Intensity>,
 }
 

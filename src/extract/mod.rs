@@ -1,5 +1,5 @@
-//! Points that filters, clip boxes and opacities leave: counted, described, written to a file, or put
-//! into the cells of a map.
+//! Points that filters, clip boxes and opacities leave: counted, described, written to a file, or
+//! put into the cells of a map.
 //!
 //! ```text
 //! files or an index -> batches -> points that are left -> thinned -> count, or file
@@ -153,8 +153,8 @@ pub struct Exported {
     pub notes: Vec<String>,
 }
 
-/// Writes the points that are left to a file, complete or absent, with all scalars of the files, and
-/// heights above ground if these were `added`. Errors if there are none.
+/// Writes the points that are left to a file, complete or absent, with all scalars of the files,
+/// and heights above ground if these were `added`. Errors if there are none.
 pub fn export(
     input: &Input,
     selection: &Selection,

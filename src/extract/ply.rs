@@ -13,7 +13,7 @@ use std::path::Path;
 pub struct Plan<'p> {
     input: &'p Input,
     fields: Fields,
-    /// Whether intensities are integers of 16 bits.
+    /// True if intensities are integers of 16 bits.
     whole: bool,
 }
 

@@ -171,7 +171,7 @@ pub struct Filled {
     pub points: u64,
     /// Cells with points whose value is that of cells without.
     pub ambiguous: u64,
-    /// Whether some number is not 0: files without colours may have black ones.
+    /// True if some number is not 0: files without colours may have black ones.
     has_value: bool,
 }
 

@@ -50,15 +50,15 @@ pub struct Device {
     pub limits: vk::PhysicalDeviceLimits,
     pub name: String,
     pub driver: String,
-    /// Whether it is a software device (lavapipe, SwiftShader); kernels choose other loop shapes
+    /// True if it is a software device (lavapipe, SwiftShader); kernels choose other loop shapes
     /// there.
     pub is_cpu: bool,
-    /// Whether there are 64-bit integers and buffer atomics on them.
+    /// True if there are 64-bit integers and buffer atomics on them.
     pub int64_atomics: bool,
-    /// Whether the CPU can map all device-local memory. A graphics card without a resizable BAR
+    /// True if the CPU can map all device-local memory. A graphics card without a resizable BAR
     /// maps only 256 MiB.
     pub has_host_visible_vram: bool,
-    /// Whether texel buffers hold pages, keys and tile lists; Vulkan guarantees only 65,536 texels.
+    /// True if texel buffers hold pages, keys and tile lists; Vulkan guarantees only 65,536 texels.
     pub has_large_texel_buffers: bool,
     /// Most workgroups of a pass over a list whose entries may need no work. Few on a CPU, where
     /// each workgroup runs through its code even if there is nothing to do.

@@ -60,8 +60,8 @@ pub struct Code {
     pub push_bytes: u32,
     /// Workgroup size; `[0, 0, 0]` if specialisation constant 0 is the width.
     pub workgroup: [u32; 3],
-    /// The constant that enables a tile list, for shaders that include glsl/lib/tile_mask.glsl; the list
-    /// is then the last binding.
+    /// The constant that enables a tile list, for shaders that include glsl/lib/tile_mask.glsl; the
+    /// list is then the last binding.
     pub listed: Option<u32>,
 }
 

@@ -1,7 +1,7 @@
 //! Named buffers and images, and their memory.
 //!
-//! gpu-allocator provides the memory. Buffers and blocks give themselves back when they are dropped.
-//! What a frame has finished with is recycled: buffers for the
+//! gpu-allocator provides the memory. Buffers and blocks give themselves back when they are
+//! dropped. What a frame has finished with is recycled: buffers for the
 //! same description, memory blocks, in which a frame's images and buffers lie, for a frame of about
 //! the same size. Touching fresh pages costs seconds per GiB on a software device, and allocations
 //! are slow on every other.
@@ -322,7 +322,7 @@ pub struct Memory {
     buffer_requirements: HashMap<u64, MemoryRequirements>,
     persistent: HashMap<String, PersistentBuffer>,
     device: LogicalDevice,
-    /// Whether images may be presented; those of a host's frames are recycled when it is done.
+    /// True if images may be presented; those of a host's frames are recycled when it is done.
     presents: bool,
     /// Bytes allocated, in use or recycled.
     pub allocated: u64,

@@ -33,7 +33,7 @@ pub struct Target {
     pub depth: vk::Format,
     pub compare: vk::CompareOp,
     pub writes_depth: bool,
-    /// Whether colours, premultiplied by alpha, are blended over what is there.
+    /// True if colours, premultiplied by alpha, are blended over what is there.
     pub blends: bool,
 }
 
@@ -65,7 +65,7 @@ pub struct Draw {
     pub push: Vec<u8>,
     pub primitives: Primitives,
     pub count: u32,
-    /// Whether the attachments' contents are kept.
+    /// True if the attachments' contents are kept.
     pub keeps: bool,
 }
 

@@ -34,8 +34,8 @@ struct Before {
 pub(crate) struct Answers(Vec<Arc<Before>>);
 
 impl Answers {
-    /// Returns the answer to a question of an earlier frame, if the device has completed it; records
-    /// the question if it is new.
+    /// Returns the answer to a question of an earlier frame, if the device has completed it;
+    /// records the question if it is new.
     pub(super) fn ask(
         &mut self,
         graph: &mut Graph,
@@ -60,7 +60,8 @@ impl Answers {
     }
 }
 
-/// Records a graph into the host's current command buffer, and holds it until the frame is complete.
+/// Records a graph into the host's current command buffer, and holds it until the frame is
+/// complete.
 fn hold(
     mut graph: Graph,
     name: &str,

@@ -248,8 +248,8 @@ impl Gpu {
         self.host.as_ref().map_or_else(|| self.completed.value(), |host| Ok(host.safe_frame))
     }
 
-    /// Returns the number of the last submission that may read resident pages: for a host, the frame
-    /// being recorded, since its earlier views have commands already.
+    /// Returns the number of the last submission that may read resident pages: for a host, the
+    /// frame being recorded, since its earlier views have commands already.
     pub fn last_reader(&self) -> u64 {
         self.host.as_ref().map_or(self.submitted, |host| host.frame)
     }
@@ -311,7 +311,7 @@ pub struct Graph<'g> {
     reused: Option<ReusedImages>,
     /// What earlier frames of a host asked for this picture.
     answers: Option<&'g mut Answers>,
-    /// For tests of the tests: records no barriers.
+    /// Records no barriers, for tests of the tests.
     pub without_barriers: bool,
 }
 
@@ -768,8 +768,8 @@ impl<'g> Graph<'g> {
     }
 
     /// Submits as [`Graph::submit_async`], in parts that take a software device a few milliseconds
-    /// each, and calls `pause` between them, until a pass writes what is `wanted`. Meanwhile nothing
-    /// is in flight; an error ends the submission.
+    /// each, and calls `pause` between them, until a pass writes what is `wanted`. Meanwhile
+    /// nothing is in flight; an error ends the submission.
     pub fn submit_pausing(
         self,
         wanted: &[ResourceId],

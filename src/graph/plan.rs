@@ -34,7 +34,7 @@ pub struct Resource {
 pub struct Pass {
     pub name: String,
     pub uses: Vec<(ResourceId, Access)>,
-    /// Whether the pass reads only the pixel that it writes.
+    /// True if the pass reads only the pixel that it writes.
     pub in_place: bool,
 }
 
@@ -178,7 +178,7 @@ struct Lifetime {
     first: usize,
     /// `usize::MAX` if it is wanted after the frame.
     last: usize,
-    /// Whether the last pass reads only pixels that it writes.
+    /// True if the last pass reads only pixels that it writes.
     in_place: bool,
 }
 

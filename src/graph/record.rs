@@ -32,7 +32,7 @@ enum PhysicalResource {
 #[derive(Default)]
 struct Resources {
     blocks: Vec<Block>,
-    /// By index of the plan's memory.
+    /// Memory by index of the plan's memory.
     physical: HashMap<usize, PhysicalResource>,
 }
 
@@ -185,7 +185,8 @@ impl Recorded {
         *self.held.physical[&memory].image()
     }
 
-    /// Returns name and device time of each pass `[ms]`; the device must have completed the commands.
+    /// Returns name and device time of each pass `[ms]`; the device must have completed the
+    /// commands.
     pub fn times(&self) -> Result<impl Iterator<Item = (&str, f64)>> {
         Ok(self.names.iter().map(String::as_str).zip(self.timing.read()?))
     }
@@ -281,7 +282,7 @@ impl Parts<'_, '_> {
         gpu.paces.get(kernel).map_or(all / AT_FIRST, fitting).clamp(1, all)
     }
 
-    /// Ends a part of so many rows, and pauses.
+    /// Ends a part of this many rows, and pauses.
     fn after(
         &mut self,
         gpu: &mut Gpu,
@@ -313,8 +314,8 @@ impl Work {
 }
 
 impl Recording<'_> {
-    /// Records the steps. Every submission shares persistent buffers and recycled memory with others,
-    /// so the first step waits for all earlier work of the queue.
+    /// Records the steps. Every submission shares persistent buffers and recycled memory with
+    /// others, so the first step waits for all earlier work of the queue.
     fn steps(
         self,
         gpu: &mut Gpu,
@@ -356,7 +357,8 @@ impl Recording<'_> {
                         parts.rows(gpu, kernel, order, left.max(1)).min(left)
                     });
                     if let Some(labels) = &gpu.device.labels {
-                        // SAFETY: the command buffer is being recorded; the label outlives the call.
+                        // SAFETY: the command buffer is being recorded; the label outlives the
+                        // call.
                         unsafe {
                             labels.cmd_begin_debug_utils_label(
                                 commands,
@@ -518,7 +520,7 @@ fn barrier<'a>(
 struct Bound {
     pipeline: vk::Pipeline,
     layout: vk::PipelineLayout,
-    /// Of the compute shader, or of the vertex and the fragment shader.
+    /// Sets of the compute shader, or of the vertex and the fragment shader.
     sets: [vk::DescriptorSet; 2],
 }
 

@@ -35,7 +35,7 @@ impl TileMask {
 #[derive(Default)]
 pub struct ReusedImages {
     made: Vec<(String, Image)>,
-    /// Whether each image has been handed out this time.
+    /// True for each image that has been handed out this time.
     taken: Vec<bool>,
 }
 

@@ -69,8 +69,8 @@ impl Points for Nodes<'_> {
 }
 
 impl Index {
-    /// Finds the ground, so that points have heights above it. Returns a note on how; `None` without
-    /// points, or if the heights are kept.
+    /// Finds the ground, so that points have heights above it. Returns a note on how; `None`
+    /// without points, or if the heights are kept.
     pub fn find_ground(&mut self, progress: &dyn Progress) -> Result<Option<String>> {
         if self.shows(Attribute::Scalar(Scalar::HeightAboveGround)) {
             return Ok(None);

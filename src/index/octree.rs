@@ -31,7 +31,8 @@ const KEPT_POINTS: usize = 1 << 20;
 const ENOUGH_POINTS: u64 = 1 << 16;
 const FIRST_NODES: usize = 8;
 
-/// Columns that can be read in place. Point source ids cannot: the stations are those of all points.
+/// Columns that can be read in place. Point source ids cannot: the stations are those of all
+/// points.
 pub const COLUMNS: ColumnSet = ColumnSet { source: false, normal: false, ..ColumnSet::ALL };
 
 /// An open octree.

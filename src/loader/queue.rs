@@ -42,7 +42,7 @@ struct Waiting<D> {
     requested: VecDeque<(usize, u32, D)>,
     dropped: VecDeque<(usize, D)>,
     closed: bool,
-    /// Whether the list is newer than the last look at it.
+    /// True if the list is newer than the last look at it.
     is_new: bool,
 }
 

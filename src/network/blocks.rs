@@ -6,9 +6,10 @@
 //! ```
 //!
 //! A block is there if its checksum is right: a hole, a half-written block and a file of another
-//! process that was emptied are all the same, blocks to be fetched. So processes share a file without
-//! asking each other. All files together have at most so many bytes ([`super::Cache`]): those that
-//! were not used for longest are removed, and one that is too large by itself begins anew.
+//! process that was emptied are all the same, blocks to be fetched. So processes share a file
+//! without asking each other. All files together have a limit of bytes ([`super::Cache`]):
+//! those that were not used for longest are removed, and one that is too large by itself begins
+//! anew.
 
 use super::{Cache, cache};
 use crate::atomic_file::temporary_file;

@@ -1,9 +1,9 @@
 //! Clouds on servers: objects at addresses, whose bytes are read by ranges.
 //!
-//! An address stands in place of a path: `https://host/scan.laz`, `s3://bucket/scan.copc.laz`. Where
-//! a file is opened (`cloud::input::Input`) an address becomes an [`Object`], and no reader
-//! knows the difference. What a server sends is in blocks of 64 KiB, which `blocks` keeps on the disk;
-//! `store` speaks with the server by the `object_store` crate.
+//! An address stands in place of a path: `https://host/scan.laz`, `s3://bucket/scan.copc.laz`.
+//! Where a file is opened (`cloud::input::Input`) an address becomes an [`Object`], and no reader
+//! knows the difference. What a server sends is in blocks of 64 KiB, which `blocks` keeps on the
+//! disk; `store` speaks with the server by the `object_store` crate.
 //!
 //! - A read waits for its blocks. Requests for blocks side by side, or nearly so, are one.
 //! - What will be read is requested beforehand ([`Object::ahead`]), many requests at a time.

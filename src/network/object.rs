@@ -14,8 +14,8 @@ use std::sync::mpsc::{RecvTimeoutError, channel};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, OnceLock, PoisonError};
 use std::time::{Duration, Instant};
 
-/// Blocks between two wanted ones that are requested with them: reading 256 KiB takes no longer than
-/// another request.
+/// Blocks between two wanted ones that are requested with them: reading 256 KiB takes no longer
+/// than another request.
 const GAP: u64 = 4;
 
 /// Most blocks of a request, 4 MiB: several of them at a time are faster than one.
@@ -394,7 +394,7 @@ impl Object {
     pub fn members_ahead(&self, paths: &[PathBuf]) {
         let mut members = lock(&self.members);
         if members.len() > MEMBERS {
-            // Nobody has asked for these yet, and may not any more.
+            // These are not requested yet, and may never be.
             members.retain(|_, coming| coming.outcome.get().is_none());
         }
         for path in paths {

@@ -1,7 +1,8 @@
-//! Servers, by the `object_store` crate: whose object an address is, requests, and what answers mean.
+//! Servers, by the `object_store` crate: whose object an address is, requests, and what answers
+//! mean.
 //!
-//! Credentials are those of the environment, by the names that each service's own tools use. Without
-//! any, requests are not signed, as public buckets want them.
+//! Credentials are those of the environment, by the names that each service's own tools use.
+//! Without any, requests are not signed, as public buckets want them.
 
 use super::{BYTES, REQUESTS};
 use crate::error::Error;
@@ -22,7 +23,7 @@ use tokio::runtime::Runtime;
 use tokio::sync::Semaphore;
 use url::Url;
 
-/// Requests at a time. At 50 ms each, so many of half a megabyte are 160 MB/s.
+/// Requests at a time. At 50 ms each, this many of half a megabyte are 160 MB/s.
 const AT_ONCE: usize = 16;
 
 /// Longest wait for a connection, and for the next bytes of an answer.
@@ -163,7 +164,8 @@ impl Place {
     }
 }
 
-/// Returns what tells a version of an object from others: its entity tag, or the time of its change.
+/// Returns what tells a version of an object from others: its entity tag, or the time of its
+/// change.
 fn tag(result: &GetResult) -> String {
     let changed = || result.meta.last_modified.timestamp_millis().to_string();
     result.meta.e_tag.clone().unwrap_or_else(changed)

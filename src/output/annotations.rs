@@ -24,7 +24,8 @@ pub struct Shown {
     pub attribute: DisplayAttribute,
     pub reference: Reference,
     pub up: Up,
-    /// Bounds of the points without strays: least and greatest (world). The scale bar asks for them.
+    /// Bounds of the points without strays: least and greatest (world). The scale bar asks for
+    /// them.
     pub bounds: Option<[DVec3; 2]>,
     pub counts: Histograms,
     pub stations: Vec<Station>,

@@ -1,7 +1,7 @@
 //! GeoTIFF files: TIFF with the place of its pixels and their coordinate system.
 //!
-//! Pixels are compressed in tiles, a row of tiles at a time on all threads, so that maps of any size
-//! take little memory. Files that may exceed what TIFF can address become BigTIFF.
+//! Pixels are compressed in tiles, a row of tiles at a time on all threads, so that maps of any
+//! size take little memory. Files that may exceed what TIFF can address become BigTIFF.
 
 use crate::atomic_file::AtomicFile;
 use crate::cloud::crs::{Crs, Kind};
@@ -53,7 +53,7 @@ pub struct Map<'a> {
     pub named: Option<(&'a str, &'a str)>,
     /// The value of pixels without data.
     pub no_data: Option<&'a str>,
-    /// Whether values are heights, whose system is then stated too.
+    /// True if values are heights, whose system is then stated too.
     pub has_heights: bool,
 }
 

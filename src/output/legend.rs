@@ -1,5 +1,5 @@
-//! What a legend says: the numbers of a ramp, or the labels that occur, with their colours. Pictures
-//! and profiles draw it, each in its own way.
+//! What a legend says: the numbers of a ramp, or the labels that occur, with their colours.
+//! Pictures and profiles draw it, each in its own way.
 
 use super::ticks::{multiples, number, round_above};
 use crate::cloud::Station;
@@ -106,7 +106,8 @@ pub fn most_frequent(rows: &[Row], most: usize) -> (Vec<Row>, usize) {
     (kept, left_out)
 }
 
-/// Returns round values on a ramp, at most about so many: their places from 0 to 1, and labels.
+/// Returns round values on a ramp, about as many as asked for: their places from 0 to 1, and
+/// labels.
 pub fn ticks([lo, hi]: [f64; 2], most: f64) -> Vec<(f64, String)> {
     let step = round_above((hi - lo) / most);
     let tick = |tick: f64| ((tick - lo) / (hi - lo), number(tick, step));

@@ -83,7 +83,8 @@ impl Overlay {
     }
 }
 
-/// Blends a colour times alpha, and alpha, with a pixel, whose colour is not multiplied by its alpha.
+/// Blends a colour times alpha, and alpha, with a pixel, whose colour is not multiplied by its
+/// alpha.
 fn blend_pixel(pixel: &mut [u8], source: [f32; 4]) {
     let (color, alpha) = pixel.split_at_mut(3);
     let under = alpha.first().map_or(1.0, |alpha| *alpha as f32 / 255.0) * (1.0 - source[3]);

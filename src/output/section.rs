@@ -97,6 +97,21 @@ impl Axes {
     }
 }
 
+/// Usual size of a picture of a file `[px]`.
+pub const SIZE: [u32; 2] = [1600, 800];
+
+/// Returns what axes leave of a picture of this size `[px]`.
+pub fn room(size: [u32; 2]) -> DVec2 {
+    let [left, top, right, bottom] = AROUND;
+    DVec2::from_array(size.map(f64::from)) - DVec2::new(left + right, top + bottom)
+}
+
+/// Returns the sides of points on a canvas: larger where there are few `[px]`.
+pub fn side(axes: &Axes, points: u64) -> usize {
+    let apart = (axes.size.x * axes.size.y / points as f64).sqrt();
+    (FINER as f64 * (0.5 * apart).clamp(1.0, 4.0)).round() as usize
+}
+
 /// Pixels of a canvas beside one of the picture, so that points have smooth edges.
 pub const FINER: usize = 2;
 
@@ -147,6 +162,18 @@ impl Canvas {
         };
         self.keys.iter().flat_map(pixel).collect()
     }
+
+    fn png(&self) -> Vec<u8> {
+        let mut bytes = Vec::new();
+        let [width, height] = self.size();
+        let mut encoder = png::Encoder::new(&mut bytes, width, height);
+        encoder.set_color(png::ColorType::Rgba);
+        encoder
+            .write_header()
+            .and_then(|mut writer| writer.write_image_data(&self.rgba()))
+            .expect("a PNG in memory");
+        bytes
+    }
 }
 
 /// Height of letters in a picture of a file `[px]`, and the place of axes around the points: left,
@@ -164,8 +191,8 @@ const HEADING: f64 = 1.8 * LETTERS;
 /// Distance of a legend from the points `[px]`.
 const BESIDE: f64 = 24.0;
 
-/// Returns the width of a text at most `[px]`: fonts are those of the program that shows it, and few
-/// letters are wider.
+/// Returns the width of a text at most `[px]`: fonts are those of the program that shows it, and
+/// few letters are wider.
 fn wide(text: &str) -> f64 {
     0.62 * LETTERS * text.chars().count() as f64
 }
@@ -267,13 +294,13 @@ fn escaped(text: &str) -> String {
     text.replace('&', "&amp;").replace('<', "&lt;")
 }
 
-/// Returns a picture as SVG: axes and their names, around the points as PNG, and a legend at their
-/// right. A narrow profile gets room for its words, up to a width `[px]`; of titles, which come from
-/// the longest on, and of the words below, it has the first that fits.
+/// Returns a picture as SVG: axes and their names, around the points, and a legend at their
+/// right. A narrow profile gets room for its words, up to a width `[px]`; of titles, which come
+/// from the longest on, and of the words below, it has the first that fits.
 pub fn svg(
     axes: &Axes,
     titles: &[String],
-    points: &[u8],
+    points: &Canvas,
     legend: Option<&Beside>,
     widest: f64,
 ) -> String {
@@ -322,7 +349,7 @@ pub fn svg(
     }
     write(format_args!(
         r##"<image x="{left}" y="{top}" width="{width}" height="{height}" preserveAspectRatio="none" href="data:image/png;base64,{}"/>"##,
-        base64(points)
+        base64(&points.png())
     ));
     write(format_args!(
         r##"<rect x="{left}" y="{top}" width="{width}" height="{height}" fill="none" stroke="#22262b"/>

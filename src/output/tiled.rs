@@ -6,8 +6,8 @@
 //! ```
 //! Points fall into the pixels of the whole picture, whichever part is drawn, and effects are
 //! decided for the whole. If the border is as wide as effects look (`FrameConfig::reach_px`),
-//! pieces therefore meet without a seam, bit by bit (`tests/program/tiled.rs`). One row of pieces is
-//! in memory at a time.
+//! pieces therefore meet without a seam, bit by bit (`tests/program/tiled.rs`). One row of pieces
+//! is in memory at a time.
 //!
 //! A window draws pieces one at a time, between its other work ([`TiledPicture`]).
 

@@ -60,7 +60,7 @@ impl Default for Thresholds {
 pub struct Screen {
     /// One word per pixel, row by row from the top left; there may be more.
     pub words: Buffer,
-    /// Whether the lowest byte of a word is blue instead of red.
+    /// True if the lowest byte of a word is blue instead of red.
     pub blue_first: bool,
 }
 
@@ -106,7 +106,8 @@ pub fn download(g: &mut Graph, picture: &Image) -> Result<Encoded> {
     encoded(g, picture, Channels::Rgb)
 }
 
-/// Encodes a picture with these channels, likewise. For one with alpha the background must be black.
+/// Encodes a picture with these channels, likewise. For one with alpha the background must be
+/// black.
 pub fn encoded(g: &mut Graph, picture: &Image, channels: Channels) -> Result<Encoded> {
     let buckets = &g.upload("buckets", &Thresholds::new().buckets())?;
     let strips = project::strips(picture.desc.size, PIXEL_BYTES, g.binding_limit())
@@ -133,8 +134,8 @@ pub fn encoded(g: &mut Graph, picture: &Image, channels: Channels) -> Result<Enc
 }
 
 impl Encoded {
-    /// Returns red, green and blue of each pixel, and alpha if it was asked for: row by row from the
-    /// top left.
+    /// Returns red, green and blue of each pixel, and alpha if it was asked for: row by row from
+    /// the top left.
     pub fn read<'f>(&self, frame: &'f CompletedSubmission) -> Vec<&'f [u8]> {
         let pixels =
             |strip: &Strip| self.channels.bytes() * strip.size[0] as usize * strip.size[1] as usize;

@@ -165,7 +165,7 @@ pub struct Sums {
     channels: u32,
     /// Distance behind the front `[m]`.
     pub epsilon: f32,
-    /// Whether each tile is corrected; None if all are.
+    /// True for each tile that is corrected; None if all are.
     several: Option<Buffer>,
 }
 

@@ -171,17 +171,17 @@ pub struct FrameContext<'s> {
     pub stations: usize,
     /// Attribute that points show.
     pub shown: Attribute,
-    /// Whether that is a number on a ramp that is not grey.
+    /// True if that is a number on a ramp that is not grey.
     pub is_ramped: bool,
-    /// Whether some points are transparent.
+    /// True if some points are transparent.
     pub transparent: bool,
     /// Layer distance of the user, in the coordinates of views; 0: automatic.
     pub asked_layer_m: f64,
     /// Metres in a unit of the coordinates of views.
     pub unit_m: f64,
-    /// Whether points have normals.
+    /// True if points have normals.
     pub normals: bool,
-    /// Whether points have saved shadows of this light.
+    /// True if points have saved shadows of this light.
     pub has_saved_shadows: bool,
     /// Exposure of the stations, if known.
     pub balance: Option<&'s Balance>,
@@ -235,7 +235,7 @@ pub fn significant(number: f64) -> f64 {
     format!("{number:.2e}").parse().expect("a number as it was written")
 }
 
-/// Whether an effect runs, and why.
+/// Decision on an effect, and its reason.
 #[derive(Clone, Debug, PartialEq, Eq, serde::Serialize)]
 pub struct Reason {
     pub runs: bool,
@@ -414,7 +414,7 @@ pub struct Setting<'s> {
     pub name: &'static str,
     pub about: &'static str,
     pub value: Value<'s>,
-    /// Whether only studies and tests use it: a variant of a paper or a baseline.
+    /// True if only studies and tests use it: a variant of a paper or a baseline.
     pub is_variant: bool,
 }
 

@@ -43,15 +43,15 @@ pub(super) struct Group {
     pub block: usize,
     pub planes: u32,
     pub filtered: u32,
-    /// Whether a second walk over points at the front includes them.
+    /// True if a second walk over points at the front includes them.
     pub again: bool,
     pub first_chunk: u32,
     pub chunk_count: u32,
 }
 
 impl Group {
-    /// Returns the dispatch: in rows, between which a software device may pause, with fewer workgroups
-    /// too many than rows.
+    /// Returns the dispatch: in rows, between which a software device may pause, with fewer
+    /// workgroups too many than rows.
     pub fn tiles(&self) -> Dispatch<'static> {
         self.slices(1)
     }
@@ -113,7 +113,7 @@ pub struct Statistics {
 /// Keys of one strip.
 pub struct Keys {
     pub words: Buffer,
-    /// Whether they are of a layer behind others, [`KEY_BEHIND_BYTES`] apart.
+    /// True if they are of a layer behind others, [`KEY_BEHIND_BYTES`] apart.
     pub behind: bool,
 }
 

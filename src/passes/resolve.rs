@@ -97,7 +97,7 @@ fn mode(attribute: Attribute) -> u32 {
 pub struct ColorRequest {
     /// Factor on the light for every row of the table.
     pub gains: Vec<f64>,
-    /// Whether a later pass averages colours instead of looking them up.
+    /// True if a later pass averages colours instead of looking them up.
     pub averaged: bool,
 }
 

@@ -1,8 +1,8 @@
 //! Scattered points: sets aside points that lie on no surface, such as leaves and wires.
 //!
 //! Clumps of points know how they lie ([`crate::index::format::scatter`]). Visibility and filling
-//! then see surfaces alone, and close them also behind leaves. [`splat`](super::splat) draws what was
-//! set aside, where it is nearer than the closed surface: keys are minima, so there is no seam.
+//! then see surfaces alone, and close them also behind leaves. [`splat`](super::splat) draws what
+//! was set aside, where it is nearer than the closed surface: keys are minima, so there is no seam.
 
 use super::{
     Effect, EffectDecisions, Effects, FrameContext, GBuffer, Reason, Setting, Switch, significant,

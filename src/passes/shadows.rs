@@ -184,7 +184,7 @@ pub struct LightVisibility {
     pub saved: Option<u32>,
     /// Texels where index peeling of this frame ended early, if it cast any.
     pub unpeeled: Option<Buffer>,
-    /// Whether lighting follows and takes it into account.
+    /// True if lighting follows and takes it into account.
     pub apart: bool,
     /// Statistics for `--explain`.
     pub facts: Facts,
@@ -193,7 +193,7 @@ pub struct LightVisibility {
 /// Statistics of casting.
 #[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Facts {
-    /// Whether shadows were saved for the whole cloud: no pass casts them.
+    /// True if shadows were saved for the whole cloud: no pass casts them.
     pub saved: bool,
     pub samples: u32,
     /// Samples that are cast so far.

@@ -24,7 +24,7 @@ pub struct Settings {
     pub levels: f64,
     /// Exponent of the weights: level k weighs 1 / (k + 1)^xi.
     pub xi: f64,
-    /// Whether the first level weighs as much as all others (Fig. 8 d): 1 yes, 0 no.
+    /// 1 if the first level weighs as much as all others (Fig. 8 d), else 0.
     pub first: f64,
     /// Rise from pixel to pixel up to which a surface still faces the viewer, in pixel widths.
     pub softness: f64,

@@ -1,8 +1,8 @@
 //! Splats: draws every point as a disc or paraboloid with a size, the nearest in front.
 //!
 //! Discs are drawn of the projected points, which are at most one a pixel, by the same atomics as
-//! points: the cost follows the covered pixels, not the cloud. A list of the points gives every lane
-//! a disc, also where points are sparse. Of points that were set aside
+//! points: the cost follows the covered pixels, not the cloud. A list of the points gives every
+//! lane a disc, also where points are sparse. Of points that were set aside
 //! ([`super::scattered`]) they are drawn before and behind the surface of the others, else of all.
 
 use super::project::{KEY_BYTES, strips};
@@ -90,7 +90,8 @@ impl std::str::FromStr for PointSize {
 }
 
 impl Settings {
-    /// Returns how wide points are in pixels of a size `[m]`, where that is wider than they are drawn.
+    /// Returns how wide points are in pixels of a size `[m]`, where that is wider than they are
+    /// drawn.
     pub fn narrowed(&self, pixel_m: f64) -> Option<f64> {
         let asked = if self.pixels == 0.0 { self.metres / pixel_m } else { self.pixels };
         (asked.is_finite() && asked > self.largest).then_some(asked)
@@ -115,8 +116,8 @@ impl Settings {
 /// Largest diameter that can be asked for `[px]`.
 pub const WIDEST: f64 = 1024.0;
 
-/// Largest diameter of a size in metres by default `[px]`. Pieces of large pictures overlap by half of
-/// it, for every layer.
+/// Largest diameter of a size in metres by default `[px]`. Pieces of large pictures overlap by half
+/// of it, for every layer.
 const LARGEST_IN_METRES: f64 = 256.0;
 
 /// Depth of a paraboloid's rim behind its point `[radii]`.

@@ -85,7 +85,7 @@ pub struct Painted {
     /// If strokes are sorted over several frames and are not all sorted: a word to read after the
     /// frame, not 0 if sorting would still change a pixel.
     pub unordered: Option<Buffer>,
-    /// Whether a host's device still counts: the nearest stroke of each pixel is shown until then.
+    /// True if a host's device still counts: the nearest stroke of each pixel is shown until then.
     pub waits: bool,
 }
 

@@ -42,7 +42,7 @@ pub struct Counts {
     pub silhouettes: Option<u64>,
     /// Texels of the light's pictures where index peeling ended early.
     pub unpeeled: u64,
-    /// Whether some pixels have more transparent layers than were drawn.
+    /// True if some pixels have more transparent layers than were drawn.
     pub left_over: bool,
 }
 

@@ -698,7 +698,8 @@ fn closed(settings: &Settings, subject: Subject) -> f64 {
 }
 
 /// Returns the smallest number of points in front that decides anything: those that close a pixel,
-/// one in each sector that may not be empty; or, around a point, those dense enough to call it open.
+/// one in each sector that may not be empty; or, around a point, those dense enough to call it
+/// open.
 fn fewest(settings: &Settings, subject: Subject) -> i32 {
     let closing =
         ((SECTORS - closed(settings, subject)).floor() as i32 + 1).clamp(1, SECTORS as i32);

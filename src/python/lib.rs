@@ -43,8 +43,8 @@ pyo3::create_exception!(
 /// Options are those of `pointillist render`, by the names of the command line with `_` for `-`:
 /// `style="points"`, `effects=["edl=on,strength=2", "ao=on"]`, `background="ffffff"`,
 /// `light="direction:1,-2,-3"`, `color="elevation"`, `opacity=["class:6=0.3"]`,
-/// `clip=["box:0,0,0,9,9,3"]`, `scene="scene.json"`, and so on. A sequence repeats an option, `True`
-/// is one without a value, `None` takes one away. Notes of reading and drawing are warnings.
+/// `clip=["box:0,0,0,9,9,3"]`, `scene="scene.json"`, and so on. A sequence repeats an option,
+/// `True` is one without a value, `None` takes one away. Notes of reading and drawing are warnings.
 ///
 /// Methods may be called from several threads; other threads run while one draws, and an interrupt
 /// ends reading and drawing. Wrong arguments are `ValueError`; files and devices raise `Error`.
@@ -758,8 +758,8 @@ impl Renderer {
 /// `points` are n x 3 in metres: float32, or anything else as float64. `colors` are n x 3, sRGB:
 /// uint8, uint16, or floats from 0 to 1. `size` is width and height in pixels. The camera is "fit",
 /// "top", "front", "side" or "iso", a mapping with the members of a camera file, or such a file;
-/// without one the points are framed. A device is opened for each call; use a `Renderer` for several
-/// pictures.
+/// without one the points are framed. A device is opened for each call; use a `Renderer` for
+/// several pictures.
 #[pyfunction]
 #[pyo3(signature = (points, colors=None, camera=None, size=None, *, intensities=None, classes=None, device=None, **options))]
 #[allow(clippy::too_many_arguments, reason = "arguments of Python have names")]
@@ -774,7 +774,7 @@ fn render<'py>(
     device: Option<String>,
     options: Option<&Bound<'py, PyDict>>,
 ) -> PyResult<Bound<'py, PyAny>> {
-    // What is wrong is said before a device is opened.
+    // Errors come before a device is opened.
     let mut words = Words::new();
     add(&mut words, options)?;
     picture(&words, camera, size)?;

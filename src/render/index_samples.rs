@@ -28,8 +28,8 @@ pub fn shown(index: &Index, attribute: Attribute) -> DisplayAttribute {
     shown
 }
 
-/// Returns the numbers of the roots' samples, each with the points it stands for. A root that cannot
-/// be read has none, and is reported when drawn.
+/// Returns the numbers of the roots' samples, each with the points it stands for. A root that
+/// cannot be read has none, and is reported when drawn.
 fn numbers(index: &Index, attribute: Attribute) -> Vec<(f64, u64)> {
     let read = |node: usize| {
         let root = &index.nodes()[node];

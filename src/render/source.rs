@@ -73,9 +73,9 @@ impl OpenOptions {
         }))
     }
 
-    /// Returns the file or folder if it is one octree whose nodes have all that is asked for, so that they
-    /// are drawn without an index. Only points tell of stations: they are asked for to be shown or
-    /// filtered, or else, with other columns, for exposures, which then stay as they are.
+    /// Returns the file or folder if it is one octree whose nodes have all that is asked for, so
+    /// that they are drawn without an index. Only points tell of stations: they are asked for to be
+    /// shown or filtered, or else, with other columns, for exposures, which then stay as they are.
     fn in_place<'f>(&self, files: &'f [PathBuf]) -> Option<&'f Path> {
         let [path] = files else { return None };
         if self.indexes_octrees && !is_address(path) {
@@ -182,8 +182,8 @@ pub fn bounds_of(points: &[DVec3]) -> Option<[DVec3; 2]> {
 }
 
 impl Source {
-    /// Opens files or one index. Of files too large to draw whole, octrees are drawn in place; others
-    /// are indexed first, or their cached index is used.
+    /// Opens files or one index. Of files too large to draw whole, octrees are drawn in place;
+    /// others are indexed first, or their cached index is used.
     pub fn open(
         paths: &[PathBuf],
         opening: &OpenOptions,
@@ -430,8 +430,8 @@ impl Source {
         Ok((shown, format!("requested with --color {}", attribute.name())))
     }
 
-    /// Stretches dark colours: by all points, or by the roots' samples of an index that is filtered, old,
-    /// or an octree.
+    /// Stretches dark colours: by all points, or by the roots' samples of an index that is
+    /// filtered, old, or an octree.
     fn brighten(&self, shown: &mut DisplayAttribute) {
         match self {
             _ if shown.attribute != Attribute::Rgb => {}

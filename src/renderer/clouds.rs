@@ -79,7 +79,7 @@ pub(super) struct Entry {
     pub transform: Transform,
     pub core_points: Vec<DVec3>,
     pub notes: Vec<String>,
-    /// Whether the points can be drawn as strokes.
+    /// True if the points can be drawn as strokes.
     strokes: bool,
     origin: Origin,
     /// Nodes that the views call for, and that are missing or coarser.
@@ -170,7 +170,7 @@ pub struct OpenSettings {
     /// Attribute to show by its name on the command line, such as `rgb`; chosen automatically if
     /// `None`.
     pub color: Option<String>,
-    /// Whether every loss and guess is an error.
+    /// True if every loss and guess is an error.
     pub strict: bool,
 }
 

@@ -1,5 +1,5 @@
-//! Draws a finished picture into the host's images: a triangle for colour and depth, and one for ids
-//! and normals, with a depth test against what the host has drawn.
+//! Draws a finished picture into the host's images: a triangle for colour and depth, and one for
+//! ids and normals, with a depth test against what the host has drawn.
 
 use super::host::{Encoding, Target};
 use super::projection::Depth;
@@ -58,11 +58,11 @@ pub struct Targets {
     pub encoding: Encoding,
     /// Depth that points are hidden by, and that they are written to.
     pub depth: Option<Target>,
-    /// Whether points' depth is written.
+    /// True if points' depth is written.
     pub writes_depth: bool,
-    /// Ids of the points that are seen, `R32_UINT`, or `R32G32_UINT` with the id of the cloud as the
-    /// second; the first is [`NO_POINT`] where nothing is, or no single point. Ids are those of one
-    /// frame.
+    /// Ids of the points that are seen, `R32_UINT`, or `R32G32_UINT` with the id of the cloud as
+    /// the second; the first is [`NO_POINT`] where nothing is, or no single point. Ids are those of
+    /// one frame.
     pub ids: Option<Target>,
     /// Normals of the visible surface in the host's world, of a float or signed normalised format
     /// with four channels; 0 where nothing is.
@@ -158,7 +158,7 @@ fn encoding(target: &Target, encoding: Encoding) -> Result<u32> {
 pub(super) struct Placement<'p> {
     pub area: Area,
     pub targets: &'p Targets,
-    /// Whether the area is cleared, as far as targets ask for it.
+    /// True if the area is cleared, as far as targets ask for it.
     pub first: bool,
     /// Background of a cleared area, linear.
     pub background: [f32; 3],
@@ -233,7 +233,7 @@ pub(super) fn clear(
 /// What is drawn of a cloud's picture.
 pub(super) struct Drawn<'d> {
     pub picture: &'d Descriptors,
-    /// Of ids and normals, if the targets have them.
+    /// Descriptors of ids and normals, if the targets have them.
     pub layers: Option<&'d Descriptors>,
     pub form: Depth,
     pub opaque: bool,
@@ -303,7 +303,7 @@ struct Triangle<'t> {
     constants: Vec<(u32, u32)>,
     push: &'t [u8],
     colors: Colors,
-    /// Whether no draw of the picture came before.
+    /// True if no draw of the picture came before.
     clears_depth: bool,
     writes_depth: bool,
     blends: bool,

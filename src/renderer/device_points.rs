@@ -15,8 +15,8 @@ pub struct PointBuffer {
     pub buffer: u64,
     /// Place of the first point `[bytes]`, a multiple of 4.
     pub offset: u64,
-    /// Distance from point to point `[bytes]`, a multiple of 4. A point begins with x, y and z, f32,
-    /// world `[m]`.
+    /// Distance from point to point `[bytes]`, a multiple of 4. A point begins with x, y and z,
+    /// f32, world `[m]`.
     pub stride: u32,
     /// Number of points.
     pub count: u32,
@@ -64,8 +64,8 @@ impl PointBuffer {
             [barrier((Stage::COPY, Access::TRANSFER_WRITE), (Stage::HOST, Access::HOST_READ))];
         let region = vk::BufferCopy { src_offset: self.offset, dst_offset: 0, size: self.bytes() };
         let raw = &gpu.device.raw;
-        // SAFETY: the command buffer is being recorded; the host ensures that its buffer is alive, and
-        // the copy lives until the frame is complete.
+        // SAFETY: the command buffer is being recorded; the host ensures that its buffer is alive,
+        // and the copy lives until the frame is complete.
         unsafe {
             let wait = vk::DependencyInfo::default().memory_barriers(&before);
             raw.cmd_pipeline_barrier2(commands, &wait);

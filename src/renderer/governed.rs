@@ -10,9 +10,10 @@ use std::time::Duration;
 
 impl Renderer {
     /// Sets the device time of a frame's pictures, or their error against those of the settings
-    /// alone. Each frame is then drawn with the most accurate settings that fit, or the fastest that
-    /// hold the error, by the front of `pointillist tune` in the user's cache folder, or else the
-    /// program's own. Settings that you have changed stay. `None` draws with the settings alone.
+    /// alone. Each frame is then drawn with the most accurate settings that fit, or the fastest
+    /// that hold the error, by the front of `pointillist tune` in the user's cache folder, or else
+    /// the program's own. Settings that you have changed stay. `None` draws with the settings
+    /// alone.
     pub fn set_limit(&mut self, limit: Option<Limit>) -> Result<()> {
         self.revision += 1;
         let (Some(limit), Some(governor)) = (limit, &mut self.governor) else {

@@ -21,12 +21,13 @@ pub struct Host {
     pub device: u64,
     /// Queue family of the command buffers, with graphics and compute.
     pub queue_family: u32,
-    /// Whether `shaderInt64` and `shaderBufferInt64Atomics` are enabled.
+    /// True if `shaderInt64` and `shaderBufferInt64Atomics` are enabled.
     pub has_int64_atomics: bool,
-    /// Whether the instance has `VK_EXT_debug_utils`; objects and passes then have names.
+    /// True if the instance has `VK_EXT_debug_utils`; objects and passes then have names.
     pub has_debug_utils: bool,
     /// Address of `VkAllocationCallbacks` for the CPU memory of all objects that are made here, on
-    /// any thread; null if there are none. They are copied. Device memory is allocated without them.
+    /// any thread; null if there are none. They are copied. Device memory is allocated without
+    /// them.
     pub allocation_callbacks: *const c_void,
     /// Addresses of functions that are called, on any thread, in place of
     /// `vkAllocateMemory` and `vkFreeMemory`; both null if there are none. They are called for
@@ -43,7 +44,7 @@ pub struct Requirement {
     pub feature: &'static str,
     /// Vulkan structure that has the member.
     pub structure: &'static str,
-    /// Whether nothing works without it.
+    /// True if nothing works without it.
     pub required: bool,
     /// What it is for.
     pub purpose: &'static str,
@@ -211,9 +212,9 @@ impl Host {
 /// How an image was used, or will be.
 ///
 /// With a transfer of ownership between queue families, the host records the other half of each
-/// barrier: before the frame a release from the layout of `before` to `COLOR_ATTACHMENT_OPTIMAL` (of
-/// depth: `DEPTH_STENCIL_ATTACHMENT_OPTIMAL`), after it an acquisition from there to the layout of
-/// `after`.
+/// barrier: before the frame a release from the layout of `before` to `COLOR_ATTACHMENT_OPTIMAL`
+/// (of depth: `DEPTH_STENCIL_ATTACHMENT_OPTIMAL`), after it an acquisition from there to the layout
+/// of `after`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Access {
     /// `VkImageLayout`.
@@ -258,7 +259,7 @@ pub struct Target {
     pub before: Access,
     /// First access afterwards.
     pub after: Access,
-    /// Whether the area is cleared first: colour to the background, depth to what is farthest.
+    /// True if the area is cleared first: colour to the background, depth to what is farthest.
     pub clear: bool,
 }
 

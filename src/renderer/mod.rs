@@ -1,8 +1,8 @@
 //! A renderer inside another application: it records into the host's command buffers.
 //!
 //! The host makes instance and device, submits, presents, and owns all images. The renderer has no
-//! queue: it submits nothing and waits for nothing. With each frame the host says its number and the
-//! last one that the device has completed, so that nothing is freed earlier.
+//! queue: it submits nothing and waits for nothing. With each frame the host says its number and
+//! the last one that the device has completed, so that nothing is freed earlier.
 //!
 //! ```text
 //! Renderer::new(host)            once, on the host's device
@@ -91,7 +91,7 @@ pub struct Frame<'f> {
 /// What a recorded frame shows.
 #[derive(Clone, Debug, Default)]
 pub struct FrameReport {
-    /// Whether all points that the views call for are drawn: nothing is being read or uploaded.
+    /// True if all points that the views call for are drawn: nothing is being read or uploaded.
     pub settled: bool,
     /// Points drawn in all views.
     pub points: u64,
@@ -100,18 +100,18 @@ pub struct FrameReport {
     /// Data of clouds that has come to the device since the last frame `[bytes]`: of each cloud at
     /// most 32 MiB, for all views together.
     pub streamed: u64,
-    /// Whether each effect runs, and why, for the first view of the first cloud.
+    /// Decisions on each effect, and their reasons, for the first view of the first cloud.
     pub effects: Vec<EffectReport>,
     /// Problems that left something out: unreadable nodes, a cloud that could not be drawn.
     pub errors: Vec<String>,
 }
 
-/// Whether an effect runs, and why.
+/// Decision on an effect, and its reason.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct EffectReport {
     /// Name as on the command line.
     pub name: &'static str,
-    /// Whether it runs.
+    /// True if it runs.
     pub runs: bool,
     /// The reason.
     pub why: String,
@@ -126,9 +126,10 @@ pub struct PickedPoint {
     pub world: DVec3,
     /// Position in the cloud's own coordinates.
     pub position: DVec3,
-    /// Whether the position is the file's own, to the last bit; if not, the centre of its cell.
+    /// True if the position is the file's own, to the last bit; if not, the centre of its cell.
     pub exact: bool,
-    /// Number of the point, as the ids of its frame have it; `None` if the pixel shows no single one.
+    /// Number of the point, as the ids of its frame have it; `None` if the pixel shows no single
+    /// one.
     pub id: Option<u32>,
     /// ASPRS class of that point, 0 if it has none.
     pub class: Option<u8>,
@@ -142,7 +143,8 @@ pub struct PickedPoint {
     /// `[m]`, time `[s]` or scalar within 1/65,535 of the cloud's range. `None` of colours and
     /// normals.
     pub value: Option<f64>,
-    /// Planar depth `[m]`: in the cloud's units, or in the world's if its transform is no similarity.
+    /// Planar depth `[m]`: in the cloud's units, or in the world's if its transform is no
+    /// similarity.
     pub depth: f64,
 }
 
@@ -285,7 +287,8 @@ impl Renderer {
     }
 
     /// Opens files, or one index, as a cloud. Returns at once; a thread reads them. Points can be
-    /// drawn as strokes if that is the style already. Errors if there are no files, or no such colour.
+    /// drawn as strokes if that is the style already. Errors if there are no files, or no such
+    /// colour.
     pub fn open(&mut self, files: &[PathBuf], settings: &OpenSettings) -> Result<CloudId> {
         if files.is_empty() {
             return Err(Error::Request("there are no files to open; name at least one".into()));
@@ -355,11 +358,11 @@ impl Renderer {
         Ok(())
     }
 
-    /// Moves a cloud: `columns` are those of an affine matrix from its own coordinates to the host's
-    /// world, which may also stretch, shear and mirror it. Clip boxes are in the cloud's own
+    /// Moves a cloud: `columns` are those of an affine matrix from its own coordinates to the
+    /// host's world, which may also stretch, shear and mirror it. Clip boxes are in the cloud's own
     /// coordinates, lights in the host's world. Strokes need a rotation, a uniform scale and a
-    /// translation; other clouds are drawn as points. Errors if the matrix is not affine, or flattens
-    /// the cloud; it is then as it was.
+    /// translation; other clouds are drawn as points. Errors if the matrix is not affine, or
+    /// flattens the cloud; it is then as it was.
     pub fn set_transform(&mut self, cloud: CloudId, columns: &[f64; 16]) -> Result<()> {
         let place = self.place(cloud)?;
         self.revision += 1;
@@ -414,7 +417,8 @@ impl Renderer {
     }
 
     /// Returns the answer to a pick, once; it is pending until the device has completed its frame
-    /// and another one is recorded. There is nothing in what was answered before, or never requested.
+    /// and another one is recorded. There is nothing in what was answered before, or never
+    /// requested.
     pub fn picked(&mut self, pick: PickId) -> Picked {
         let Some(at) = self.answers.iter().position(|(answered, _)| *answered == pick) else {
             let recorded = self.held.iter().flat_map(HeldFrame::picks);

@@ -180,8 +180,8 @@ impl Renderer {
         self.draw_pausing(id, view, config, progress, None, ask)
     }
 
-    /// Draws as [`Renderer::draw`]. A software device calls `pause` every few milliseconds; its error
-    /// ends the call.
+    /// Draws as [`Renderer::draw`]. A software device calls `pause` every few milliseconds; its
+    /// error ends the call.
     pub fn draw_pausing<T>(
         &mut self,
         id: CloudId,

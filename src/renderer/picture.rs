@@ -22,9 +22,9 @@ pub(super) struct Key {
     pub cloud: CloudId,
     pub camera: ViewCamera,
     pub size: [u32; 2],
-    /// Whether it has a background of its own.
+    /// True if it has a background of its own.
     pub opaque: bool,
-    /// Whether it has ids and normals.
+    /// True if it has ids and normals.
     pub layers: bool,
     /// Counts changes of settings, filters and transforms.
     pub revision: u64,
@@ -60,17 +60,17 @@ pub(super) struct RecordedPicture {
     identity: Vec<u64>,
     pub recorded: Recorded,
     pub picks: Option<RecordedPicks>,
-    /// For the draw into targets.
+    /// Descriptors of the draw into targets.
     pub descriptors: Descriptors,
-    /// For the draw of ids and normals.
+    /// Descriptors of the draw of ids and normals.
     pub layers: Option<Descriptors>,
     pub points: u64,
     pub effects: Vec<EffectReport>,
-    /// Whether everything that the view calls for is in it.
+    /// True if everything that the view calls for is in it.
     pub settled: bool,
     /// What the device was asked for this view and these points.
     answers: Answers,
-    /// Whether the picture changes with answers of the device.
+    /// True if the picture changes with answers of the device.
     pub waits: bool,
 }
 
@@ -114,7 +114,7 @@ pub(super) struct Drawing<'d> {
     /// Picks and their pixels.
     pub picks: Vec<(PickId, [u32; 2])>,
     pub settings: &'d RenderSettings,
-    /// Whether everything that the view calls for is resident.
+    /// True if everything that the view calls for is resident.
     pub settled: bool,
     /// Table that colours are encoded with.
     pub buckets: &'d RawBuffer,

@@ -9,8 +9,9 @@ use glam::{DMat3, DMat4, DVec3};
 /// A pair of matrices, each column by column: `clip = projection * view * (x, y, z, 1)`, in
 /// Vulkan's clip space, where y points down and depth is within 0 and 1.
 ///
-/// The view matrix is a rotation, a uniform scale and a translation. The projection is a perspective
-/// (also off-centre, infinite, or of reversed depth) or orthographic, with square pixels.
+/// The view matrix is a rotation, a uniform scale and a translation. The projection is a
+/// perspective (also off-centre, infinite, or of reversed depth) or orthographic, with square
+/// pixels.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Matrices {
     /// From the world to the view.
@@ -21,7 +22,8 @@ pub struct Matrices {
 
 impl Matrices {
     /// Returns matrices of a camera for a picture of this size `[px]`, with reversed depth: 1 at
-    /// `near` and 0 at `far` `[m]`, which may be infinite for a perspective. Errors as [`View::new`].
+    /// `near` and 0 at `far` `[m]`, which may be infinite for a perspective. Errors as
+    /// [`View::new`].
     pub fn of(camera: &Camera, size: [u32; 2], near: f64, far: f64) -> Result<Matrices> {
         let view = View::new(*camera, size)?;
         let Basis { right, up, forward } = view.basis;
@@ -59,8 +61,8 @@ pub enum ViewCamera {
     },
 }
 
-/// The host's depth: `a + b / z` of a perspective, `a + b z` of an orthographic projection, with the
-/// planar depth z in a cloud's own units.
+/// The host's depth: `a + b / z` of a perspective, `a + b z` of an orthographic projection, with
+/// the planar depth z in a cloud's own units.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Depth {
     pub a: f64,

@@ -5,8 +5,8 @@ use crate::error::Result;
 use crate::tune::Governor;
 
 impl Renderer {
-    /// Returns a renderer on another device, with the clouds, settings and filters of this one, such
-    /// as after the loss of a device. Ids of clouds and picks stay the same.
+    /// Returns a renderer on another device, with the clouds, settings and filters of this one,
+    /// such as after the loss of a device. Ids of clouds and picks stay the same.
     ///
     /// Files are read again. Clouds of points of the host's memory or buffers are in the state
     /// [`CloudState::Failed`](super::CloudState::Failed), to be removed and added again. Picks that

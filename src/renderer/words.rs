@@ -37,12 +37,12 @@ impl Renderer {
     /// - `effect`: `NAME=off|on|auto[,key=value...]`
     /// - `light`: `headlight`, `direction:X,Y,Z` or `position:X,Y,Z`, in the host's world
     /// - `background`: `RRGGBB` in hexadecimal digits
-    /// - `layer`: distance below which surfaces count as one, in the unit of the cloud's coordinates,
-    ///   or with a unit, such as `0.1m`; 0 is automatic
+    /// - `layer`: distance below which surfaces count as one, in the unit of the cloud's
+    ///   coordinates, or with a unit, such as `0.1m`; 0 is automatic
     /// - `opacity` and `clip`: rules and boxes, separated by `;`, which replace those before; boxes
     ///   are in each cloud's own coordinates
-    /// - `ramp`: colours of numbers, `grey`, `terrain`, `viridis`, `cividis` or `turbo`; `range`: the
-    ///   numbers at its ends, `LO,HI`; `auto` for either is automatic
+    /// - `ramp`: colours of numbers, `grey`, `terrain`, `viridis`, `cividis` or `turbo`; `range`:
+    ///   the numbers at its ends, `LO,HI`; `auto` for either is automatic
     /// - `brightness`, `contrast` and `gamma` of what is shown
     /// - `time`: most time of a frame's pictures such as `50ms`, and `error`: the largest such as
     ///   `0.5px` ([`Renderer::set_limit`]); `none` for neither

@@ -227,8 +227,8 @@ impl CloudUpload {
         })
     }
 
-    /// Uploads at most `most` nodes of the partitioned parts, whose pages fit in `room` `[bytes]`, from
-    /// which they are taken. Returns whether some are left.
+    /// Uploads at most `most` nodes of the partitioned parts, whose pages fit in `room` `[bytes]`,
+    /// from which they are taken. Returns whether some are left.
     pub fn upload_nodes(
         &mut self,
         gpu: &mut Gpu,

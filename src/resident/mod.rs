@@ -167,7 +167,7 @@ pub fn bounds_of(identity: &[u64]) -> (DVec3, DVec3) {
 pub struct Point {
     /// World coordinates.
     pub position: DVec3,
-    /// Whether the position is the file's own, not the centre of a cell.
+    /// True if the position is the file's own, not the centre of a cell.
     pub exact: bool,
     /// Colour without shading, 8-bit sRGB.
     pub color: [u8; 3],
@@ -195,15 +195,15 @@ pub struct Resident {
     pub counts: Option<Histograms>,
     /// Exposure gains of the stations, if colours carry station codes.
     pub balance: Option<Balance>,
-    /// Whether the points' normals are oriented outwards.
+    /// True if the points' normals are oriented outwards.
     pub oriented: bool,
     /// Axes in which strokes are painted.
     pub axes: Axes,
-    /// Whether a filter leaves out points of nodes ([`crate::index::format::Index::filter`]).
+    /// True if a filter leaves out points of nodes ([`crate::index::format::Index::filter`]).
     pub filtered: bool,
     /// Opacities by kind; hiding by kind needs points that have it.
     pub opacities: Opacities,
-    /// Whether nodes are streamed from an index.
+    /// True if nodes are streamed from an index.
     pub comes_and_goes: bool,
     /// Light of the saved shadows, if points have them.
     light: Option<Box<ShadowContents>>,

@@ -12,8 +12,8 @@ use glam::DVec3;
 pub struct PointDensity {
     /// Point spacing `[m]`, see [`Resident::spacing_m`].
     pub spacing_m: f64,
-    /// Pixel size `[m]` at the centre of the node of the median point, from near nodes to far ones; 0
-    /// if there are none.
+    /// Pixel size `[m]` at the centre of the node of the median point, from near nodes to far ones;
+    /// 0 if there are none.
     pub pixel_m: f64,
     /// Least pixel size `[m]` at the centre of a node; 0 if there are none.
     pub finest_m: f64,
@@ -132,8 +132,8 @@ fn scattered(resident: &Resident, seen: &[Part]) -> f64 {
     points[1] as f64 / (points[0] + points[1]).max(1) as f64
 }
 
-/// Returns the point spacing on the screen `[px]` and the covered area in pixels of a part, or of its
-/// clumps where it is near and far at once: the size of pixels in it differs by more than two.
+/// Returns the point spacing on the screen `[px]` and the covered area in pixels of a part, or of
+/// its clumps where it is near and far at once: the size of pixels in it differs by more than two.
 fn apart(view: &View, part: &Part) -> Vec<(f64, f64)> {
     let (node, spacing) = (part.node, part.node.spacing());
     let of = |count, depths, bounds| {

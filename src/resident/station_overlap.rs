@@ -13,7 +13,7 @@ pub const OVERLAP_PX: u32 = 64;
 pub struct StationOverlap {
     /// Tiles across and down.
     pub size: [u32; 2],
-    /// Whether a tile may show several stations, row by row.
+    /// True where a tile may show several stations, row by row.
     pub several: Vec<bool>,
     /// Number of tiles of several stations.
     pub count: usize,

@@ -76,7 +76,7 @@ struct Entry {
 /// Request policy of a step.
 #[derive(Clone, Copy)]
 struct RequestPolicy {
-    /// Whether coarser nodes are requested as well, until the cut is resident.
+    /// True if coarser nodes are requested as well, until the cut is resident.
     fall_back: bool,
     /// Most bytes of pages being loaded, unless one node needs more.
     max_in_flight: u64,
@@ -87,7 +87,7 @@ struct RequestPolicy {
 struct WantedNode {
     node: usize,
     planes: u32,
-    /// Whether it is in the cut, not only a fallback.
+    /// True if it is in the cut, not only a fallback.
     needed: bool,
 }
 

@@ -1,12 +1,12 @@
 //! The LOD cut: the nodes of an index to draw for a view, or for several at once. Pure functions.
 //!
 //! A node's projected error is the side of the cells its samples were merged in, in pixels at the
-//! least depth of its box, in the view where that is most. A leaf has all its points and error 0. Refinement is greedy: the inner
-//! node with the greatest error is replaced by its visible children, while that error is above
-//! `lod_px` and the cut stays within its point budget. Where children add to a node, it stays in
-//! the cut with them ([`Refinement`]). A node that the budget keeps is drawn as it
-//! is, and nodes with smaller errors are still refined. The sequence does not depend on `lod_px`,
-//! which only ends it, so a smaller `lod_px` never makes any part coarser.
+//! least depth of its box, in the view where that is most. A leaf has all its points and error 0.
+//! Refinement is greedy: the inner node with the greatest error is replaced by its visible
+//! children, while that error is above `lod_px` and the cut stays within its point budget. Where
+//! children add to a node, it stays in the cut with them ([`Refinement`]). A node that the budget
+//! keeps is drawn as it is, and nodes with smaller errors are still refined. The sequence does not
+//! depend on `lod_px`, which only ends it, so a smaller `lod_px` never makes any part coarser.
 //!
 //! Only refined nodes are visited: the cost follows the picture, not the cloud.
 
@@ -181,7 +181,7 @@ struct Siblings {
     points: u64,
     outside: usize,
     clipped: usize,
-    /// Whether nothing visible is missing.
+    /// True if nothing visible is missing.
     complete: bool,
 }
 
@@ -213,8 +213,8 @@ impl Seen<'_> {
         found
     }
 
-    /// Returns the least planar depth of a node in any view, and its largest projected error; `None`
-    /// if no view sees it.
+    /// Returns the least planar depth of a node in any view, and its largest projected error;
+    /// `None` if no view sees it.
     fn nearest(&self, record: &NodeRecord) -> Option<(f64, f64)> {
         let (bounds, apart) =
             (self.map.bounds(self.index.bounds(record)), record.spacing * self.stretch);

@@ -22,9 +22,9 @@ pub struct Mark {
     pub x: [f64; 3],
     /// Error.
     pub y: f64,
-    /// Whether it is the renderer's default.
+    /// True if it is the renderer's default.
     pub auto: bool,
-    /// Whether nothing else in its panel beats it.
+    /// True if nothing else in its panel beats it.
     pub front: bool,
 }
 

@@ -64,7 +64,7 @@ pub struct Metric {
     /// Unit for axes.
     pub axis: &'static str,
     pub about: &'static str,
-    /// Whether parts are squares, and the error is the root of their mean.
+    /// True if parts are squares, and the error is the root of their mean.
     pub root: bool,
 }
 

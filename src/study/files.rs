@@ -1,6 +1,6 @@
 //! Study `files`: what each value of each knob costs and loses on files of yours.
 //!
-//! Nobody knows the truth of a file, so the reference is the finest picture of the same view (kind
+//! The truth of a file is not known, so the reference is the finest picture of the same view (kind
 //! *self*): errors are what a setting loses, not what is wrong with the points. Each file is drawn
 //! from three views: as a whole, from half as far, and from another side.
 

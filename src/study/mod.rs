@@ -80,9 +80,9 @@ pub struct Row {
     /// Lower quartile, median, upper quartile `[ms]`.
     pub ms: [f64; 3],
     pub n: usize,
-    /// Whether it is the renderer's default.
+    /// True if it is the renderer's default.
     pub auto: bool,
-    /// Whether nothing else in its scene, view and metric beats it.
+    /// True if nothing else in its scene, view and metric beats it.
     pub front: bool,
 }
 

@@ -3,8 +3,8 @@
 
 use crate::error::Result;
 
-/// Returns the times of every setting over `repeat` rounds, or other measurements. One uncounted round before warms up
-/// caches, kernels and the allocator.
+/// Returns the times of every setting over `repeat` rounds, or other measurements. One uncounted
+/// round before warms up caches, kernels and the allocator.
 pub fn interleaved<S, T: Clone>(
     settings: &[S],
     repeat: usize,

@@ -37,13 +37,13 @@ pub struct Truth {
     pub within: Vec<[f64; 2]>,
     /// Least and greatest depth in the 3x3 pixels around.
     pub around: Vec<[f64; 2]>,
-    /// Whether no edge crosses the pixel.
+    /// True if no edge crosses the pixel.
     pub smooth: Vec<bool>,
-    /// Whether it is more than 2 px from every edge and from unscanned parts.
+    /// True if it is more than 2 px from every edge and from unscanned parts.
     pub interior: Vec<bool>,
-    /// Whether it is entirely in the silhouette, and scanned.
+    /// True if it is entirely in the silhouette, and scanned.
     pub inside: Vec<bool>,
-    /// Whether it is more than 1 px outside of the silhouette.
+    /// True if it is more than 1 px outside of the silhouette.
     pub beyond: Vec<bool>,
 }
 

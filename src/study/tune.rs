@@ -1,12 +1,12 @@
 //! Study `tune`: whether a front keeps its promises on scenes that it was not measured on.
 //!
-//! A front is measured as `pointillist tune` does. Then other scenes are drawn for times of 0.3 to 3
-//! times that of the default, and for several errors. `missed` is the share of pictures that took
-//! longer than asked for, in parts of the default drawn beside them: by the first choice, and by the
-//! settled one, which pictures of the view have corrected (`tune::front`). `ratio` is the error of
-//! the settled choice divided by that of the best tuning at that time, of an exhaustive sweep over a
-//! grid of tunings together with the front; errors below 0.01 px count as that. `broken` is the share
-//! of views where the error asked for is exceeded.
+//! A front is measured as `pointillist tune` does. Then other scenes are drawn for times of 0.3 to
+//! 3 times that of the default, and for several errors. `missed` is the share of pictures that took
+//! longer than asked for, in parts of the default drawn beside them: by the first choice, and by
+//! the settled one, which pictures of the view have corrected (`tune::front`). `ratio` is the error
+//! of the settled choice divided by that of the best tuning at that time, of an exhaustive sweep
+//! over a grid of tunings together with the front; errors below 0.01 px count as that. `broken` is
+//! the share of views where the error asked for is exceeded.
 
 use super::report::{Section, Table};
 use super::scan::Scan;

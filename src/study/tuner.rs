@@ -9,9 +9,9 @@
 //! known from as many pictures as there are values. (A divisor of the resolution multiplies times.)
 //! Combinations that no other beats follow from those of fewer knobs, one knob after the other.
 //!
-//! Other programs slow a device down for a while. Times are therefore taken as parts of the default's,
-//! which is drawn again after every few pictures, and made milliseconds by the median of all of its
-//! times.
+//! Other programs slow a device down for a while. Times are therefore taken as parts of the
+//! default's, which is drawn again after every few pictures, and made milliseconds by the median of
+//! all of its times.
 
 use super::chart::{Chart, Mark, Panel};
 use super::report::{self, Table};

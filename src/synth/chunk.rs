@@ -54,8 +54,8 @@ impl World {
         Lattice { step: self.step, offset: self.offset }
     }
 
-    /// Returns the largest deviation with which no point leaves the lattice, ten of them from where it
-    /// belongs `[m]`.
+    /// Returns the largest deviation with which no point leaves the lattice, ten of them from where
+    /// it belongs `[m]`.
     pub fn largest_noise(&self) -> f64 {
         let reach = self.bounds().min.abs().max(self.bounds().max.abs()).max_element() + 1.0;
         (self.step * i32::MAX as f64 - reach) / 10.0

@@ -14,7 +14,7 @@ pub struct Light {
     pub sky: DVec3,
     /// Light reflected by the ground.
     pub bounce: DVec3,
-    /// Whether to cast shadow rays.
+    /// True if shadow rays are cast.
     pub shadows: bool,
     /// Two rows of houses along y: half the distance between them, and their height.
     pub canyon: Option<(f64, f64)>,

@@ -100,7 +100,7 @@ impl Panel {
 pub struct Recess {
     pub opening: Opening,
     pub depth: f64,
-    /// Whether there is a pane at z = -depth.
+    /// True if there is a pane at z = -depth.
     pub closed: bool,
 }
 

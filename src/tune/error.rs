@@ -45,7 +45,8 @@ impl Errors {
 }
 
 impl Pixels {
-    /// Returns the picture of a screen's first words, one a pixel, whose lowest byte is red, or blue.
+    /// Returns the picture of a screen's first words, one a pixel, whose lowest byte is red, or
+    /// blue.
     pub fn of_screen(size: [u32; 2], words: &[u32], blue_first: bool, depth: Vec<f32>) -> Pixels {
         let bytes = |word: &u32| {
             let [a, green, b, _] = word.to_le_bytes();
@@ -79,8 +80,8 @@ impl Pixels {
         Errors { px: px / count.max(1.0), depth: depth / count.max(1.0) }
     }
 
-    /// Returns the picture as a window shows it in more pixels: colours by linear filtering of their
-    /// sRGB values, depths of the nearest pixel.
+    /// Returns the picture as a window shows it in more pixels: colours by linear filtering of
+    /// their sRGB values, depths of the nearest pixel.
     pub fn enlarged(&self, size: [u32; 2]) -> Pixels {
         if size == self.size {
             return self.clone();

@@ -7,8 +7,8 @@
 //!     ms = point_ms * points / 10^6 + pixel_ms * pixels / 10^6
 //! ```
 //!
-//! A cut says its points before it is drawn. Clouds and views differ in what both cost, so the first
-//! picture drawn corrects them by two factors, the same for all tunings.
+//! A cut says its points before it is drawn. Clouds and views differ in what both cost, so the
+//! first picture drawn corrects them by two factors, the same for all tunings.
 
 use super::error::Errors;
 use super::knobs::Tuning;
@@ -33,8 +33,8 @@ pub struct Tuned {
     pub most: Errors,
     /// Mean errors against the default's picture, which a window settles on.
     pub moving: Errors,
-    /// Lower quartile, median and upper quartile of the time of one picture of each view, divided by
-    /// their number `[ms]`.
+    /// Lower quartile, median and upper quartile of the time of one picture of each view, divided
+    /// by their number `[ms]`.
     pub ms: [f64; 3],
     /// Time of passes over points, each million points `[ms]`.
     pub point_ms: f64,
@@ -75,7 +75,7 @@ pub enum Limit {
 pub struct Correction {
     points: f64,
     pixels: f64,
-    /// Whether a picture of this cloud and view has been measured.
+    /// True if a picture of this cloud and view has been measured.
     is_measured: bool,
 }
 
@@ -119,7 +119,7 @@ pub struct Choice {
     pub expected: Errors,
     /// Largest errors of a measured view.
     pub most: Errors,
-    /// Whether it is expected to keep the limit; if none is, it is the nearest to it.
+    /// True if it is expected to keep the limit; if none is, it is the nearest to it.
     pub keeps: bool,
 }
 
@@ -206,7 +206,8 @@ impl Correction {
 
 impl Front {
     /// Returns the tuning to draw a picture with: for a time the most accurate that fits, for an
-    /// error the cheapest that holds it in all measured views. `load` is that of a tuning's picture.
+    /// error the cheapest that holds it in all measured views. `load` is that of a tuning's
+    /// picture.
     pub fn choose(
         &self,
         limit: Limit,
@@ -258,8 +259,8 @@ impl Front {
             if known.is_some() || tried.len() == TRIES {
                 break;
             }
-            // The first picture of a setting also takes memory into use, and other programs slow one
-            // down at times: the faster of both counts.
+            // The first picture of a setting also takes memory into use, and other programs slow
+            // one down at times: the faster of both counts.
             let [first, second] = [draw(&choice.tuning)?, draw(&choice.tuning)?];
             let whole = |(_, ms): &(Load, [f64; 2])| ms.iter().sum::<f64>();
             let (drawn, ms) = if whole(&first) < whole(&second) { first } else { second };

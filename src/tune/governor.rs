@@ -4,9 +4,10 @@
 //!     ms = the front's time of a tuning * load * what the tuning's own frames have told
 //! ```
 //!
-//! The load is the median of the last frames, so that one late frame changes nothing. A tuning whose
-//! frames take longer than asked for gives way to the most accurate one that fits. A finer one has
-//! to fit with room to spare by the slowest of the last frames, so that noise never brings it back.
+//! The load is the median of the last frames, so that one late frame changes nothing. A tuning
+//! whose frames take longer than asked for gives way to the most accurate one that fits. A finer
+//! one has to fit with room to spare by the slowest of the last frames, so that noise never brings
+//! it back.
 
 use super::error::Errors;
 use super::front::{Front, Limit};
@@ -53,9 +54,9 @@ pub struct Governor {
     load: f64,
     /// Loads that the last frames tell, the newest last.
     recent: Vec<f64>,
-    /// Whether the next frame is the first of its tuning.
+    /// True if the next frame is the first of its tuning.
     is_new: bool,
-    /// Whether no frame has been measured yet.
+    /// True if no frame has been measured yet.
     is_first: bool,
 }
 
@@ -86,8 +87,8 @@ impl Governor {
         governor
     }
 
-    /// Forgets all frames: those of another cloud tell nothing of the next ones. The first picture of
-    /// all points of files would otherwise be as fine as those of their sample.
+    /// Forgets all frames: those of another cloud tell nothing of the next ones. The first picture
+    /// of all points of files would otherwise be as fine as those of their sample.
     pub fn restart(&mut self) {
         (self.load, self.is_new, self.is_first) = (1.0, false, true);
         self.recent.clear();
@@ -312,7 +313,8 @@ mod tests {
         for (mut governor, mut device) in devices() {
             let longest = 33.0 * LONGEST * (1.0 + device.noise);
             device.run(&mut governor, 40);
-            // A spinning thread takes half of the device; it ends; a cloud of four times the points.
+            // A spinning thread takes half of the device; it ends; a cloud of four times the
+            // points.
             for load in [2.0, 1.0, 4.0] {
                 device.load = load;
                 let (times, _) = device.run(&mut governor, 100);

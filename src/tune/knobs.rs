@@ -15,7 +15,8 @@ pub struct Knob {
 }
 
 /// All of them. Visibility and filling have no values finer than their defaults, which `study
-/// visibility` and `study fill` chose by the truth. A value names all that its knob sets, so that it replaces any other.
+/// visibility` and `study
+/// fill` chose by the truth. A value names all that its knob sets, so that it replaces any other.
 pub const KNOBS: [Knob; 14] = [
     Knob {
         name: "lod",

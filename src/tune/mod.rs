@@ -6,8 +6,8 @@
 //! ```
 //!
 //! The reference of an error is the picture of the same view by the finest tuning (`error`): kind
-//! *self*, not truth. The time of a picture is predicted as so many milliseconds a point drawn and
-//! so many a pixel, both of the tuning itself (`front`). A cut tells its points before anything is
+//! *self*, not truth. The time of a picture is predicted as milliseconds a point drawn and
+//! a pixel, both of the tuning itself (`front`). A cut tells its points before anything is
 //! drawn, and one drawn picture corrects both numbers for its own cloud and view.
 
 pub mod error;

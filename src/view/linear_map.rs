@@ -60,8 +60,8 @@ impl LinearMap {
         (middle - reach, middle + reach)
     }
 
-    /// Returns the vector whose product with a place of the cloud is that of `axis` with where it is
-    /// drawn.
+    /// Returns the vector whose product with a place of the cloud is that of `axis` with where it
+    /// is drawn.
     pub fn pulled(&self, axis: DVec3) -> DVec3 {
         if self.is_identity() { axis } else { self.matrix.transpose() * axis }
     }

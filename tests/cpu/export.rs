@@ -144,7 +144,7 @@ fn records_of_las_files_are_kept_bit_for_bit() {
     ] {
         let vlrs = vec![
             ("LASF_Projection", 2112, b"PROJCS[\"a\"]\0".to_vec()),
-            ("somebody", 7, vec![1, 2, 3]),
+            ("a firm", 7, vec![1, 2, 3]),
         ];
         let offset = [500_000.25, 5_000_000.0, -3.0];
         let las = Las { format, minor, extra, offset, vlrs, ..Las::default() };

@@ -1,5 +1,5 @@
-//! Every target of `tests/fuzz`, without a driver that is guided by coverage: its seeds, what crashed
-//! before, and mutations of them for a few seconds (guide: reliability).
+//! Every target of `tests/fuzz`, without a driver that is guided by coverage: its seeds, what
+//! crashed before, and mutations of them for a few seconds (guide: reliability).
 
 use crate::fuzz_heap;
 use crate::fuzz_mutate::{Random, mutated};

@@ -35,8 +35,8 @@ fn header() -> String {
     String::from_utf8(text).expect("text")
 }
 
-/// Returns functions of the header, which give a struct as the caller knows it, whatever the size that
-/// the library knows.
+/// Returns functions of the header, which give a struct as the caller knows it, whatever the size
+/// that the library knows.
 fn defaults() -> String {
     let source = include_str!("../../src/c/structs.rs");
     let names =

@@ -119,8 +119,8 @@ fn a_point_is_looked_up_in_the_nodes_around_it() {
     assert_eq!(find(&paths, options, &query, &Silent).unwrap(), Some(whole));
 }
 
-/// Files that PotreeConverter 2.1.1 made of 600 points. It rounds positions down to its own lattice,
-/// and stores those that it packs one step higher.
+/// Files that PotreeConverter 2.1.1 made of 600 points. It rounds positions down to its own
+/// lattice, and stores those that it packs one step higher.
 #[test]
 fn files_of_potree_converter_have_the_points_it_was_given() {
     let folder = tempfile::tempdir().unwrap();

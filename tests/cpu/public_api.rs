@@ -1,5 +1,5 @@
-//! The interface that stays, item by item: `tests/cpu/public_api.txt` shows every change to it. With
-//! `POINTILLIST_UPDATE=1` it is written. The interface for C is `include/pointillist.h`.
+//! The interface that stays, item by item: `tests/cpu/public_api.txt` shows every change to it.
+//! With `POINTILLIST_UPDATE=1` it is written. The interface for C is `include/pointillist.h`.
 
 use std::path::Path;
 

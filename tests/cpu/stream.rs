@@ -52,8 +52,8 @@ fn rows(columns: &Columns) -> Vec<u64> {
     (0..columns.len()).map(row).collect()
 }
 
-/// Returns a header without the columns that it names: only reading to the end finds that all colours
-/// are black.
+/// Returns a header without the columns that it names: only reading to the end finds that all
+/// colours are black.
 fn named(header: &cloud::Header) -> cloud::Header {
     cloud::Header { columns: ColumnSet::default(), ..header.clone() }
 }

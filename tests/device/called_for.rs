@@ -4,9 +4,9 @@
 //! Visibility, filling, smoothing and anti-aliasing are also decided by the device, which lists the
 //! tiles that they work on: with an empty list they do not run.
 //!
-//! Effects that change how a picture looks, such as Phong lighting, are never missing: `auto` leaves
-//! them to the user. So is averaging luminance where no two stations have to be made equal, and what
-//! smooths or splats surfaces that need neither.
+//! Effects that change how a picture looks, such as Phong lighting, are never missing: `auto`
+//! leaves them to the user. So is averaging luminance where no two stations have to be made equal,
+//! and what smooths or splats surfaces that need neither.
 //!
 //! Pictures in which no point lies are passed over: that too only the device finds out.
 
@@ -50,7 +50,7 @@ const ONLY_PIXELS_TELL: [&str; 7] = [
 struct Drawn {
     /// Red, green and blue of each pixel.
     rgb: Vec<u8>,
-    /// Whether no point lies in it.
+    /// True if no point lies in it.
     is_empty: bool,
     decisions: EffectDecisions,
     counts: Counts,

@@ -134,8 +134,8 @@ fn the_points_drawn_are_those_that_an_f64_comparison_keeps() {
     assert!(sides.contains(&(true, true, false)), "{sides:?}");
 }
 
-/// Points are five pixels apart, and go on beyond the picture: what lies outside of the box is gone,
-/// so that the surface ends at its faces.
+/// Points are five pixels apart, and go on beyond the picture: what lies outside of the box is
+/// gone, so that the surface ends at its faces.
 #[test]
 fn a_surface_ends_where_a_box_cuts_it() {
     let cloud = carpet(&mut Random(0xC117));

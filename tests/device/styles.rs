@@ -15,7 +15,8 @@ use pointillist::synth::noise::Random;
 use pointillist::synth::{self, SceneKind};
 use pointillist::view::{Camera, Preset, View};
 
-/// Asserts that between these shares of the points are drawn as splats, and that the reason says so.
+/// Asserts that between these shares of the points are drawn as splats, and that the reason says
+/// so.
 fn check(name: &str, cloud: Cloud, between: [f64; 2]) {
     gpu::with(Way::Compute64, |gpu| {
         let size = [640, 480];

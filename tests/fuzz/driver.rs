@@ -1,7 +1,7 @@
 //! The driver of `tools/fuzz`: libFuzzer, guided by coverage, with the target that TARGET names.
 //!
-//! `POINTILLIST_FUZZ_SEEDS=FOLDER` writes the seeds of the target there, and its words, prints the most
-//! bytes of an input, and ends.
+//! `POINTILLIST_FUZZ_SEEDS=FOLDER` writes the seeds of the target there, and its words, prints the
+//! most bytes of an input, and ends.
 
 #![no_main]
 

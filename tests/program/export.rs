@@ -90,8 +90,8 @@ fn laspy_finds_the_points_that_were_asked_for() {
     }
 }
 
-/// Reads a COPC file by levels and in a box, and compares all of its points with those of the input,
-/// field by field, in an order of their own.
+/// Reads a COPC file by levels and in a box, and compares all of its points with those of the
+/// input, field by field, in an order of their own.
 const COPC: &str = "
 import sys, laspy, numpy as np
 from laspy import Bounds, CopcReader

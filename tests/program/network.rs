@@ -1,5 +1,5 @@
-//! Clouds on servers: the picture of the file byte for byte, few requests, and what slow, cut and lying
-//! servers do to it. The servers are nginx and moto on loopback, with a proxy that counts.
+//! Clouds on servers: the picture of the file byte for byte, few requests, and what slow, cut and
+//! lying servers do to it. The servers are nginx and moto on loopback, with a proxy that counts.
 
 use crate::files::scan;
 use crate::octree_files::{KINDS, records, write};

@@ -217,8 +217,8 @@ fn annotations_are_drawn_the_same_whole_and_in_pieces_and_not_into_layers() {
     assert!(text(&output.stderr).contains("--north-arrow"));
 }
 
-/// Writes two strips of a plane that overlap in the middle: the second sees half of the light. Times
-/// grow along x.
+/// Writes two strips of a plane that overlap in the middle: the second sees half of the light.
+/// Times grow along x.
 fn strips(path: &Path) {
     let mut builder = las::Builder::from((1, 4));
     builder.point_format = las::point::Format::new(6).unwrap();

@@ -1,9 +1,9 @@
-//! Whatever call of Vulkan fails, and wherever the device is lost, a run ends with one line and exit
-//! code 1, or with the same picture; no object is left, which the validation layers would say (guide:
-//! reliability).
+//! Whatever call of Vulkan fails, and wherever the device is lost, a run ends with one line and
+//! exit code 1, or with the same picture; no object is left, which the validation layers would say
+//! (guide: reliability).
 //!
-//! A layer between the program and Vulkan (`tests/support/faulty_layer.c`) counts the calls that may
-//! fail, and lets the N-th do so. The tests go through all N.
+//! A layer between the program and Vulkan (`tests/support/faulty_layer.c`) counts the calls that
+//! may fail, and lets the N-th do so. The tests go through all N.
 
 #![cfg(target_os = "linux")]
 

@@ -1,5 +1,5 @@
-//! Clouds as octrees of other programs, written by their public descriptions: Potree 2 and EPT, with
-//! known points. Nodes are the same in all.
+//! Clouds as octrees of other programs, written by their public descriptions: Potree 2 and EPT,
+//! with known points. Nodes are the same in all.
 
 use glam::DVec3;
 use pointillist::cloud::Lattice;

@@ -1,4 +1,5 @@
-//! Servers on loopback: nginx for files, moto for S3, and a proxy before either that is slow or lies.
+//! Servers on loopback: nginx for files, moto for S3, and a proxy before either that is slow or
+//! lies.
 
 use crate::skip::skip;
 use std::io::{BufRead, BufReader, Read, Write};

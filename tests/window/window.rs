@@ -802,6 +802,9 @@ fn profile_has_the_points_of_the_file_along_its_line() {
     let written = place.at("pointillist-1.profile.csv");
     viewer.until("table", |_| written.exists());
     let rows = table(&written);
+    let svg = std::fs::read_to_string(place.at("pointillist-1.profile.svg")).unwrap();
+    assert!(svg.contains("distance [") && svg.contains("data:image/png"), "{svg}");
+    assert!(svg.contains(said.as_str()), "{said}: {svg}");
     // The table is that of the command line.
     let [from, to] = [ends[0], ends[1]].map(|end| format!("{},{}", end.x, end.y));
     let output = place.at("own.csv");

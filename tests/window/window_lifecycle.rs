@@ -214,7 +214,7 @@ fn lost_device_paints_again() {
 }
 
 /// Files that are loaded again are shown before their strokes, as at the start. The file is another
-/// one by then: strokes that are known come within a glance, and those of so many points take many
+/// one by then: strokes that are known come within a glance, and those of many points take many
 /// times as long as a picture, however busy the machine is.
 #[test]
 fn lost_device_shows_points_until_strokes_are_computed_again() {
@@ -549,7 +549,8 @@ fn views_saved_beside_the_panel_show_their_subject_in_the_middle() {
         assert!(frame.abs() < 24.0, "{name}: {frame} px from the middle");
     }
     let line = "--size 800x600";
-    // Without the panel, where `render` looks from; a view that has not been moved follows by itself.
+    // Without the panel, where `render` looks from; a view that has not been moved follows by
+    // itself.
     viewer.key("n");
     viewer.shows(&place.picture(&[&cloud], "front.png", &format!("{line} --view front")));
     viewer.key("0");

@@ -13,7 +13,11 @@ pub fn show(ui: &mut Ui, state: &mut UiState, actions: &mut Vec<Action>) {
     let count = measure.points.len();
     ui.horizontal(|ui| {
         for (name, key, action) in [
-            ("csv", "C: save the picked points and the profile", Action::Export("csv")),
+            (
+                "csv",
+                "C: save the picked points, and the profile also as SVG",
+                Action::Export("csv"),
+            ),
             ("geojson", "G: save the picked points", Action::Export("geojson")),
             ("forget", "Del: forget the picked points", Action::Forget),
         ] {

@@ -65,7 +65,7 @@ pub struct Panel {
     input: egui_winit::State,
     /// Position of the cursor `[px]`.
     cursor: egui::Pos2,
-    /// Whether a drop-down list was open at the last layout.
+    /// True if a drop-down list was open at the last layout.
     list_open: bool,
     /// Factor on the size of everything, besides the user's: of large windows without a scale.
     enlarged: f32,

@@ -43,7 +43,7 @@ pub struct UiState {
     pub points: u64,
     /// Points of the last frame.
     pub drawn: u64,
-    /// Whether filters may leave out some of these.
+    /// True if filters may leave out some of these.
     pub at_most: bool,
     pub latency: Duration,
     pub took: Duration,
@@ -77,13 +77,13 @@ pub struct UiState {
     pub profile: Option<Profile>,
     /// The camera path.
     pub path: CameraPath,
-    /// Whether the path is played.
+    /// True if the path is played.
     pub plays: bool,
     /// The part of the panel that is shown.
     pub tab: Tab,
-    /// Whether the notes are shown.
+    /// True if the notes are shown.
     pub reads_notes: bool,
-    /// Whether the list of keys is shown.
+    /// True if the list of keys is shown.
     pub help: bool,
     pub panel: PanelState,
 }
@@ -92,7 +92,7 @@ pub struct UiState {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct PanelState {
     extent: Extent,
-    /// Whether the user has chosen it; until then the width of the window decides.
+    /// True if the user has chosen it; until then the width of the window decides.
     chosen: bool,
 }
 

@@ -12,15 +12,15 @@ pub const FIELD: Color32 = Color32::from_gray(12);
 pub const CHOSEN: Color32 = Color32::from_rgb(0, 84, 120);
 
 pub const TEXT: Color32 = Color32::from_gray(210);
-/// Of what is chosen, or pointed at.
+/// Colour of what is chosen, or pointed at.
 pub const STRONG: Color32 = Color32::WHITE;
-/// Of what is less important.
+/// Colour of what is less important.
 pub const WEAK: Color32 = Color32::from_gray(158);
-/// Of effects that run.
+/// Colour of effects that run.
 pub const RUNS: Color32 = Color32::LIGHT_GREEN;
 pub const NOTE: Color32 = Color32::LIGHT_YELLOW;
 pub const ERROR: Color32 = Color32::LIGHT_RED;
-/// Of work in progress.
+/// Colour of work in progress.
 pub const BUSY: Color32 = Color32::LIGHT_BLUE;
 
 /// Sets colours, and spacing.

@@ -106,8 +106,8 @@ fn refine_shadows(
 }
 
 impl Inbox {
-    /// Shows the last frame under a panel that has come while another frame is drawn. Other messages
-    /// wait until that is done.
+    /// Shows the last frame under a panel that has come while another frame is drawn. Other
+    /// messages wait until that is done.
     pub(super) fn show_panel(
         &mut self,
         gpu: &mut Gpu,

@@ -42,7 +42,7 @@ pub enum Message {
     /// Sets what is drawn over the picture.
     Panel {
         overlay: Box<Overlay>,
-        /// Whether it answers the user: then a refinement of the picture waits.
+        /// True if it answers the user: then a refinement of the picture waits.
         answers: bool,
     },
     /// Uploads a cloud, which then replaces the current one.
@@ -117,11 +117,11 @@ pub struct FrameReport {
     /// Settings without effect, and limits that were reached.
     pub notes: Vec<String>,
     pub statistics: Statistics,
-    /// Whether filters or clip boxes may leave some of its points out.
+    /// True if filters or clip boxes may leave some of its points out.
     pub leaves_out: bool,
     /// Device time of every pass `[ms]`.
     pub passes: Vec<(String, f64)>,
-    /// Whether it has the window's size and all points of the view, and no other cloud is being
+    /// True if it has the window's size and all points of the view, and no other cloud is being
     /// uploaded.
     pub whole: bool,
     /// Loading of an index; None for files.

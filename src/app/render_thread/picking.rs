@@ -25,7 +25,7 @@ pub struct PickRequest {
     pub at: DVec2,
     /// Id of the point there, in a last picture that has all points.
     pub id: Option<u32>,
-    /// Whether the point joins the picked ones.
+    /// True if the point joins the picked ones.
     pub adds: bool,
     /// Cancelled once the user forgets the picked points.
     pub token: CancelToken,

@@ -2,10 +2,10 @@
 //!
 //! A request keeps the view, settings and filters of its time; its file has the bytes that `render`
 //! writes. Messages are handled between pieces. On a software device, where a piece takes long, the
-//! panel is shown meanwhile, and a change of the picture interrupts it. Files that are dropped meanwhile load at once; the cloud that is being saved
-//! stays resident until its pictures are written. A picture no larger than the window is saved at
-//! once, unless nodes are arriving. Pictures that are unfinished when the window closes are
-//! reported and not written.
+//! panel is shown meanwhile, and a change of the picture interrupts it. Files that are dropped
+//! meanwhile load at once; the cloud that is being saved stays resident until its pictures are
+//! written. A picture no larger than the window is saved at once, unless nodes are arriving.
+//! Pictures that are unfinished when the window closes are reported and not written.
 
 use super::draw_frame::{PANEL_EVERY, Superseded};
 use super::{Redraw, RenderEvent, RenderLoop};
@@ -29,7 +29,7 @@ use std::time::Instant;
 #[derive(Default)]
 pub(super) struct SaveQueue {
     pub queue: VecDeque<PendingSave>,
-    /// Whether the renderer has the scene of a saved picture.
+    /// True if the renderer has the scene of a saved picture.
     pub scene_replaced: bool,
 }
 

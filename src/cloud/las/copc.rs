@@ -1,10 +1,10 @@
 //! COPC files of packed records: LAZ 1.4 whose chunks are the nodes of an octree. They are complete
 //! or absent.
 //!
-//! A node has the first point of each cell of a grid of 128 x 128 x 128, and its eight children have
-//! the rest, so a coarse picture needs few nodes. A node of few points has them all. Records that are
-//! in no node yet are in memory. Where that is full, they are in unnamed files beside the output, and
-//! are written there once a level of the tree.
+//! A node has the first point of each cell of a grid of 128 x 128 x 128, and its eight children
+//! have the rest, so a coarse picture needs few nodes. A node of few points has them all. Records
+//! that are in no node yet are in memory. Where that is full, they are in unnamed files beside the
+//! output, and are written there once a level of the tree.
 
 use super::header::{Vlr, array_at};
 use super::write::{Count, Head, field, io_error};

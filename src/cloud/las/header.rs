@@ -56,7 +56,7 @@ pub struct Kept {
     pub system: String,
     /// Variable-length records, without those about compression.
     pub records: Vec<Vlr>,
-    /// Whether there are records behind the points that are not kept.
+    /// True if there are records behind the points that are not kept.
     pub has_more: bool,
 }
 

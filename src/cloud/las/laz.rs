@@ -4,8 +4,8 @@
 //! for layered chunks (point formats 6 to 10), by their own sizes; else in one sequential pass,
 //! since the arithmetic decoder stops exactly where a chunk ends. The `laz` crate only decodes
 //! records: its table reader allocates, and its file readers unwrap, on any input. Sizes are
-//! checked here first, and panics are caught. The fields that it decodes by recursion, GPS times and
-//! layered points, have decoders of their own here.
+//! checked here first, and panics are caught. The fields that it decodes by recursion, GPS times
+//! and layered points, have decoders of their own here.
 
 mod point14;
 mod times;

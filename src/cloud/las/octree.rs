@@ -1,8 +1,8 @@
 //! Clouds whose points are nodes of an octree: COPC, Potree 2 and EPT.
 //!
 //! A node's points are in none of its children. Each format lists its nodes in its own way, and
-//! nothing in such a list is believed: `copc`, `potree` and `ept` check it. The nodes of a COPC file
-//! are chunks of a LAZ file, which [`Las`] decodes. Those of the others become records
+//! nothing in such a list is believed: `copc`, `potree` and `ept` check it. The nodes of a COPC
+//! file are chunks of a LAZ file, which [`Las`] decodes. Those of the others become records
 //! by [`NodeReader`]; `layout` says which attribute is which field.
 
 pub mod copc;
@@ -116,7 +116,8 @@ pub struct Opened {
     pub reader: Box<dyn NodeReader>,
 }
 
-/// Tests whether a file describes an octree in other files. JSON has no signature, so it is by name.
+/// Tests whether a file describes an octree in other files. JSON has no signature, so it is by
+/// name.
 pub fn is_description(input: &Input) -> bool {
     OCTREES.into_iter().any(|name| has_name(&input.path, name))
 }

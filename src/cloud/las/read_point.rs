@@ -9,8 +9,8 @@ use las::Transform;
 use las::point::Format;
 use std::path::Path;
 
-/// Returns the colour and the extra fields of a record by its number; `None` if there is none, or the
-/// crate cannot parse it.
+/// Returns the colour and the extra fields of a record by its number; `None` if there is none, or
+/// the crate cannot parse it.
 pub fn record(path: &Path, number: u64) -> Result<Option<(Option<[u16; 3]>, Extras)>> {
     let input = Input::open(path)?;
     let las = Las::located(&input, ColumnSet::ALL, true, &mut Vec::new())?;

@@ -22,7 +22,7 @@ pub struct Fields {
     pub record_bytes: usize,
     /// [`Layout::flips`].
     flips: [i32; 3],
-    /// Whether the format is 6 to 10, which pack returns and class differently.
+    /// True if the format is 6 to 10, which pack returns and class differently.
     modern: bool,
     class: usize,
     source: usize,

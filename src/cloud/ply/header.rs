@@ -74,7 +74,7 @@ impl Element {
 pub struct Property {
     pub name: String,
     pub role: Role,
-    /// Whether it is a coefficient of a Gaussian splat, from which the colour is computed.
+    /// True if it is a coefficient of a Gaussian splat, from which the colour is computed.
     pub harmonic: bool,
     pub scalar: Scalar,
     /// The type of a list's length; `None` for a single value.

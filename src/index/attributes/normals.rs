@@ -265,7 +265,8 @@ mod tests {
             let bumpy: Vec<DVec3> = flat.iter().map(|d| *d + DVec3::Z * size * noise()).collect();
             let steps: Vec<DVec3> = bumpy.iter().map(|d| *d * 1e6).collect();
             let found = plane(&steps, DVec3::splat(1e-6)).expect("a plane");
-            // |E| of covariances: twice the largest deviation times the largest distance, and its square.
+            // |E| of covariances: twice the largest deviation times the largest distance, and its
+            // square.
             let error = 2.0 * size * 0.5 * 4.0 + size * size;
             assert!(
                 found.normal.cross(DVec3::Z).length() <= error / 2.0,

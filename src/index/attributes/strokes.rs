@@ -58,7 +58,7 @@ pub struct StrokeCache(Mutex<Vec<CachedWords>>);
 struct CachedWords {
     input_hash: Hash,
     words: Arc<Vec<[u32; 2]>>,
-    /// Whether the current cloud has requested it.
+    /// True if the current cloud has requested it.
     requested: bool,
 }
 

@@ -24,7 +24,7 @@ pub struct Options {
     pub memory: u64,
     pub threads: usize,
     pub wanted: ColumnSet,
-    /// Whether truncated or inconsistent files are errors, instead of indexing what is readable.
+    /// True if truncated or inconsistent files are errors, instead of indexing what is readable.
     pub strict: bool,
     /// Options of text files.
     pub text: TextOptions,

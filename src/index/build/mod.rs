@@ -545,7 +545,7 @@ struct Placing {
     nodes: Vec<BuiltNode>,
     /// Cells in Morton order; the last may still be joined with the one before.
     open: Vec<OpenCell>,
-    /// Of chunks that are not written yet, the range of their nodes, whose samples are kept.
+    /// Range of the nodes of chunks that are not written yet, whose samples are kept.
     unwritten: BTreeMap<usize, Range<u32>>,
     failed: bool,
 }

@@ -4,8 +4,8 @@
 //! Splitting a cube at the midpoint of its longest axis, x after y after z, takes one more bit of
 //! the Morton code. So:
 //!
-//! - split(points, cube): count the points on a grid of 32 x 32 x 32 cells, cut the cells, in Morton
-//!   order, into the largest kd-cells with at most M points, and move each point to its kd-cell,
+//! - split(points, cube): count the points on a grid of 32 x 32 x 32 cells, cut the cells, in
+//!   Morton order, into the largest kd-cells with at most M points, and move each point to its kd-cell,
 //!   with all that it shows
 //! - a single grid cell with more than M is split again by itself
 //! - a cell of one lattice step with more than M coincident points cannot be split, and is cut into

@@ -7,9 +7,9 @@
 //! merge    places the parts in their order, and joins the nodes that they left open (`job`)
 //! ```
 //!
-//! Nodes depend on their points alone, and all else that they depend on is in the plan. So the index
-//! has the same bytes as one that is built at once, however many jobs there are, wherever they run
-//! and however often.
+//! Nodes depend on their points alone, and all else that they depend on is in the plan. So the
+//! index has the same bytes as one that is built at once, however many jobs there are, wherever
+//! they run and however often.
 
 use super::Options;
 use super::build_chunk::{TreeLayout, TreeSpec};

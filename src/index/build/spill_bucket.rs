@@ -4,8 +4,8 @@
 //! as `point_record`s, in blocks. Blocks stay in memory up to a limit; beyond it full blocks go to
 //! one unnamed temporary file, which the system removes with the process. A batch is first sorted
 //! by cell, so that a bucket is locked once per batch. A bucket with more points than a chunk may
-//! have turns into a grid of finer buckets at once, so that hardly any point is moved twice. A bucket
-//! of more points in one place is cut into pieces by an external merge sort.
+//! have turns into a grid of finer buckets at once, so that hardly any point is moved twice. A
+//! bucket of more points in one place is cut into pieces by an external merge sort.
 
 use super::point_record::{Batch, Colors, Layout};
 use crate::atomic_file::temporary_file;

@@ -1,8 +1,8 @@
 //! The files NAME.pnti and NAME.shadows, and their contents.
 //!
 //! `schema` defines planes, node records and the directory; `samples` packs samples into planes;
-//! `writer` and `file` write and read an index, `columns` the points of a node; `source` is what a file
-//! of nodes does; `shadow_file` reads saved shadows.
+//! `writer` and `file` write and read an index, `columns` the points of a node; `source` is what a
+//! file of nodes does; `shadow_file` reads saved shadows.
 
 mod columns;
 mod file;

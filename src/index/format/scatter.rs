@@ -1,4 +1,5 @@
-//! How the points of a node lie: on surfaces or scattered, how far apart, and where, clump by clump.
+//! How the points of a node lie: on surfaces or scattered, how far apart, and where, clump by
+//! clump.
 //!
 //! Points are in Morton order, so a run of them lies together, and neighbours in space are mostly
 //! neighbours in the list. Around seeds of a clump the covariance of the nearest places, with
@@ -27,8 +28,8 @@ pub const SCATTERED: f64 = 1.0 / 6.0;
 pub struct Clump {
     /// Point spacing `[m]`.
     pub spacing: f64,
-    /// Median scatter of its seeds and, with less weight, of those of the clumps before and after it:
-    /// 0 to 1/3; 0 if too few points tell.
+    /// Median scatter of its seeds and, with less weight, of those of the clumps before and after
+    /// it: 0 to 1/3; 0 if too few points tell.
     pub scatter: f64,
     /// How far its cells reach in the directions of [`signs`], from the node's origin [cells of its
     /// coarsest plane].
@@ -76,14 +77,14 @@ const NARROWEST: f64 = 0.2;
 
 /// Seeds of a clump.
 const SEEDS: usize = 8;
-/// Places whose covariance is computed, among a window of the list. A cloud of no more points has no
-/// surface that could be told.
+/// Places whose covariance is computed, among a window of the list. A cloud of no more points has
+/// no surface that could be told.
 pub const AROUND: usize = 32;
 const WINDOW: usize = 64;
 
-/// Returns the clumps of a node, given the words of its coarsest plane, the bits of its longest side
-/// and a lattice step `[m]`. Cells count once, however many points they hold. Points that are joined
-/// by faces lie on surfaces, however thin the object is.
+/// Returns the clumps of a node, given the words of its coarsest plane, the bits of its longest
+/// side and a lattice step `[m]`. Cells count once, however many points they hold. Points that are
+/// joined by faces lie on surfaces, however thin the object is.
 pub fn clumps(words: &[u32], bits: u32, step: DVec3, faces: bool) -> Vec<Clump> {
     // In units of the longest side of a cell, whose powers neither overflow nor vanish.
     let longest = step.abs().max_element();

@@ -266,7 +266,7 @@ pub struct Contents {
     pub tones: Vec<u64>,
     /// Heights at the same percentiles, in units of `attribute::DisplayAttribute`.
     pub elevation_stretch: [u32; 2],
-    /// Whether all derived normals are those of the files, and thus oriented outwards.
+    /// True if all derived normals are those of the files, and thus oriented outwards.
     #[serde(default)]
     pub oriented: bool,
     /// Axes of all points if strokes were derived; else those of the file.

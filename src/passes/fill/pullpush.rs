@@ -52,7 +52,7 @@ struct Pyramid<'s> {
     settings: &'s Settings,
     flood: bool,
     perspective: bool,
-    /// Whether colours are labels, which are never mixed.
+    /// True if colours are labels, which are never mixed.
     labels: bool,
 }
 

@@ -150,8 +150,8 @@ fn texels(asked: u32, extent: f64, texel: f64) -> f64 {
     }
 }
 
-/// Rounds a vector to a 2^20th of its length. Places of a cloud can be moved by it without rounding,
-/// so that shadows are the same wherever cloud and light are (guide: numerics, M2).
+/// Rounds a vector to a 2^20th of its length. Places of a cloud can be moved by it without
+/// rounding, so that shadows are the same wherever cloud and light are (guide: numerics, M2).
 fn rounded(v: DVec3) -> DVec3 {
     let longest = v.abs().max_element();
     // The power of two up to it, which has no mantissa.

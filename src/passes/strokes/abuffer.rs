@@ -17,7 +17,7 @@ pub struct Abuffer {
     pub fragments: Buffer,
     /// Number of sorted fragments per pixel, from the nearest on, before and after this frame.
     pub ordered: Range<u32>,
-    /// Whether later frames continue with it.
+    /// True if later frames continue with it.
     pub kept: bool,
 }
 

@@ -14,7 +14,7 @@ pub struct Facts {
     pub deepest: u32,
     /// Parts in which the picture was painted, because of the allowed memory.
     pub parts: u32,
-    /// Whether the device's binding limit was the bound, not the allowed memory.
+    /// True if the device's binding limit was the bound, not the allowed memory.
     pub by_device: bool,
     /// Memory of the largest part.
     pub bytes: u64,

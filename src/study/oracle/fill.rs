@@ -24,7 +24,7 @@ const WIDEST_KERNEL: f64 = 31.0;
 pub struct Pixel {
     pub depth: Option<f32>,
     pub codes: [u32; 3],
-    /// Whether visibility removed it, or filling added it.
+    /// True if visibility removed it, or filling added it.
     pub filling: bool,
 }
 

@@ -1,9 +1,9 @@
 //! The f64 twin of visibility on a pyramid: from depths in the kernels' own f32 bits to a verdict
 //! per pixel: visible, hidden, or a hole.
 //!
-//! The rule is that of glsl/visibility/visibility_levels.comp, level by level, two rounds for points and one
-//! for empty pixels. Where f32 may decide either way, everything that depends on it is
-//! [`Verdict::InBand`].
+//! The rule is that of glsl/visibility/visibility_levels.comp, level by level, two rounds for
+//! points and one for empty pixels. Where f32 may decide either way, everything that depends on it
+//! is [`Verdict::InBand`].
 
 use super::visibility::{Verdict, sector};
 use crate::passes::visibility::{
@@ -26,7 +26,7 @@ struct Cell {
     point: Option<(f64, [f64; 2])>,
     /// Number of pixels with a point.
     points: u32,
-    /// Whether the kernels certainly have the same.
+    /// True if the kernels certainly have the same.
     sure: bool,
 }
 
@@ -84,8 +84,8 @@ enum Subject {
     Empty,
 }
 
-/// Returns the verdicts of all pixels, row by row, for points with this spacing `[m]`. `crossed` has
-/// the edges beyond which surfaces continue: left, right, upper, lower.
+/// Returns the verdicts of all pixels, row by row, for points with this spacing `[m]`. `crossed`
+/// has the edges beyond which surfaces continue: left, right, upper, lower.
 pub fn verdicts(
     view: &View,
     settings: &Settings,
@@ -254,8 +254,8 @@ impl Pyramid {
         Pyramid { levels, crossed }
     }
 
-    /// Returns the verdict of the first level that decides on a point, and whether enough points lead
-    /// to judge again.
+    /// Returns the verdict of the first level that decides on a point, and whether enough points
+    /// lead to judge again.
     fn judge_point(
         &self,
         view: &View,

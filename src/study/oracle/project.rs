@@ -42,7 +42,7 @@ pub struct Source {
     pub cube: DVec3,
     /// How far a reader may have moved points from their positions in the file.
     pub moved: DVec3,
-    /// Whether planes are chosen as `Precision::Auto` does; else all are drawn.
+    /// True if planes are chosen as `Precision::Auto` does; else all are drawn.
     pub auto: bool,
 }
 

@@ -1,10 +1,10 @@
 //! The f64 twin of pull-push filling: from depths in the kernels' own f32 bits to filled depths
 //! (glsl/fill/fill_pull.comp, fill_push.comp, fill_spread.comp, fill_correct.comp).
 //!
-//! Depths are averaged once a level, each time a few roundings off, so that a filled depth is within
-//! [`BAND`] of the kernels'. Which cells are of one surface, and which place is the nearest, is
-//! compared: where two are equal within that, either may win in f32, and all that follows from it is
-//! unsure.
+//! Depths are averaged once a level, each time a few roundings off, so that a filled depth is
+//! within [`BAND`] of the kernels'. Which cells are of one surface, and which place is the nearest,
+//! is compared: where two are equal within that, either may win in f32, and all that follows from
+//! it is unsure.
 
 use crate::passes::fill::Settings;
 use crate::view::{Projection, View};

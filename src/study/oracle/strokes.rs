@@ -210,7 +210,7 @@ struct Easel<'v> {
     bristles: Bristles,
     /// The ground of a brush, [`Brush::ground`](crate::passes::strokes::brush::Brush::ground).
     ground: f64,
-    /// Whether each pixel is surface, and whether that is sure.
+    /// True for each pixel that is surface, and for each where that is sure.
     surface: Vec<(bool, bool)>,
     detail: f64,
     turns: Vec<DVec2>,

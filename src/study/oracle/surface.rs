@@ -1,5 +1,5 @@
-//! The f64 twin of `surface_normal.glsl` and `fit_normal.glsl`: from depths in the kernels' own f32 bits to
-//! the normal of a pixel with bounds.
+//! The f64 twin of `surface_normal.glsl` and `fit_normal.glsl`: from depths in the kernels' own f32
+//! bits to the normal of a pixel with bounds.
 
 use super::Bounded;
 use crate::view::{Projection, View};

@@ -338,7 +338,7 @@ fn an_index_that_shrinks_or_changes_while_it_is_open_is_an_error() {
 fn an_index_of_the_first_version_is_read_as_it_was() {
     let place = Place::new();
     let mut points = shape(Shape::Plane, 200_000, [0; 3], [100_000; 3], 3);
-    // So many stations that no node numbers them in 8 bits, which that version could not.
+    // More stations than 8 bits number, which that version could not do.
     points.iter_mut().enumerate().for_each(|(i, point)| point.source = (i % 1000) as u16);
     let now = place.faithful(&[place.las("a.las", &points, MILLIMETRES)], &OPTIONS);
     assert!(!now.has(Plane::Station));

@@ -1,5 +1,5 @@
-//! A host whose work is in other command buffers than the renderer's: of the same submission, or of a
-//! queue of another family, where the device has one.
+//! A host whose work is in other command buffers than the renderer's: of the same submission, or of
+//! a queue of another family, where the device has one.
 
 use super::ownership::half;
 use super::*;
@@ -130,8 +130,8 @@ impl Queues {
             free_memory: std::ptr::null(),
         };
         let drawn = vk::ImageLayout::COLOR_ATTACHMENT_OPTIMAL.as_raw();
-        // SAFETY: every object is alive, each frame is waited for, and the renderer is dropped before
-        // the device.
+        // SAFETY: every object is alive, each frame is waited for, and the renderer is dropped
+        // before the device.
         unsafe {
             let bytes = 4 * PIXELS as u64;
             let usage = vk::BufferUsageFlags::TRANSFER_SRC | vk::BufferUsageFlags::TRANSFER_DST;

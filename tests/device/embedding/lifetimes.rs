@@ -66,7 +66,8 @@ fn no_thread_outlives_its_renderer() {
     rayon::ThreadPoolBuilder::new().num_threads(1).build_global().unwrap();
 }
 
-/// Two renderers on two devices, drawing at the same time in two threads, draw what each does alone.
+/// Two renderers on two devices, drawing at the same time in two threads, draw what each does
+/// alone.
 #[test]
 fn renderers_on_two_devices_are_independent() {
     let folder = tempfile::tempdir().unwrap();

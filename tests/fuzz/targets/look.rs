@@ -160,6 +160,6 @@ pub fn opening() -> OpenOptions {
 
 /// Checks what is printed: a terminal must not be controlled by a file.
 pub fn one_line(text: &str) {
-    assert!(!text.is_empty(), "nothing is said");
+    assert!(!text.is_empty(), "there are no words");
     assert!(text.len() < 1 << 14, "{} bytes are said", text.len());
 }

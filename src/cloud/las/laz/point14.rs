@@ -1,9 +1,9 @@
 //! The first 30 bytes of layered points, of point formats 6 to 10.
 //!
-//! Every group of fields is a layer of its own, and every scanner channel has its own state, so that
-//! the layer of GPS times cannot be decoded without the layer of coordinates, which says to which
-//! channel a point belongs and whether its time changed. The `laz` crate decodes both in one type,
-//! where a damaged file overflows the stack ([`super::times`]); this one takes its place.
+//! Every group of fields is a layer of its own, and every scanner channel has its own state, so
+//! that the layer of GPS times cannot be decoded without the layer of coordinates, which says to
+//! which channel a point belongs and whether its time changed. The `laz` crate decodes both in one
+//! type, where a damaged file overflows the stack ([`super::times`]); this one takes its place.
 
 use super::super::header::{array_at, u16_at, u32_at};
 use super::times::Times;
@@ -230,7 +230,8 @@ impl Channel {
     }
 
     /// Decodes what changes in the next point: bits 0 and 1 for the number of the return, 2 for the
-    /// number of returns, 3 for the scan angle, 4 for the time, 5 for the source, 6 for the channel.
+    /// number of returns, 3 for the scan angle, 4 for the time, 5 for the source, 6 for the
+    /// channel.
     fn changes(&mut self, decoder: &mut Decoder) -> Result<u32> {
         let Fields { number, returns, .. } = self.last;
         let (is_first, is_last) = (number == 1, number >= returns);

@@ -1,7 +1,7 @@
 //! GPS times of compressed points.
 //!
-//! Four sequences of times are kept, each with its last step. A symbol says how many steps follow in
-//! the present sequence, or that another one goes on, whose symbol is then the next. An encoder
+//! Four sequences of times are kept, each with its last step. A symbol says how many steps follow
+//! in the present sequence, or that another one goes on, whose symbol is then the next. An encoder
 //! changes the sequence at most once for a point. The decoders of the `laz` crate follow any number
 //! of changes by recursion, until the stack overflows; here a second one is damage.
 

@@ -144,7 +144,8 @@ pub fn open(input: &Input, text: &[u8], keeps_records: bool) -> Result<Opened> {
     let ending = if plan.is_some() { "bin" } else { "laz" };
     let chunk = |(number, (key, points)): (usize, &(Key, u64))| {
         if folder.is_remote() {
-            // A server would have to be asked for each length; files are checked when they are read.
+            // A server would have to be asked for each length; files are checked when they are
+            // read.
             let bytes = row.map_or(Some(0), |row| points.checked_mul(row));
             let too_many = || input.wrong(format!("has a list that claims {points} points a node"));
             let bytes = bytes.ok_or_else(too_many)?;

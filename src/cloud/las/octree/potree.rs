@@ -178,7 +178,8 @@ impl Declared {
         };
         let most = self.max.iter().copied().reduce(f64::max);
         let (kind, elements) = (kind as u8 + 1, self.elements);
-        // Scales of extra bytes are those of their declaration, which points are not multiplied with.
+        // Scales of extra bytes are those of their declaration, which points are not multiplied
+        // with.
         Ok(Attribute { name: self.name, kind, elements, scale: 1.0, offset: 0.0, most })
     }
 }

@@ -23,7 +23,7 @@ pub struct LeafAttributes {
     pub derived: DerivedColumns,
     /// Moments relative to the centre of the cloud, if strokes are derived.
     pub moments: Moments,
-    /// Whether all normals are those of the file.
+    /// True if all normals are those of the file.
     pub oriented: bool,
 }
 

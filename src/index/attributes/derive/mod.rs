@@ -82,7 +82,7 @@ struct Leaves {
     radii: BTreeMap<u16, Vec<u64>>,
     /// Moments of all points, if strokes are derived.
     moments: Moments,
-    /// Whether all normals are those of files.
+    /// True if all normals are those of files.
     oriented: bool,
 }
 

@@ -123,8 +123,8 @@ impl Sample {
         }
     }
 
-    /// Returns the cell of a place, if its block is wanted. Samples of the same bounds and number of
-    /// points want the same.
+    /// Returns the cell of a place, if its block is wanted. Samples of the same bounds and number
+    /// of points want the same.
     #[inline]
     pub fn cell(&self, place: DVec3) -> Option<[u32; 3]> {
         Some(self.cells.of(place)).filter(|&cell| self.wants(cell))
