@@ -222,6 +222,7 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
         done.notes.into_iter().for_each(&mut say);
         longest = longest.max(split(&done.frame.passes).iter().sum());
         let (png, exr) = (png(number), exr(number));
+        annotations.note(&view, &named).into_iter().for_each(&mut say);
         let over = annotations.overlay(&view, &named);
         if let Some(film) = &mut film {
             let mut pixels = done.asked.pixels(&done.frame);

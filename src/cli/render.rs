@@ -265,7 +265,9 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
         None => picture.view(&source, &named)?,
     };
     let placed = grid.map(|grid| Placed::new(grid, &source));
-    let over = picture.report.annotations().overlay(&view, &named);
+    let annotations = picture.report.annotations();
+    annotations.note(&view, &named).iter().for_each(streams::note);
+    let over = annotations.overlay(&view, &named);
     let mut facts = Facts {
         points: source.points(),
         files: arguments.files.len(),

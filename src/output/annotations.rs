@@ -81,10 +81,18 @@ impl Annotations {
 
     /// Returns what they cover of a view.
     pub fn covered(&self, view: &View, shown: &Shown) -> Covered {
-        if self.is_empty() { Covered::default() } else { self.laid_out(view, shown).2 }
+        if self.is_empty() { Covered::default() } else { self.laid_out(view, shown).2.covered }
     }
 
-    fn laid_out(&self, view: &View, shown: &Shown) -> (Context, FullOutput, Covered) {
+    /// Returns a note on what has no room in a view; None if all has.
+    pub fn note(&self, view: &View, shown: &Shown) -> Option<String> {
+        let left_out = if self.is_empty() { vec![] } else { self.laid_out(view, shown).2.left_out };
+        let [width, height] = view.whole;
+        (!left_out.is_empty())
+            .then(|| format!("{width}x{height} pixels have no room for {}", left_out.join(" and ")))
+    }
+
+    fn laid_out(&self, view: &View, shown: &Shown) -> (Context, FullOutput, Drawn) {
         let context = Context::default();
         let rect =
             Rect::from_min_size(Pos2::ZERO, vec2(view.whole[0] as f32, view.whole[1] as f32));
@@ -93,7 +101,7 @@ impl Annotations {
             max_texture_side: Some(ATLAS),
             ..RawInput::default()
         };
-        let mut all = Covered::default();
+        let mut all = Drawn::default();
         let output = context.run_ui(input, |ui| {
             let painter = ui.ctx().layer_painter(LayerId::background());
             all = self.draw(&painter, rect, view, shown);
@@ -101,9 +109,8 @@ impl Annotations {
         (context, output, all)
     }
 
-    /// Draws into a rectangle that shows a whole view. Returns what is covered then: the title's
-    /// rows, those of the scale bar, and so on.
-    pub fn draw(&self, painter: &Painter, rect: Rect, view: &View, shown: &Shown) -> Covered {
+    /// Draws into a rectangle that shows a whole view.
+    pub fn draw(&self, painter: &Painter, rect: Rect, view: &View, shown: &Shown) -> Drawn {
         let line = (LINE * rect.height().min(1.5 * rect.width())).max(LEAST_LINE);
         let sheet = Sheet { painter, rect, line, view, shown };
         let edges = if self.axes { sheet.axes() } else { Vec2::ZERO };
@@ -133,19 +140,24 @@ impl Annotations {
                 room.max.y = free.max.y - FIELD * line;
             }
         }
-        let has = |room: Rect, lines: f32| room.height() >= lines * line;
+        let mut left_out = Vec::new();
+        let mut has = |name: &'static str, room: Rect, lines: f32| {
+            let has = room.height() >= lines * line;
+            left_out.extend((!has).then_some(name));
+            has
+        };
         let mut beside = Vec::new();
-        if self.north_arrow && no_north(shown.up).is_none() && has(room, ARROW) {
+        if self.north_arrow && no_north(shown.up).is_none() && has("the north arrow", room, ARROW) {
             let place = sheet.north_arrow(room);
             room.min.y = place.bottom() + line;
             beside.push(place);
         }
-        if self.axes && edges == Vec2::ZERO && has(room, TRIAD) {
+        if self.axes && edges == Vec2::ZERO && has("the axes", room, TRIAD) {
             let place = sheet.triad(room);
             room.max.y = place.top() - line;
             beside.push(place);
         }
-        if self.legend && has(room, LEAST_LEGEND) {
+        if self.legend && has("the legend", room, LEAST_LEGEND) {
             beside.extend(sheet.legend(inner, room));
         }
         for place in beside {
@@ -159,8 +171,17 @@ impl Annotations {
             (rect.bottom() - free.bottom()) / y,
         ];
         let [left, right, top, bottom] = parts.map(|part| f64::from(part.clamp(0.0, 1.0)));
-        Covered { left, right, top, bottom }
+        Drawn { covered: Covered { left, right, top, bottom }, left_out }
     }
+}
+
+/// Annotations as they were drawn.
+#[derive(Default)]
+pub struct Drawn {
+    /// What they cover: the title's rows, those of the scale bar, and so on.
+    pub covered: Covered,
+    /// What has no room.
+    pub left_out: Vec<&'static str>,
 }
 
 /// Adds a change of the texture.
@@ -609,6 +630,14 @@ mod tests {
         let shares = [[640, 480], [1280, 960]]
             .map(|size| changed(&all, size, Preset::Fit).len() as f64 / (size[0] * size[1]) as f64);
         assert!((shares[0] / shares[1] - 1.0).abs() < 0.5, "{shares:?}");
+        // What has no room is left out, and named.
+        let note = |size: [u32; 2]| {
+            let view = View::new(Camera::framing(Preset::Fit, &[], size), size).unwrap();
+            all.note(&view, &shown(Attribute::Elevation))
+        };
+        assert_eq!(note([640, 480]), None);
+        let small = note([200, 100]).unwrap();
+        assert!(small.starts_with("200x100 ") && small.contains("the legend"), "{small}");
     }
 
     #[test]
