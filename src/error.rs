@@ -4,20 +4,36 @@
 //! it is and exits with 1. Misuse of the render graph is a programming error and panics instead,
 //! with pass and resource names.
 
+#![deny(missing_docs)]
+
 use ash::vk;
 use std::path::{Path, PathBuf};
 
+/// Result of whatever may fail.
 pub type Result<T> = std::result::Result<T, Error>;
 
+/// An error of the user, of a file or of the device.
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
     /// A file operation failed.
     #[error("cannot {doing} {}: {source}", path.display())]
-    Io { doing: &'static str, path: PathBuf, source: std::io::Error },
+    Io {
+        /// Verb of what failed, such as "read".
+        doing: &'static str,
+        /// The file.
+        path: PathBuf,
+        /// Error of the system.
+        source: std::io::Error,
+    },
 
     /// A file does not follow its format.
     #[error("{}: {what}", path.display())]
-    Format { path: PathBuf, what: String },
+    Format {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong, and where.
+        what: String,
+    },
 
     /// A request makes no sense (a camera without direction, a size beyond the device).
     #[error("{0}")]
@@ -29,7 +45,12 @@ pub enum Error {
 
     /// A Vulkan call failed; `during` names the call or the running pass.
     #[error("Vulkan failed with {code:?} during {during}")]
-    Vulkan { during: String, code: vk::Result },
+    Vulkan {
+        /// Name of the call or of the running pass.
+        during: String,
+        /// Result of the call.
+        code: vk::Result,
+    },
 
     /// The validation layers, enabled by `--validate` and every test, reported an error.
     #[error("Vulkan validation: {0}")]
@@ -54,10 +75,12 @@ impl Error {
         }
     }
 
+    /// Returns an error of a file operation.
     pub fn io(doing: &'static str, path: &Path, source: std::io::Error) -> Self {
         Error::Io { doing, path: path.to_owned(), source }
     }
 
+    /// Returns an error of a file that does not follow its format.
     pub fn format(path: &Path, what: impl Into<String>) -> Self {
         Error::Format { path: path.to_owned(), what: what.into() }
     }
