@@ -727,6 +727,25 @@ fn painting_in_parts_is_the_same_with_a_note() {
     failed(&place.render(&cloud, "-o @out.png --style strokes --abuffer-memory 1KiB"), 2);
 }
 
+/// Each place would be painted over itself fifty thousand times in every pixel.
+#[test]
+fn many_points_in_two_places_are_painted_in_seconds() {
+    let place = Place::new();
+    let line = |i: usize| {
+        let at = if i % 2 == 0 { "0 0 0" } else { "1 0.3 0.2" };
+        format!("{at} {} {} {}\n", i % 251, i % 256, i % 7)
+    };
+    let cloud = place.write("two.xyz", &(0..100_000).map(line).collect::<String>());
+    for blend in ["abuffer", "opaque"] {
+        let began = Instant::now();
+        let line = format!("-o @{blend}.png --style strokes --size 200x150");
+        succeeded(&place.render(&cloud, &format!("{line} --effect strokes=blend={blend}")));
+        println!("{blend}: {:?}", began.elapsed());
+        // It takes about a second.
+        assert!(began.elapsed() < Duration::from_secs(30), "{blend}: {:?}", began.elapsed());
+    }
+}
+
 /// Settings without effect get a note and cost nothing; limits that are reached get a note, too.
 #[test]
 fn settings_that_change_nothing_are_said() {
