@@ -2,8 +2,9 @@
 //! and a fragment shader of one name; `src/shader.rs` includes the result.
 //!
 //! Input: every `glsl/*/*.comp|vert|frag` (files in `glsl/lib` are only included). Output:
-//! `$OUT_DIR/shader.rs`. All of it is reflected from the SPIR-V. Bindings become fields with their
-//! GLSL names, `&` for `readonly` and `&mut` otherwise. Push constants and structs in buffers
+//! `$OUT_DIR/shader.rs`, and `$OUT_DIR/most.rs`, which says what the largest of them binds
+//! (`src/gpu/requirements.rs`). All of it is reflected from the SPIR-V. Bindings become fields with
+//! their GLSL names, `&` for `readonly` and `&mut` otherwise. Push constants and structs in buffers
 //! become `#[repr(C)]` structs; a padding hole fails the build, because two layouts would have to
 //! be kept equal by hand. Specialisation constants become a `Spec`.
 
@@ -29,7 +30,7 @@ fn main() {
     // By name, whatever the folder.
     sources.sort_by_key(|source| source.file_name().map(|name| name.to_os_string()));
     let compiled = compile_all(&sources);
-    let (mut rust, mut shared) = (String::new(), BTreeMap::new());
+    let (mut rust, mut shared, mut most) = (String::new(), BTreeMap::new(), Most::default());
     for source in &sources {
         // The fragment stage is compiled with its vertex stage.
         let stages = match source.extension().and_then(|extension| extension.to_str()) {
@@ -39,6 +40,7 @@ fn main() {
                 .into(),
             _ => continue,
         };
+        stages.iter().for_each(|stage| most.include(stage));
         generate(
             &mut rust,
             source.file_stem().and_then(|stem| stem.to_str()).expect("ascii shader name"),
@@ -53,6 +55,28 @@ fn main() {
         .unwrap();
     }
     std::fs::write(out("shader.rs"), rust).expect("write shader.rs");
+    let Most { buffers, images } = most;
+    let constants = format!(
+        "pub const STORAGE_BUFFERS: u32 = {buffers};\npub const STORAGE_IMAGES: u32 = {images};\n"
+    );
+    std::fs::write(out("most.rs"), constants).expect("write most.rs");
+}
+
+/// Most that a stage of any shader binds.
+#[derive(Default)]
+struct Most {
+    buffers: usize,
+    /// Storage images and texel buffers, which count as images.
+    images: usize,
+}
+
+impl Most {
+    fn include(&mut self, stage: &Stage) {
+        let buffers = stage.bindings.values().filter(|(_, (kind, _))| kind == "Buffer").count();
+        let all = stage.bindings.len() + stage.area.iter().len();
+        self.buffers = self.buffers.max(buffers);
+        self.images = self.images.max(all - buffers);
+    }
 }
 
 /// Returns where the build keeps a file.

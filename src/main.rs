@@ -9,7 +9,7 @@ use pointillist::cli::{
 use pointillist::error::Error;
 use pointillist::thread_pool;
 use std::ffi::OsString;
-use std::io::Write;
+use std::io::{ErrorKind, Write};
 use std::process::ExitCode;
 
 const EXAMPLES: &str = "\
@@ -130,7 +130,21 @@ fn parse(words: &[String]) -> Program {
     let mut program = help(Program::command()).mut_subcommands(help);
     let parsed = program.try_get_matches_from_mut(typed);
     let parsed = parsed.and_then(|matches| Program::from_arg_matches(&matches));
-    parsed.unwrap_or_else(|error| suggestions::suggest(error, &program, words).exit())
+    parsed.unwrap_or_else(|error| end(&suggestions::suggest(error, &program, words)))
+}
+
+/// Prints help, or an error of usage, and ends the program. Help that cannot be written is an
+/// error; a closed pipe is none.
+fn end(error: &clap::Error) -> ! {
+    let printed = error.print().and_then(|()| std::io::stdout().flush());
+    let code = match printed {
+        Err(failed) if !error.use_stderr() && failed.kind() != ErrorKind::BrokenPipe => {
+            say(&format!("cannot write standard output: {failed}"));
+            1
+        }
+        _ => error.exit_code(),
+    };
+    std::process::exit(code)
 }
 
 fn main() -> ExitCode {

@@ -1,5 +1,6 @@
 // The loop over points that become strokes: how each lies on the screen, and what it may touch
 // there. The includer has `touch`, for a point within the wider view, and `miss`, for one outside.
+// Points at one place are one stroke, that of the point that also shows as a point.
 
 #include "point_constants.glsl"
 #include "drawn_node.glsl"
@@ -9,6 +10,8 @@
 // touches thousands of tiles.
 layout(constant_id = 10) const uint SLICES_OF_CHUNK = 1u;
 #define SLICES SLICES_OF_CHUNK
+// Whether opacities depend on kinds of points.
+layout(constant_id = 9) const bool BY_KIND = false;
 
 layout(buffer_reference, scalar, buffer_reference_align = 4) readonly buffer Plane { uint word[]; };
 
@@ -51,6 +54,18 @@ Seen seen_of(Stroked point) {
     float depth = row(nodes.node[point.n].row_z, d);
     float deep = PERSPECTIVE ? depth : 1.0;
     return Seen(vec2(row(nodes.node[point.n].row_x, d), row(nodes.node[point.n].row_y, d)) / vec2(deep), depth);
+}
+
+// Tests whether the point before is at the same place, and of the same kind if opacities depend on
+// it. Points of a node are in the order of their places.
+bool repeats(Home home, uint i) {
+    Plane plane = Plane(home.page);
+    uint before = max(i, 1u) - 1u;
+    bool same = i > 0u;
+    for (uint p = 0u; p < home.planes; ++p) same = same && plane.word[p * POINTS_PER_PAGE + i] == plane.word[p * POINTS_PER_PAGE + before];
+    uint kinds = (home.planes + canvases.canvas[0].kind) * POINTS_PER_PAGE;
+    if (BY_KIND || BY_OPACITY) same = same && plane.word[kinds + i] == plane.word[kinds + before];
+    return same;
 }
 
 Square seen_square(Canvas canvas, Seen seen, Stroked point) {
@@ -110,7 +125,7 @@ void four(uint pixel[4], float depth[4], uint first) {
         uint facing = Plane(home.page).word[page + k];
         uint brush = Plane(home.page).word[page + POINTS_PER_PAGE + k];
         Stroked point = Stroked(home, chunk / CHUNKS_PER_PAGE, i + k, facing, brush);
-        if (pixel[k] != NO_PIXEL) touch(point);
+        if (pixel[k] != NO_PIXEL && !repeats(home, i + k)) touch(point);
         else miss(point);
     }
 }

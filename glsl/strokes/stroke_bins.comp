@@ -21,9 +21,8 @@
 
 layout(constant_id = 5) const uint STEP = 0u;
 layout(constant_id = 7) const uint MODE = 0u;
-// Whether some points are transparent, and whether that depends on their kinds.
+// Whether some points are transparent.
 layout(constant_id = 8) const bool TRANSPARENT = false;
-layout(constant_id = 9) const bool BY_KIND = false;
 
 // First tile and end; number of this turn and of all turns, which share a node's points.
 layout(scalar) readonly buffer Part { uint tile[]; } part;

@@ -162,7 +162,7 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
         streams::print(&surface::table(&surfaces))?;
     }
     if !splats.is_empty() {
-        print!("{}", splat::table(&splats));
+        streams::print(&splat::table(&splats))?;
     }
     if !luminances.is_empty() {
         streams::print(&luminance::table(&luminances))?;

@@ -1,8 +1,8 @@
 //! `pointillist guide`: prints a page of the guide, or lists the pages.
 
+use super::streams;
 use crate::error::{Error, Result};
 use crate::guide;
-use std::io::Write;
 
 const EXAMPLES: &str = "\
 Examples:
@@ -32,9 +32,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
             page.text.lines().filter(is_shown).flat_map(|line| [line, "\n"]).collect()
         }
     };
-    // A pager that was closed is no error.
-    drop(std::io::stdout().write_all(text.as_bytes()));
-    Ok(())
+    streams::print(&text)
 }
 
 fn list() -> String {

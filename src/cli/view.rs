@@ -3,6 +3,7 @@
 use super::limits::LimitOptions;
 use super::named::named;
 use super::options::{DeviceOptions, PictureOptions};
+use super::streams;
 use super::tune;
 use super::units::Size;
 use crate::app::navigation::{Mode, NavigationStyle};
@@ -139,8 +140,7 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
     };
     let summary = app::run(options, progress)?;
     match arguments.timings.as_deref() {
-        // A closed pipe is no error: the window has closed by then.
-        Some("json") => drop(writeln!(std::io::stdout(), "{}", serde_json::json!(summary))),
+        Some("json") => streams::print(&format!("{}\n", serde_json::json!(summary)))?,
         Some(_) => drop(write!(std::io::stderr(), "{summary}")),
         None => {}
     }

@@ -58,6 +58,8 @@ pub struct Device {
     /// True if the CPU can map all device-local memory. A graphics card without a resizable BAR
     /// maps only 256 MiB.
     pub has_host_visible_vram: bool,
+    /// True if the queue family has timestamps.
+    pub has_timestamps: bool,
     /// True if texel buffers hold pages, keys and tile lists; Vulkan guarantees only 65,536 texels.
     pub has_large_texel_buffers: bool,
     /// Most workgroups of a pass over a list whose entries may need no work. Few on a CPU, where
@@ -213,10 +215,11 @@ impl Device {
         family: u32,
     ) -> Device {
         // SAFETY: plain queries of a live instance.
-        let (properties, memory) = unsafe {
+        let (properties, memory, families) = unsafe {
             (
                 instance.get_physical_device_properties(physical),
                 instance.get_physical_device_memory_properties(physical),
+                instance.get_physical_device_queue_family_properties(physical),
             )
         };
         let (driver, max_allocation) = driver(&instance, physical);
@@ -231,6 +234,7 @@ impl Device {
             is_cpu: properties.device_type == vk::PhysicalDeviceType::CPU,
             int64_atomics: false,
             has_host_visible_vram: has_host_visible_vram(&memory),
+            has_timestamps: families[family as usize].timestamp_valid_bits > 0,
             has_large_texel_buffers: properties.limits.max_texel_buffer_elements >= MIN_TEXELS,
             max_workgroups: match properties.device_type {
                 vk::PhysicalDeviceType::CPU => {
@@ -448,7 +452,7 @@ fn choose(instance: &ash::Instance, options: &DeviceOptions) -> Result<Choice> {
         }
         let mut missing = requirements::check(instance, device);
         if options.window && !has_swapchains(instance, device) {
-            missing.push("swapchains");
+            missing.push("swapchains".into());
         }
         if missing.is_empty() {
             let no_int64 = !requirements::has_optional(instance, device);

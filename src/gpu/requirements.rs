@@ -2,7 +2,7 @@
 //! for hosts that create their own.
 //!
 //! No extension is needed beside Vulkan 1.3. Required features are those without which nothing
-//! runs; optional ones make it faster.
+//! runs; optional ones make it faster. Two limits must be above the least that Vulkan allows.
 
 use ash::vk::{self, StructureType as Type};
 
@@ -100,17 +100,47 @@ fn available(instance: &ash::Instance, device: vk::PhysicalDevice) -> Features {
     found
 }
 
+/// A limit that must be above the least value that Vulkan allows.
+struct Limit {
+    /// Name of the member in `VkPhysicalDeviceLimits`.
+    name: &'static str,
+    least: u32,
+    value: fn(&vk::PhysicalDeviceLimits) -> u32,
+}
+
+/// What the shader binds that binds most, from `build.rs`.
+mod most {
+    include!(concat!(env!("OUT_DIR"), "/most.rs"));
+}
+
+const LIMITS: [Limit; 2] = [
+    Limit {
+        name: "maxPerStageDescriptorStorageBuffers",
+        least: most::STORAGE_BUFFERS,
+        value: |limits| limits.max_per_stage_descriptor_storage_buffers,
+    },
+    Limit {
+        name: "maxPerStageDescriptorStorageImages",
+        least: most::STORAGE_IMAGES,
+        value: |limits| limits.max_per_stage_descriptor_storage_images,
+    },
+];
+
 /// Returns the names of what is required and missing.
-pub fn check(instance: &ash::Instance, device: vk::PhysicalDevice) -> Vec<&'static str> {
+pub fn check(instance: &ash::Instance, device: vk::PhysicalDevice) -> Vec<String> {
     // SAFETY: plain query of a live instance.
     let properties = unsafe { instance.get_physical_device_properties(device) };
     if properties.api_version < vk::API_VERSION_1_3 {
-        return vec!["Vulkan 1.3"];
+        return vec!["Vulkan 1.3".into()];
     }
+    let low = LIMITS.iter().filter_map(|Limit { name, least, value }| {
+        let value = value(&properties.limits);
+        (value < *least).then(|| format!("{name} of {least} (it has {value})"))
+    });
     let mut found = available(instance, device);
     let is_missing = |feature: &&Feature| *(feature.field)(&mut found) == vk::FALSE;
     let required = FEATURES.iter().filter(|feature| feature.required);
-    required.filter(is_missing).map(|feature| feature.name).collect()
+    required.filter(is_missing).map(|feature| feature.name.into()).chain(low).collect()
 }
 
 /// Returns whether a device has all optional features; it must have Vulkan 1.3.

@@ -920,6 +920,43 @@ mod painted {
         }
     }
 
+    /// A place that was measured twice is painted once. A point that is not drawn hides none at its
+    /// place.
+    #[test]
+    fn points_at_one_place_are_one_stroke() {
+        // Each place has one other near it, so that sizes are the same however often they occur.
+        let (scene, places) = (scene(SceneKind::Plane, 2000, 0.0), [[0, 0, 0], [4000, 900, 300]]);
+        let with = |classes: &[u8]| {
+            let mut cloud = scene.clone();
+            let axis = |axis: usize| {
+                places.iter().flat_map(|at| vec![at[axis]; classes.len()]).collect::<Vec<i32>>()
+            };
+            cloud.parts[0].columns = Columns {
+                x: axis(0),
+                y: axis(1),
+                z: axis(2),
+                class: Some(classes.repeat(places.len())),
+                ..Columns::default()
+            };
+            cloud
+        };
+        let camera = Camera::framing(Preset::Iso, &with(&[2]).core_points(), [161, 120]);
+        let view = View::new(camera, [161, 120]).unwrap();
+        for effect in ["strokes=on", "strokes=on,blend=opaque"] {
+            for (class, classes, hidden) in [
+                (2, &[2, 2, 2][..], &[][..]),
+                (2, &[2, 6], &["class:6=0"]),
+                (6, &[2, 6], &["class:2=0"]),
+            ] {
+                let once = paint_through(&with(&[class]), &view, effect, hidden);
+                let again = paint_through(&with(classes), &view, effect, hidden);
+                println!("{effect}, {classes:?}: {}; {}", once.facts, again.facts);
+                assert!(once.depth.iter().filter(|depth| depth.is_finite()).count() > 500);
+                assert!(bits(&again.picture) == bits(&once.picture), "{effect}, {classes:?}");
+            }
+        }
+    }
+
     /// Half black over white is 188 of 255. Each stroke lets through its share of what those before
     /// it leave. Coverages have 8 bits.
     #[test]

@@ -6,7 +6,7 @@ use crate::exr_file::read_exr;
 use crate::files::{names, scan};
 use crate::made::shuffled;
 use crate::png_file::read_png;
-use crate::program::{failed, pointillist, render, succeeded, text};
+use crate::program::{SIGNALS, failed, pointillist, render, succeeded, text};
 use pointillist::synth::SceneKind;
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -657,8 +657,8 @@ fn synth_writes_cloud_camera_and_truth_of_one_scene() {
     assert!(matches!(huge.status.code(), Some(1 | 2)), "{}", text(&huge.stderr));
 }
 
-/// Ctrl-C at different moments: exit code 130 or a whole file, and never anything else in the
-/// folder.
+/// Ctrl-C, SIGTERM and SIGHUP in turn at different moments: exit code 130 or a whole file, and
+/// never anything else in the folder.
 #[cfg(unix)]
 #[test]
 fn interrupted_work_leaves_nothing_half_written() {
@@ -672,6 +672,7 @@ fn interrupted_work_leaves_nothing_half_written() {
     // Many rows, written long after the points are read.
     let map = place.line("raster @street.las -o @map.tif --resolution 0.002");
     let given = names(place.folder.path());
+    let mut signals = SIGNALS.iter().cycle();
     for (line, waits_ms) in [
         (&synth, &[300, 1500][..]),
         (&laz, &[1000]),
@@ -683,10 +684,9 @@ fn interrupted_work_leaves_nothing_half_written() {
             let child =
                 pointillist().args(line.split_whitespace()).stderr(Stdio::piped()).spawn().unwrap();
             std::thread::sleep(Duration::from_millis(wait_ms));
-            let interrupted = std::process::Command::new("sh")
-                .args(["-c", &format!("kill -INT {}", child.id())])
-                .status()
-                .unwrap();
+            let &(signal, name) = signals.next().unwrap();
+            // SAFETY: a system call; the child has not been waited for, so its id is its own.
+            unsafe { libc::kill(child.id() as i32, signal) };
             let since = Instant::now();
             let output = child.wait_with_output().unwrap();
             assert!(
@@ -695,7 +695,7 @@ fn interrupted_work_leaves_nothing_half_written() {
                 since.elapsed()
             );
             let said = text(&output.stderr);
-            println!("{line}, after {wait_ms} ms: {} ({interrupted}): {said}", output.status);
+            println!("{line}, after {wait_ms} ms of {name}: {}: {said}", output.status);
             match output.status.code() {
                 Some(0) => {}
                 // Before the handler is there the signal itself ends the process.
@@ -745,6 +745,25 @@ fn painting_in_parts_is_the_same_with_a_note() {
         "{ample}{scarce}"
     );
     failed(&place.render(&cloud, "-o @out.png --style strokes --abuffer-memory 1KiB"), 2);
+}
+
+/// Each place would be painted over itself fifty thousand times in every pixel.
+#[test]
+fn many_points_in_two_places_are_painted_in_seconds() {
+    let place = Place::new();
+    let line = |i: usize| {
+        let at = if i % 2 == 0 { "0 0 0" } else { "1 0.3 0.2" };
+        format!("{at} {} {} {}\n", i % 251, i % 256, i % 7)
+    };
+    let cloud = place.write("two.xyz", &(0..100_000).map(line).collect::<String>());
+    for blend in ["abuffer", "opaque"] {
+        let began = Instant::now();
+        let line = format!("-o @{blend}.png --style strokes --size 200x150");
+        succeeded(&place.render(&cloud, &format!("{line} --effect strokes=blend={blend}")));
+        println!("{blend}: {:?}", began.elapsed());
+        // It takes about a second.
+        assert!(began.elapsed() < Duration::from_secs(30), "{blend}: {:?}", began.elapsed());
+    }
 }
 
 /// Settings without effect get a note and cost nothing; limits that are reached get a note, too.

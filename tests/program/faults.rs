@@ -7,7 +7,7 @@
 #![cfg(target_os = "linux")]
 
 use crate::files::{names, scan};
-use crate::program::{failed, pointillist, succeeded, text};
+use crate::program::{SIGNALS, failed, pointillist, succeeded, text};
 use crate::skip::skip;
 use pointillist::index::format::{Index, PLANES};
 use pointillist::synth::SceneKind;
@@ -525,9 +525,6 @@ fn a_full_disk_is_said_and_the_old_index_stays() {
     }
 }
 
-/// Signals that end a program in an orderly way.
-const SIGNALS: [i32; 3] = [libc::SIGINT, libc::SIGTERM, libc::SIGHUP];
-
 #[test]
 fn interrupted_it_leaves_nothing() {
     let place = Place::new(2_000_000);
@@ -540,7 +537,7 @@ fn interrupted_it_leaves_nothing() {
         let child = place.command().stderr(Stdio::piped()).spawn().unwrap();
         std::thread::sleep(Duration::from_millis(20) + whole * i / 9);
         // SAFETY: a system call; the child has not been waited for, so its id is its own.
-        unsafe { libc::kill(child.id() as i32, SIGNALS[i as usize % SIGNALS.len()]) };
+        unsafe { libc::kill(child.id() as i32, SIGNALS[i as usize % SIGNALS.len()].0) };
         let since = Instant::now();
         let output = child.wait_with_output().unwrap();
         assert!(since.elapsed() < Duration::from_secs(5), "heeded after {:?}", since.elapsed());

@@ -100,11 +100,48 @@ fn inputs_are_not_overwritten() {
     for words in ["--camera camera.json -o camera.json", "--scene camera.json -o camera.json"] {
         failed(&place.run(words), 1);
     }
+    let kept = |place: &Place, option: &str, name: &str| {
+        let before = std::fs::read(place.at(name)).unwrap();
+        let said = failed(&place.run(&format!("{option} {name} -o {name}")), 1);
+        assert!(said.contains("it is an input"), "{option}: {said}");
+        assert!(std::fs::read(place.at(name)).unwrap() == before, "{option}");
+        // Alone it is what the option takes.
+        succeeded(&place.run(&format!("{option} {name} -o picture.png")));
+    };
     // Without an ending, so that only the input is in the way.
     std::fs::copy(place.at("camera.json"), place.at("view")).unwrap();
-    let said = failed(&place.run("--camera view -o view"), 1);
-    assert!(said.contains("it is an input"), "{said}");
+    kept(&place, "--camera", "view");
+    std::fs::write(place.at("scene"), format!(r#"{{"camera": {}}}"#, text(&camera))).unwrap();
+    kept(&place, "--scene", "scene");
     assert!(std::fs::read(place.at("view")).unwrap() == camera);
+
+    let path = format!(
+        r#"{{"keys": [{{"time": 0, "camera": {0}}}, {{"time": 1, "camera": {0}}}]}}"#,
+        text(&camera)
+    );
+    std::fs::write(place.at("path.mp4"), path).unwrap();
+    let light = "--light direction:0.3,0.8,-0.8";
+    let index = |words: &str| {
+        let mut command = pointillist();
+        command.current_dir(place.folder.path()).args(words.split_whitespace());
+        command.output().unwrap()
+    };
+    succeeded(&index("index scan.las -o scan.pnti"));
+    succeeded(&index(&format!("shadows scan.pnti -o saved.shadows {light}")));
+    std::fs::rename(place.at("saved.shadows"), place.at("saved.png")).unwrap();
+    let shadows = std::fs::read(place.at("saved.png")).unwrap();
+    let draw = format!("render scan.pnti --size 64x48 {light} --shadows saved.png");
+    succeeded(&index(&format!("{draw} -o picture.png")));
+    for (words, name) in [
+        (format!("{draw} -o saved.png"), "saved.png"),
+        (format!("render scan.las --path path.mp4 -o path.mp4"), "path.mp4"),
+    ] {
+        let before = std::fs::read(place.at(name)).unwrap();
+        let said = failed(&index(&words), 1);
+        assert!(said.contains("it is an input"), "{words}: {said}");
+        assert!(std::fs::read(place.at(name)).unwrap() == before, "{words}");
+    }
+    assert!(std::fs::read(place.at("saved.png")).unwrap() == shadows);
 }
 
 #[cfg(unix)]
@@ -183,4 +220,67 @@ fn crafted_files_are_refused_in_one_line_or_drawn() {
         }
     }
     assert!(crafted > 20, "{crafted} files");
+}
+
+/// Lines of every subcommand but `view` and `tune`, and whether they print to standard output.
+const PRINTING: &[(&str, bool)] = &[
+    ("info scan.las", true),
+    ("info --json scan.las", true),
+    ("info --count scan.las", true),
+    ("info scan.pnti", true),
+    ("render scan.las -o out.png --size 64x48 --explain=json", true),
+    ("render scan.las -o out.png --size 64x48 --timings", false),
+    ("index scan.las -o out.pnti", false),
+    ("shadows scan.pnti -o out.shadows --light direction:0.3,0.8,-0.8", false),
+    ("export scan.las -o out.las", false),
+    ("raster scan.las -o out.tif --resolution 1", false),
+    ("profile scan.las --from 499990,4999990 --to 500010,5000010 --width 2 -o out.csv", false),
+    ("synth torus -o out.las --points 1000", false),
+    ("study tangents --points 2000 --size 64x48 --repeat 1", true),
+    ("bench project --points 2000 --size 64x48 --repeat 1 --json", true),
+    ("bench splat --points 2000 --size 64x48 --repeat 1", true),
+    ("guide", true),
+    ("guide strokes", true),
+    ("render --help-effects", true),
+    ("--help", true),
+    ("--version", true),
+];
+
+#[cfg(target_os = "linux")]
+#[test]
+fn a_full_disk_is_said_and_a_closed_pipe_is_not() {
+    let place = Place::new();
+    let command = |line: &str| {
+        let mut command = pointillist();
+        command.current_dir(place.folder.path()).args(line.split_whitespace());
+        command
+    };
+    succeeded(&command("index scan.las -o scan.pnti").output().unwrap());
+    let given = place.names();
+    let full = || std::fs::OpenOptions::new().write(true).open("/dev/full").unwrap();
+    for &(line, prints) in PRINTING {
+        let output = command(line).stdout(full()).output().unwrap();
+        if prints {
+            let said = text(&output.stderr);
+            assert_eq!(output.status.code(), Some(1), "{line}: {said}");
+            assert!(said.contains("standard output") && !said.contains("panicked"), "{said}");
+        } else {
+            succeeded(&output);
+        }
+        // What is said on standard error is lost, and nothing else.
+        let output = command(line).stderr(full()).output().unwrap();
+        assert_eq!((output.status.code(), output.stdout.is_empty()), (Some(0), !prints), "{line}");
+        let mut child =
+            command(line).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+        drop((child.stdout.take(), child.stderr.take()));
+        assert_eq!(child.wait().unwrap().code(), Some(0), "{line}");
+        for name in place.names().iter().filter(|name| !given.contains(name)) {
+            let path = place.at(name);
+            let removed = match path.is_dir() {
+                true => std::fs::remove_dir_all(path),
+                false => std::fs::remove_file(path),
+            };
+            removed.unwrap();
+        }
+    }
 }

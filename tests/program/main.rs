@@ -4,6 +4,8 @@
 mod commands;
 #[path = "../support/exr_file.rs"]
 mod exr_file;
+#[path = "../support/faulty_layer.rs"]
+mod faulty_layer;
 #[path = "../support/files.rs"]
 mod files;
 #[path = "../support/index_file.rs"]
@@ -38,6 +40,7 @@ mod in_place;
 mod indexed;
 mod inputs_and_outputs;
 mod jobs;
+mod lesser_devices;
 mod maps;
 mod memory;
 mod network;

@@ -6,6 +6,7 @@ use crate::files::scan;
 use crate::program::{pointillist, succeeded};
 use e57::{E57Writer, Record, RecordValue};
 use pointillist::synth::SceneKind;
+use rayon::prelude::*;
 use std::fs::File;
 use std::io::{BufWriter, Write};
 use std::path::Path;
@@ -201,6 +202,89 @@ fn memory_that_runs_out_leaves_no_partial_file() {
         }
         println!("{command}: memory ran out {ran_out} times");
         assert!(ran_out > 0, "{command}");
+    }
+}
+
+/// A file of more points than are painted whole is indexed first, and painted from the nodes of the
+/// view.
+#[test]
+fn strokes_of_many_points_are_painted_from_a_cut() {
+    let place = tempfile::tempdir().unwrap();
+    let cloud = place.path().join("many.las");
+    let points = pointillist::config::WHOLE_STROKES + 1;
+    scan(&cloud, SceneKind::Street, points);
+    let mut index = pointillist();
+    index.current_dir(place.path()).args(["index", "many.las", "-o", "many.pnti"]);
+    succeeded(&index.output().unwrap());
+    let pictures = ["many.las", "many.pnti"].map(|name| {
+        let mut command = pointillist();
+        command.current_dir(place.path()).args(["render", name, "--style", "strokes"]);
+        command.args(["--size", "160x120", "--no-cache", "-o", "a.png"]);
+        let (output, peak) = peak(&mut command);
+        let said = succeeded(&output);
+        let why = format!("{points} points are more than are painted as strokes without an index");
+        assert_eq!(said.contains(&why), name == "many.las", "{said}");
+        println!("{name}: {} MiB", peak / MIB);
+        // Whole, they would take 1.3 GB.
+        assert!(peak < 600 * MIB, "{name}: {} MiB", peak / MIB);
+        std::fs::read(place.path().join("a.png")).unwrap()
+    });
+    assert!(pictures[0] == pictures[1]);
+}
+
+/// Least size of allocations that fail one by one [bytes]. Systems that overcommit grant smaller
+/// ones from what a process has.
+const LARGE: &str = "65536";
+
+/// Each large allocation of the program fails once, those of the driver apart
+/// (`tests/support/failing_allocator.c`).
+#[test]
+fn every_large_allocation_may_fail() {
+    let place = tempfile::tempdir().unwrap();
+    let source = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/support/failing_allocator.c");
+    let library = place.path().join("liballocator.so");
+    let compiler = std::env::var("CC").unwrap_or("cc".into());
+    let mut build = Command::new(&compiler);
+    build.args(["-std=c11", "-O1", "-Wall", "-Wextra", "-Werror", "-shared", "-fPIC", "-o"]);
+    let Ok(built) = build.arg(&library).arg(source).output() else {
+        return crate::skip::skip(&format!("{compiler} is missing"));
+    };
+    succeeded(&built);
+    let cloud = place.path().join("some.las");
+    scan(&cloud, SceneKind::Street, 5000);
+    for (line, result) in [
+        ("index --strokes", "out.pnti"),
+        ("render --size 64x48", "out.png"),
+        ("render --size 64x48 --style strokes", "out.png"),
+    ] {
+        let run = |at: usize| {
+            let folder = tempfile::tempdir_in(place.path()).unwrap();
+            let log = folder.path().with_extension("log");
+            let mut command = pointillist();
+            command.args(line.split_whitespace()).arg(&cloud).args(["-o", result]);
+            command.current_dir(folder.path()).env("LD_PRELOAD", &library);
+            command.env("FAULT_AT", at.to_string()).env("FAULT_BYTES", LARGE);
+            let output = command.env("FAULT_LOG", &log).output().unwrap();
+            let said = String::from_utf8_lossy(&output.stderr).into_owned();
+            let left = crate::files::names(folder.path());
+            match output.status.code() {
+                Some(0) => assert_eq!(left, [result], "{line}, {at}: {said}"),
+                Some(1) => {
+                    assert!(left.is_empty(), "{line}, {at}: {left:?} were left; {said}");
+                    let last = said.trim_end().lines().last().unwrap_or_default();
+                    assert!(last.starts_with("pointillist: "), "{line}, {at}: {said}");
+                    assert!(!said.contains("panicked"), "{line}, {at}: {said}");
+                }
+                _ => panic!("{line}, {at}: {}: {said}", output.status),
+            }
+            let calls = std::fs::read_to_string(log).ok().map(|text| text.trim().parse().unwrap());
+            (calls, output.status.success())
+        };
+        let (calls, _) = run(0);
+        let calls: usize = calls.expect("the library is preloaded");
+        let failed = (1..=calls).into_par_iter().filter(|&at| !run(at).1).count();
+        println!("{line}: {failed} of {calls} allocations that fail end the program");
+        assert!(calls > 20 && failed > calls / 2, "{line}: {failed} of {calls}");
     }
 }
 

@@ -144,6 +144,24 @@ fn samples_of_inner_nodes_have_the_mean_of_the_points_that_they_stand_for() {
     assert!(inner > 0 && between);
 }
 
+/// Its bytes do not depend on the memory that it was built in.
+#[test]
+fn shadows_belong_to_an_index_that_was_built_again_in_other_memory() {
+    // More than 64 MiB of records.
+    let place = Place::new(4_000_000);
+    let line = "--effect shadows=samples=1,size=200";
+    succeeded(&place.run(&format!("shadows @street.pnti -o @a.shadows {LIGHT} {line}")));
+    let draw = |name: &str| {
+        let explained = place.explained(&format!("-o @{name} {LIGHT} --shadows @a.shadows"));
+        assert_eq!(explained["shadows"]["saved"], true);
+        std::fs::read(place.at(name)).unwrap()
+    };
+    let before = draw("before.png");
+    std::fs::remove_file(place.at("street.pnti")).unwrap();
+    succeeded(&place.run("index @street.las -o @street.pnti --memory 64MiB"));
+    assert!(draw("after.png") == before);
+}
+
 #[test]
 fn shadows_of_another_cloud_or_light_are_refused_and_damaged_ones_are_said() {
     let place = Place::new(200_000);

@@ -7,20 +7,15 @@
 
 #![cfg(target_os = "linux")]
 
+use crate::faulty_layer::{self, Layer};
 use crate::files::{names, scan};
 use crate::program::{succeeded, text};
-use crate::skip::skip;
 use pointillist::synth::SceneKind;
 use std::collections::HashSet;
 use std::fs;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::process::{Command, Stdio};
 use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
-
-const LAYER: &str = "VK_LAYER_POINTILLIST_faulty";
-
-/// Folders in which the loader finds the other layers.
-const LAYERS: &str = "/usr/share/vulkan/explicit_layer.d:/usr/local/share/vulkan/explicit_layer.d";
 
 /// Longest time of a run on a busy machine, beyond which it hangs [s].
 const LONGEST: &str = "60";
@@ -41,34 +36,9 @@ impl Place {
     /// Makes the layer; `None` without a C compiler or Vulkan's headers.
     fn new() -> Option<Place> {
         let place = Place(tempfile::tempdir().unwrap());
-        let source = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/support/faulty_layer.c");
-        let compiler = std::env::var("CC").unwrap_or("cc".into());
-        let built = Command::new(&compiler)
-            .args(["-std=c11", "-Wall", "-Wextra", "-Werror", "-shared", "-fPIC", "-o"])
-            .arg(place.path("libfaulty.so"))
-            .arg(source)
-            .output();
-        let Ok(built) = built else {
-            skip(&format!("{compiler} is missing"));
-            return None;
-        };
-        if text(&built.stderr).contains("vk_layer.h: No such file") {
-            skip("Vulkan's headers are missing");
+        if !faulty_layer::build(place.0.path()) {
             return None;
         }
-        succeeded(&built);
-        let manifest = serde_json::json!({
-            "file_format_version": "1.1.0",
-            "layer": {
-                "name": LAYER,
-                "type": "GLOBAL",
-                "library_path": "./libfaulty.so",
-                "api_version": "1.3.0",
-                "implementation_version": "1",
-                "description": "Lets calls fail",
-            },
-        });
-        fs::write(place.path("faulty.json"), manifest.to_string()).unwrap();
         scan(&place.path("a.las"), SceneKind::Street, 20_000);
         let mut index = crate::program::pointillist();
         index.current_dir(place.0.path()).args([
@@ -101,9 +71,8 @@ impl Place {
         command.arg(LONGEST).arg(env!("CARGO_BIN_EXE_pointillist")).arg("render");
         command.args(line.split_whitespace()).args(["--size", "64x48", "--validate", "-o"]);
         command.arg(out.path().join(picture)).current_dir(self.0.path()).stdin(Stdio::null());
-        command.env("RUST_BACKTRACE", "0").env("VK_INSTANCE_LAYERS", LAYER);
-        command.env("VK_LAYER_PATH", format!("{}:{LAYERS}", self.0.path().display()));
-        command.env("FAULT_LOG", &log);
+        command.env("RUST_BACKTRACE", "0").env("FAULT_LOG", &log);
+        command.envs(faulty_layer::environment(self.0.path(), Layer::AboveValidation));
         if fault == Fault::Loses {
             command.env("FAULT_LOSES", "1");
         }

@@ -1,9 +1,12 @@
-// A Vulkan layer that lets one call fail, or loses the device at one, for tests of the program.
+// A Vulkan layer that lets one call fail, or loses the device at one, or hides what a device has,
+// for tests of the program.
 //
 // In: the environment.
 //   FAULT_AT=N        the N-th call that may fail does, counted from 1 over all threads
 //   FAULT_LOSES=1     that call, and all after it that a lost device fails, say that it is lost
 //   FAULT_LOG=FILE    names of calls are appended there: of the failed one, or of all without FAULT_AT
+//   HIDDEN=NAME,...   the device is said to lack these features
+//   LIMITS=NAME=N,... the device is said to have these limits, and apiVersion or timestampValidBits
 // What fails does not reach the layers below, nor the driver, but for what waits for a lost device.
 
 #include <stdatomic.h>
@@ -145,6 +148,26 @@ static PFN_vkGetDeviceProcAddr next_device_function;
     X(vkGetSemaphoreCounterValue, true, OOM,                                                       \
       (VkDevice device, VkSemaphore semaphore, uint64_t *value), (device, semaphore, value))       \
     X(vkDeviceWaitIdle, true, OOM, (VkDevice device), (device))
+#define PHYSICAL VkPhysicalDevice physical
+#define QUERIES(X)                                                                                 \
+    X(vkGetPhysicalDeviceFeatures, (PHYSICAL, VkPhysicalDeviceFeatures *found),                    \
+      (physical, found), hide(found, NULL))                                                        \
+    X(vkGetPhysicalDeviceFeatures2, (PHYSICAL, VkPhysicalDeviceFeatures2 *found),                  \
+      (physical, found), hide(&found->features, found->pNext))                                     \
+    X(vkGetPhysicalDeviceFeatures2KHR, (PHYSICAL, VkPhysicalDeviceFeatures2 *found),               \
+      (physical, found), hide(&found->features, found->pNext))                                     \
+    X(vkGetPhysicalDeviceProperties, (PHYSICAL, VkPhysicalDeviceProperties *found),                \
+      (physical, found), limit(found, NULL))                                                       \
+    X(vkGetPhysicalDeviceProperties2, (PHYSICAL, VkPhysicalDeviceProperties2 *found),              \
+      (physical, found), limit(&found->properties, found->pNext))                                  \
+    X(vkGetPhysicalDeviceProperties2KHR, (PHYSICAL, VkPhysicalDeviceProperties2 *found),           \
+      (physical, found), limit(&found->properties, found->pNext))                                  \
+    X(vkGetPhysicalDeviceQueueFamilyProperties,                                                    \
+      (PHYSICAL, uint32_t *count, VkQueueFamilyProperties *found), (physical, count, found),       \
+      for (uint32_t i = 0; found && i < *count; ++i) limit_queues(&found[i]))                      \
+    X(vkGetPhysicalDeviceQueueFamilyProperties2,                                                   \
+      (PHYSICAL, uint32_t *count, VkQueueFamilyProperties2 *found), (physical, count, found),      \
+      for (uint32_t i = 0; found && i < *count; ++i) limit_queues(&found[i].queueFamilyProperties))
 #define INSTANCE_FUNCTIONS(X)                                                                      \
     X(vkEnumeratePhysicalDevices, false, VK_ERROR_OUT_OF_HOST_MEMORY,                              \
       (VkInstance instance, uint32_t *count, VkPhysicalDevice *devices),                           \
@@ -168,6 +191,119 @@ static PFN_vkGetDeviceProcAddr next_device_function;
 DEVICE_FUNCTIONS(DEFINE)
 INSTANCE_FUNCTIONS(DEFINE)
 
+// Returns what follows a name in a list of the environment; NULL if it is not there.
+static const char *listed(const char *variable, const char *name) {
+    const size_t length = strlen(name);
+    const char *at = getenv(variable);
+    while (at && (strncmp(at, name, length) || !strchr(",=", at[length]))) {
+        at = strchr(at, ',');
+        at = at ? at + 1 : NULL;
+    }
+    return at ? at + length : NULL;
+}
+
+static void hide(VkPhysicalDeviceFeatures *v10, void *next) {
+#define HIDE(features, member)                                                                     \
+    if (listed("HIDDEN", #member)) {                                                               \
+        (features)->member = VK_FALSE;                                                             \
+    }
+    HIDE(v10, fragmentStoresAndAtomics)
+    HIDE(v10, shaderInt64)
+    for (VkBaseOutStructure *link = next; link; link = link->pNext) {
+        if (link->sType == VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_VULKAN_1_2_FEATURES) {
+            VkPhysicalDeviceVulkan12Features *v12 = (VkPhysicalDeviceVulkan12Features *)link;
+            HIDE(v12, shaderBufferInt64Atomics)
+            HIDE(v12, timelineSemaphore)
+            HIDE(v12, bufferDeviceAddress)
+            HIDE(v12, scalarBlockLayout)
+        } else if (link->sType == VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_VULKAN_1_3_FEATURES) {
+            VkPhysicalDeviceVulkan13Features *v13 = (VkPhysicalDeviceVulkan13Features *)link;
+            HIDE(v13, synchronization2)
+            HIDE(v13, dynamicRendering)
+            HIDE(v13, maintenance4)
+            HIDE(v13, robustImageAccess)
+            HIDE(v13, shaderDemoteToHelperInvocation)
+        }
+    }
+}
+
+#define SET(place, name)                                                                           \
+    if ((value = listed("LIMITS", name))) {                                                        \
+        (place) = strtoull(value + 1, NULL, 10);                                                   \
+    }
+#define LIMIT(limits, member) SET((limits)->member, #member)
+
+static void limit_queues(VkQueueFamilyProperties *family) {
+    const char *value;
+    LIMIT(family, timestampValidBits)
+}
+
+static void limit(VkPhysicalDeviceProperties *properties, void *next) {
+    const char *value;
+    LIMIT(properties, apiVersion)
+    VkPhysicalDeviceLimits *limits = &properties->limits;
+    LIMIT(limits, maxImageDimension2D)
+    LIMIT(limits, maxTexelBufferElements)
+    LIMIT(limits, maxStorageBufferRange)
+    LIMIT(limits, maxPushConstantsSize)
+    LIMIT(limits, maxMemoryAllocationCount)
+    LIMIT(limits, bufferImageGranularity)
+    LIMIT(limits, maxBoundDescriptorSets)
+    LIMIT(limits, maxPerStageDescriptorStorageBuffers)
+    LIMIT(limits, maxPerStageDescriptorStorageImages)
+    LIMIT(limits, maxPerStageResources)
+    LIMIT(limits, maxDescriptorSetStorageBuffers)
+    LIMIT(limits, maxDescriptorSetStorageImages)
+    LIMIT(limits, maxVertexInputAttributes)
+    LIMIT(limits, maxVertexInputBindings)
+    LIMIT(limits, maxVertexOutputComponents)
+    LIMIT(limits, maxFragmentInputComponents)
+    LIMIT(limits, maxFragmentOutputAttachments)
+    LIMIT(limits, maxFragmentCombinedOutputResources)
+    LIMIT(limits, maxComputeSharedMemorySize)
+    LIMIT(limits, maxComputeWorkGroupInvocations)
+    SET(limits->maxComputeWorkGroupCount[0], "maxComputeWorkGroupCount")
+    SET(limits->maxComputeWorkGroupCount[1], "maxComputeWorkGroupCount")
+    SET(limits->maxComputeWorkGroupCount[2], "maxComputeWorkGroupCount")
+    SET(limits->maxComputeWorkGroupSize[0], "maxComputeWorkGroupSize")
+    SET(limits->maxComputeWorkGroupSize[1], "maxComputeWorkGroupSize")
+    SET(limits->maxComputeWorkGroupSize[2], "maxComputeWorkGroupDepth")
+    SET(limits->maxViewportDimensions[0], "maxViewportDimensions")
+    SET(limits->maxViewportDimensions[1], "maxViewportDimensions")
+    LIMIT(limits, minMemoryMapAlignment)
+    LIMIT(limits, minTexelBufferOffsetAlignment)
+    LIMIT(limits, minStorageBufferOffsetAlignment)
+    LIMIT(limits, maxFramebufferWidth)
+    LIMIT(limits, maxFramebufferHeight)
+    LIMIT(limits, maxColorAttachments)
+    LIMIT(limits, timestampComputeAndGraphics)
+    LIMIT(limits, nonCoherentAtomSize)
+    for (VkBaseOutStructure *link = next; link; link = link->pNext) {
+        if (link->sType == VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_MAINTENANCE_3_PROPERTIES) {
+            VkPhysicalDeviceMaintenance3Properties *own =
+                (VkPhysicalDeviceMaintenance3Properties *)link;
+            LIMIT(own, maxPerSetDescriptors)
+            LIMIT(own, maxMemoryAllocationSize)
+        } else if (link->sType == VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_VULKAN_1_1_PROPERTIES) {
+            VkPhysicalDeviceVulkan11Properties *own = (VkPhysicalDeviceVulkan11Properties *)link;
+            LIMIT(own, maxPerSetDescriptors)
+            LIMIT(own, maxMemoryAllocationSize)
+        } else if (link->sType == VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_MAINTENANCE_4_PROPERTIES) {
+            LIMIT((VkPhysicalDeviceMaintenance4Properties *)link, maxBufferSize)
+        } else if (link->sType == VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_VULKAN_1_3_PROPERTIES) {
+            LIMIT((VkPhysicalDeviceVulkan13Properties *)link, maxBufferSize)
+        }
+    }
+}
+
+#define DEFINE_QUERY(name, parameters, arguments, change)                                          \
+    static PFN_##name next_##name;                                                                 \
+    static VKAPI_ATTR void VKAPI_CALL own_##name parameters {                                      \
+        next_##name arguments;                                                                     \
+        change;                                                                                    \
+    }
+QUERIES(DEFINE_QUERY)
+
 static VKAPI_ATTR VkResult VKAPI_CALL own_vkCreateInstance(const VkInstanceCreateInfo *info,
                                                            ALLOCATOR, VkInstance *made) {
     VkLayerInstanceCreateInfo *link = (VkLayerInstanceCreateInfo *)info->pNext;
@@ -187,6 +323,9 @@ static VKAPI_ATTR VkResult VKAPI_CALL own_vkCreateInstance(const VkInstanceCreat
 #define LOAD_OF_INSTANCE(name, can_lose, usual, parameters, arguments)                             \
     next_##name = (PFN_##name)next_instance_function(*made, #name);
         INSTANCE_FUNCTIONS(LOAD_OF_INSTANCE)
+#define LOAD_QUERY(name, parameters, arguments, change)                                            \
+    LOAD_OF_INSTANCE(name, false, 0, parameters, arguments)
+        QUERIES(LOAD_QUERY)
     }
     return result;
 }
@@ -245,5 +384,8 @@ VK_LAYER_EXPORT VKAPI_ATTR PFN_vkVoidFunction VKAPI_CALL vkGetInstanceProcAddr(V
         return (PFN_vkVoidFunction)own_vkCreateDevice;
     }
     INSTANCE_FUNCTIONS(FIND)
+#define FIND_QUERY(function, parameters, arguments, change)                                        \
+    FIND(function, false, 0, parameters, arguments)
+    QUERIES(FIND_QUERY)
     return next_instance_function ? next_instance_function(instance, name) : NULL;
 }

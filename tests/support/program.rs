@@ -3,6 +3,12 @@
 use std::path::Path;
 use std::process::{Command, Output, Stdio};
 
+/// Signals that end a program in an orderly way, with their names.
+#[allow(dead_code, reason = "tests of the program use it")]
+#[cfg(unix)]
+pub const SIGNALS: [(i32, &str); 3] =
+    [(libc::SIGINT, "SIGINT"), (libc::SIGTERM, "SIGTERM"), (libc::SIGHUP, "SIGHUP")];
+
 /// Returns the program, without variables of the environment that would change it.
 pub fn pointillist() -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_pointillist"));

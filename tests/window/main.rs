@@ -2,6 +2,8 @@
 
 #[path = "../support/exr_file.rs"]
 mod exr_file;
+#[path = "../support/faulty_layer.rs"]
+mod faulty_layer;
 #[path = "../support/files.rs"]
 mod files;
 #[path = "../support/png_file.rs"]
@@ -24,5 +26,6 @@ mod pace;
 mod panel;
 mod presentation;
 mod server;
+mod vulkan_faults;
 mod window;
 mod window_lifecycle;

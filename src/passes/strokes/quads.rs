@@ -80,7 +80,7 @@ impl Painting<'_> {
         let part = g.upload("part", &places)?;
         let mut strokes =
             g.buffer("strokes on the screen", STROKE_BYTES * (places[1] - places[0]).max(1) as u64);
-        let StrokeInputs { drawn, homes, turns, .. } = desk;
+        let StrokeInputs { drawn, homes, turns, paint, .. } = desk;
         for group in &drawn.groups {
             let project::Group { block, planes, filtered, first_chunk, chunk_count, .. } = *group;
             let project::Walk {
@@ -122,6 +122,7 @@ impl Painting<'_> {
                         texels,
                         points_per_chunk,
                         filtered,
+                        by_kind: paint.kinds.is_some(),
                         slices_of_chunk: 1,
                     },
                 },
