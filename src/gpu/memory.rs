@@ -312,11 +312,15 @@ pub struct Memory {
     allocator: ManuallyDrop<Allocator>,
     /// Dropped objects; they arrive from any thread.
     freed: (Sender<Freed>, Receiver<Freed>),
-    /// Recycled buffers, each with the value of `blocks_asked` when it was recycled.
-    buffers: HashMap<BufferDesc, Vec<(BufferParts, u64)>>,
+    /// Recycled buffers, each with the value of `blocks_asked` when it was recycled, and the frame
+    /// that may use it.
+    buffers: HashMap<BufferDesc, Vec<(BufferParts, u64, u64)>>,
     blocks: Vec<BlockParts>,
-    /// Buffers to destroy when nothing is in flight.
-    destroyed: Vec<BufferParts>,
+    /// Buffers to destroy when nothing is in flight, each with the frame that may use it.
+    destroyed: Vec<(BufferParts, u64)>,
+    /// Frame of a host that is recorded, or was recorded last, and the last one that is completed;
+    /// both 0 on a queue of our own.
+    frames: [u64; 2],
     blocks_asked: u64,
     image_requirements: HashMap<ImageDesc, MemoryRequirements>,
     buffer_requirements: HashMap<u64, MemoryRequirements>,
@@ -346,6 +350,7 @@ impl Memory {
             buffers: HashMap::new(),
             blocks: Vec::new(),
             destroyed: Vec::new(),
+            frames: [0; 2],
             blocks_asked: 0,
             image_requirements: HashMap::new(),
             buffer_requirements: HashMap::new(),
@@ -359,7 +364,7 @@ impl Memory {
 
     pub fn buffer(&mut self, device: &Device, desc: BufferDesc, name: &str) -> Result<RawBuffer> {
         self.collect();
-        if let Some((parts, _)) = self.buffers.get_mut(&desc).and_then(Vec::pop) {
+        if let Some((parts, ..)) = self.buffers.get_mut(&desc).and_then(Vec::pop) {
             device.name(parts.raw, name);
             return Ok(self.owned_buffer(parts));
         }
@@ -415,10 +420,10 @@ impl Memory {
         while let Ok(freed) = self.freed.1.try_recv() {
             match freed {
                 Freed::Buffer(parts) => {
-                    let recycled = (parts, self.blocks_asked);
+                    let recycled = (parts, self.blocks_asked, self.frames[0]);
                     self.buffers.entry(recycled.0.desc).or_default().push(recycled);
                 }
-                Freed::DestroyedBuffer(parts) => self.destroyed.push(parts),
+                Freed::DestroyedBuffer(parts) => self.destroyed.push((parts, self.frames[0])),
                 Freed::Block(mut block) => {
                     let recycled_at = self.blocks_asked;
                     self.empty(&mut block, recycled_at.saturating_sub(MAX_AGE));
@@ -439,7 +444,21 @@ impl Memory {
         self.collect();
         std::mem::take(&mut self.destroyed)
             .into_iter()
-            .for_each(|parts| self.destroy_buffer(parts));
+            .for_each(|(parts, _)| self.destroy_buffer(parts));
+    }
+
+    /// Begins a frame of a host, and destroys what only completed ones may use.
+    pub fn begin_frame(&mut self, frame: u64, completed: u64) {
+        self.collect();
+        self.frames = [frame, completed];
+        let unused: Vec<_> =
+            self.destroyed.extract_if(.., |(_, used_by)| *used_by <= completed).collect();
+        unused.into_iter().for_each(|(parts, _)| self.destroy_buffer(parts));
+    }
+
+    /// Marks the contents of all persistent buffers as void.
+    pub fn invalidate_all(&mut self) {
+        self.persistent.values_mut().for_each(|kept| kept.state = None);
     }
 
     /// Returns the memory requirements of an image.
@@ -483,11 +502,15 @@ impl Memory {
         let old: Vec<BlockParts> =
             self.blocks.extract_if(.., |block| is_old(block.recycled_at)).collect();
         old.into_iter().for_each(|block| self.destroy_block(block));
-        let of_size = self.buffers.values_mut();
+        let (of_size, completed) = (self.buffers.values_mut(), self.frames[1]);
         let old: Vec<_> = of_size
-            .flat_map(|recycled| recycled.extract_if(.., |(_, recycled_at)| is_old(*recycled_at)))
+            .flat_map(|recycled| {
+                recycled.extract_if(.., |(_, recycled_at, used_by)| {
+                    is_old(*recycled_at) && *used_by <= completed
+                })
+            })
             .collect();
-        old.into_iter().for_each(|(buffer, _)| self.destroy_buffer(buffer));
+        old.into_iter().for_each(|(buffer, ..)| self.destroy_buffer(buffer));
         self.buffers.retain(|_, recycled| !recycled.is_empty());
 
         let alike = |block: &BlockParts| {
@@ -743,7 +766,7 @@ impl Drop for Memory {
         self.alive.close(|| ());
         self.persistent.clear();
         self.destroy_now();
-        for (buffer, _) in std::mem::take(&mut self.buffers).into_values().flatten() {
+        for (buffer, ..) in std::mem::take(&mut self.buffers).into_values().flatten() {
             self.destroy_buffer(buffer);
         }
         for block in std::mem::take(&mut self.blocks) {

@@ -128,8 +128,7 @@ impl Gpu {
         host.safe_frame = host.safe_frame.max(safe_frame);
         let safe_frame = host.safe_frame;
         host.before.retain(|before| before.frame > safe_frame);
-        // Clouds are dropped when no frame uses them any more.
-        self.memory.destroy_now();
+        self.memory.begin_frame(frame, safe_frame);
     }
 
     /// Returns the command buffer of the host's frame.
@@ -141,5 +140,18 @@ impl Gpu {
     pub(crate) fn end_host_frame(&mut self) {
         let host = self.host.as_mut().expect("a device of a host");
         (host.commands, self.submitted) = (vk::CommandBuffer::null(), host.frame);
+    }
+
+    /// Ends a frame of the host whose commands are never submitted.
+    pub(crate) fn drop_host_frame(&mut self) {
+        self.host.as_mut().expect("a device of a host").commands = vk::CommandBuffer::null();
+        // Their contents may be those of the frame.
+        self.memory.invalidate_all();
+    }
+
+    /// Returns the last frame that is completed, if the device has completed `safe_frame`, and
+    /// `next` is the next one. Frames that were dropped are completed with those before them.
+    pub(crate) fn completed_frame(&self, safe_frame: u64, next: u64) -> u64 {
+        if self.submitted <= safe_frame { next - 1 } else { safe_frame }
     }
 }

@@ -8,6 +8,7 @@ use crate::graph::Gpu;
 use crate::index::format::Index;
 use crate::network::{Traffic, traffic};
 use crate::progress::Progress;
+use crate::resident::pool::Pool;
 use crate::resident::{CloudUpload, Residency, Resident, streaming::Update};
 use crate::select::clip::{Clip, Clips};
 use crate::select::lod::Detail;
@@ -48,6 +49,14 @@ impl PreparedCloud {
             }
         }
         Ok((remains, UPLOAD_BYTES - room))
+    }
+
+    /// Returns the pages of what is uploaded so far.
+    pub fn pool_mut(&mut self) -> Option<&mut Pool> {
+        match self {
+            PreparedCloud::Files(upload) => upload.pool_mut(),
+            PreparedCloud::Index(..) => None,
+        }
     }
 
     /// Completes the upload.
@@ -130,6 +139,14 @@ impl GpuCloud {
         match self {
             GpuCloud::Whole(resident) => resident,
             GpuCloud::Parts(residency) => residency.resident(),
+        }
+    }
+
+    /// Returns its pages.
+    pub fn pool_mut(&mut self) -> &mut Pool {
+        match self {
+            GpuCloud::Whole(resident) => resident.pool_mut(),
+            GpuCloud::Parts(residency) => residency.resident_mut().pool_mut(),
         }
     }
 

@@ -14,6 +14,7 @@ use crate::progress::Progress;
 use crate::render::gpu_cloud::{GpuCloud, PreparedCloud};
 use crate::render::source::{OpenOptions, Source};
 use crate::resident::Resident;
+use crate::resident::pool::Pool;
 use crate::select::lod::{Detail, LodOptions};
 use crate::thread_pool::Workers;
 use crate::view::View;
@@ -288,10 +289,43 @@ impl Entry {
         Ok(Entry::new(id, Origin::Device, Stage::OnDevice(points), strokes))
     }
 
-    /// Uploads some of what is loaded.
-    pub fn advance(&mut self, gpu: &mut Gpu, memory_budget: u64) {
+    fn pool_mut(&mut self) -> Option<&mut Pool> {
+        match &mut self.stage {
+            Stage::Uploading(prepared) => prepared.pool_mut(),
+            Stage::Ready(cloud) => Some(cloud.pool_mut()),
+            _ => None,
+        }
+    }
+
+    /// Goes back to before a frame that was dropped: what it copied is to be copied again. Returns
+    /// the copy that it made of the host's points.
+    pub fn drop_frame(&mut self, frame: u64) -> Option<RawBuffer> {
+        self.pool_mut().into_iter().for_each(|pool| pool.copy_again(frame));
+        let Stage::Copying(points, _, by) = &self.stage else { return None };
+        if *by != frame {
+            return None;
+        }
+        let before = Stage::OnDevice(*points);
+        match std::mem::replace(&mut self.stage, before) {
+            Stage::Copying(_, copy, _) => Some(copy),
+            _ => None,
+        }
+    }
+
+    /// Records the copies of frames that were dropped.
+    pub fn copy_again(&mut self, gpu: &mut Gpu) -> Result<()> {
+        self.pool_mut().map_or(Ok(()), |pool| pool.submit_copies(gpu))
+    }
+
+    /// Uploads some of what is loaded. A cloud fails by itself; errors only if the device is lost.
+    pub fn advance(&mut self, gpu: &mut Gpu, memory_budget: u64) -> Result<()> {
         self.streamed = 0;
-        let failed = |error: Error| Stage::Failed(error.to_string());
+        let mut lost = None;
+        let mut failed = |error: Error| {
+            let why = error.to_string();
+            lost = Some(error).filter(Error::is_lost_device);
+            Stage::Failed(why)
+        };
         let waiting = Stage::Failed(String::new());
         self.stage = match std::mem::replace(&mut self.stage, waiting) {
             Stage::OnDevice(points) => match points.record_copy(gpu) {
@@ -303,7 +337,7 @@ impl Entry {
             {
                 let read = |points: &Points| Loading::of_points(points, self.strokes, &gpu.workers);
                 let loading = points.read(&copy, read);
-                loading.map_or_else(failed, Stage::Loading)
+                loading.map_or_else(&mut failed, Stage::Loading)
             }
             Stage::Loading(loading) => match loading.loaded.try_recv() {
                 Ok(Ok(loaded)) => {
@@ -321,6 +355,7 @@ impl Entry {
         if let Err(error) = self.upload(gpu, memory_budget, &crate::progress::Silent) {
             self.stage = failed(error);
         }
+        lost.map_or(Ok(()), Err)
     }
 
     /// Uploads some of a prepared cloud. Returns whether more remains.

@@ -191,17 +191,20 @@ struct HeldFrame {
     pictures: Vec<Arc<RecordedPicture>>,
     /// Place on the front that it was drawn with.
     place: usize,
+    /// True if its recording failed: it is never drawn.
+    is_dropped: bool,
     _removed: Vec<Entry>,
-    _block: Option<Block>,
+    blocks: Vec<Block>,
+    copies: Vec<RawBuffer>,
 }
 
 impl HeldFrame {
-    /// Returns the pictures that it recorded.
+    /// Returns the pictures that it recorded and that are drawn.
     fn drawn(&self) -> impl Iterator<Item = &RecordedPicture> {
         self.pictures
             .iter()
             .map(|picture| &**picture)
-            .filter(|picture| picture.frame == self.number)
+            .filter(|picture| picture.frame == self.number && !self.is_dropped)
     }
 
     /// Returns the picks that it answers.
@@ -244,6 +247,8 @@ pub struct Renderer {
     answers: Vec<(PickId, Option<PickedPoint>)>,
     times: Vec<PassTime>,
     last_frame: u64,
+    /// Problems of frames whose recording failed, for the next report.
+    unreported: Vec<String>,
     buckets: RawBuffer,
     // Dropped last: everything else gives its memory back.
     pub(crate) gpu: Gpu,
@@ -281,6 +286,7 @@ impl Renderer {
             answers: Vec::new(),
             times: Vec::new(),
             last_frame: 0,
+            unreported: Vec::new(),
             buckets,
             gpu,
         })
@@ -439,8 +445,10 @@ impl Renderer {
     /// Records a frame. The targets are in their access `before`, and in `after` when it is done.
     ///
     /// # Errors
-    /// If numbers do not grow, a target cannot be drawn into, or memory is exhausted; the command
-    /// buffer must then be dropped. A cloud that cannot be drawn is left out, and named in the
+    /// If numbers do not grow, a target cannot be drawn into, memory is exhausted, or the device is
+    /// lost. The command buffer must then be reset or freed, and neither be ended nor submitted.
+    /// The frame counts as not drawn: the next one, of a greater number, uploads again what this
+    /// one did, and answers its picks. A cloud that cannot be drawn is left out, and named in the
     /// report.
     ///
     /// # Safety
@@ -463,11 +471,59 @@ impl Renderer {
         frame.targets.check()?;
         frame.views.iter().try_for_each(|view| view.area.check(&frame.targets))?;
         let commands = vk::CommandBuffer::from_raw(commands);
-        self.retire(frame.safe)?;
-        self.gpu.begin_host_frame(commands, frame.number, frame.safe);
+        let completed = self.gpu.completed_frame(frame.safe, frame.number);
+        self.retire(completed)?;
+        self.gpu.begin_host_frame(commands, frame.number, completed);
         self.last_frame = frame.number;
+        let mut held = HeldFrame {
+            number: frame.number,
+            pictures: Vec::new(),
+            place: self.governor.as_ref().map_or(0, Governor::place),
+            is_dropped: false,
+            _removed: std::mem::take(&mut self.removed),
+            blocks: Vec::new(),
+            copies: Vec::new(),
+        };
+        let mut report = FrameReport {
+            settled: true,
+            errors: std::mem::take(&mut self.unreported),
+            ..FrameReport::default()
+        };
+        let recorded = self.record_frame(commands, frame, &mut held, &mut report);
+        match recorded {
+            Ok(()) => {
+                self.gpu.end_host_frame();
+                self.answer_unmet(&held);
+                self.latest.clone_from(&held.pictures);
+            }
+            Err(_) => {
+                self.gpu.drop_host_frame();
+                held.is_dropped = true;
+                let copies =
+                    self.clouds.iter_mut().filter_map(|cloud| cloud.drop_frame(held.number));
+                held.copies.extend(copies);
+                for error in std::mem::take(&mut report.errors) {
+                    if !self.unreported.contains(&error) {
+                        self.unreported.push(error);
+                    }
+                }
+            }
+        }
+        self.held.push_back(held);
+        recorded.map(|()| report)
+    }
+
+    /// Records a frame, and what it holds. After an error nothing more is recorded.
+    fn record_frame(
+        &mut self,
+        commands: vk::CommandBuffer,
+        frame: &Frame,
+        held: &mut HeldFrame,
+        report: &mut FrameReport,
+    ) -> Result<()> {
         for entry in &mut self.clouds {
-            entry.advance(&mut self.gpu, self.options.memory_budget);
+            entry.copy_again(&mut self.gpu)?;
+            entry.advance(&mut self.gpu, self.options.memory_budget)?;
             let map = entry.transform.map;
             if let Some(cloud) = entry.cloud_mut() {
                 cloud.set_filters(self.opacities.clone(), self.clips.clone());
@@ -475,40 +531,27 @@ impl Renderer {
                 cloud.set_map(map);
             }
         }
-        let mut report = FrameReport { settled: true, ..FrameReport::default() };
-        self.update_clouds(frame.views, &mut report)?;
-        let (targets, block) = self.with_depth(&frame.targets)?;
-        // From here on nothing fails before the frame is held.
-        let mut held = HeldFrame {
-            number: frame.number,
-            pictures: Vec::new(),
-            place: self.governor.as_ref().map_or(0, Governor::place),
-            _removed: std::mem::take(&mut self.removed),
-            _block: block,
-        };
-        let picks = std::mem::take(&mut self.wanted_picks);
+        self.update_clouds(frame.views, report)?;
+        let targets = self.with_depth(&frame.targets, held)?;
         compose::transition(&self.gpu.device, commands, &targets, false);
         let frame = Frame { targets, ..*frame };
-        let drawn = frame.views.iter().try_for_each(|view| {
-            self.record_view(commands, &frame, view, &picks, &mut held, &mut report)
-        });
+        for view in frame.views {
+            self.record_view(commands, &frame, view, held, report)?;
+        }
         compose::transition(&self.gpu.device, commands, &frame.targets, true);
-        self.gpu.end_host_frame();
-        let met = |pick: PickId| {
-            let picks = held.pictures.iter().flat_map(|picture| &picture.picks);
-            picks.flat_map(|picks| &picks.pixels).any(|(own, _)| *own == pick)
-        };
-        // A pick outside of all views and clouds meets nothing.
-        let unmet = picks.into_iter().map(|(pick, _)| pick).filter(|pick| !met(*pick));
-        self.answers.extend(unmet.map(|pick| (pick, None)));
-        self.latest.clone_from(&held.pictures);
-        self.held.push_back(held);
         let waits = |cloud: &Entry| {
             matches!(cloud.state(), CloudState::Loading { .. } | CloudState::Uploading)
         };
         report.streamed = self.clouds.iter().map(|cloud| cloud.streamed).sum();
         report.settled &= report.missing == 0 && !self.clouds.iter().any(waits);
-        drawn.map(|()| report)
+        Ok(())
+    }
+
+    /// Answers the picks outside of all views and clouds of a recorded frame, which meet nothing.
+    fn answer_unmet(&mut self, held: &HeldFrame) {
+        let is_met = |pick: PickId| held.picks().any(|own| own == pick);
+        let picks = std::mem::take(&mut self.wanted_picks).into_iter().map(|(pick, _)| pick);
+        self.answers.extend(picks.filter(|pick| !is_met(*pick)).map(|pick| (pick, None)));
     }
 
     /// Loads what the views call for of each cloud, unless all of it is in pictures already.
@@ -540,20 +583,20 @@ impl Renderer {
         Ok(())
     }
 
-    /// Adds a depth target of our own if several clouds are drawn and the host gives none.
-    /// Returns the targets, and the memory of one of another size, which frames in flight may use.
-    fn with_depth(&mut self, targets: &Targets) -> Result<(Targets, Option<Block>)> {
+    /// Adds a depth target of our own if several clouds are drawn and the host gives none. Holds
+    /// the memory of one of another size, which frames in flight may use.
+    fn with_depth(&mut self, targets: &Targets, held: &mut HeldFrame) -> Result<Targets> {
         if targets.depth.is_some() || self.clouds.len() < 2 {
-            return Ok((*targets, None));
+            return Ok(*targets);
         }
-        let (desc, mut before) = (ImageDesc::depth(targets.color.size), None);
+        let desc = ImageDesc::depth(targets.color.size);
         let Gpu { memory, device, .. } = &mut self.gpu;
         let image = match &self.own_depth {
             Some((image, _)) if image.desc == desc => *image,
             _ => {
                 let made = memory.image_alone(device, desc, "depth of clouds")?;
                 let image = made.0;
-                before = self.own_depth.replace(made).map(|(_, block)| block);
+                held.blocks.extend(self.own_depth.replace(made).map(|(_, block)| block));
                 image
             }
         };
@@ -568,7 +611,7 @@ impl Renderer {
             after: Access::any(attached.as_raw()),
             clear: true,
         };
-        Ok((Targets { depth: Some(target), writes_depth: true, ..*targets }, before))
+        Ok(Targets { depth: Some(target), writes_depth: true, ..*targets })
     }
 
     /// Records the clouds of a view, each over those before it.
@@ -577,12 +620,11 @@ impl Renderer {
         commands: vk::CommandBuffer,
         frame: &Frame,
         view: &FrameView,
-        picks: &[(PickId, [u32; 2])],
         held: &mut HeldFrame,
         report: &mut FrameReport,
     ) -> Result<()> {
         let settings = &self.governed(view.area.size).0;
-        let Renderer { gpu, clouds, buckets, latest, revision, .. } = self;
+        let Renderer { gpu, clouds, buckets, latest, revision, wanted_picks, .. } = self;
         let clears = frame.targets.color.clear;
         let mut place = Placement {
             area: view.area,
@@ -605,7 +647,7 @@ impl Renderer {
             };
             let before = latest.iter().find(|before| before.key == key);
             let drawing = view_of(&view.camera, &transform, view.area.size).map(|(own, form)| {
-                let (picks, frame) = (within(picks, view.area), frame.number);
+                let (picks, frame) = (within(wanted_picks, view.area), frame.number);
                 Drawing {
                     key,
                     frame,
@@ -629,6 +671,7 @@ impl Renderer {
                 }
                 Err(error) => return Err(error),
             };
+            held.pictures.push(picture.clone());
             let drawn = Drawn {
                 picture: &picture.descriptors,
                 layers: picture.layers.as_ref(),
@@ -642,7 +685,6 @@ impl Renderer {
             if report.effects.is_empty() {
                 report.effects.clone_from(&picture.effects);
             }
-            held.pictures.push(picture);
             place.first = false;
         }
         if place.first {

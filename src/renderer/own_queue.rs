@@ -53,7 +53,7 @@ impl Renderer {
         }
         loop {
             let entry = &mut self.clouds[place];
-            entry.advance(&mut self.gpu, self.options.memory_budget);
+            entry.advance(&mut self.gpu, self.options.memory_budget)?;
             match entry.state() {
                 CloudState::Ready => return Ok(()),
                 CloudState::Failed(why) => return Err(Error::Request(why)),

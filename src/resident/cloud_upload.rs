@@ -250,6 +250,11 @@ impl CloudUpload {
         self.resident.as_ref().map_or(0, |resident| resident.points)
     }
 
+    /// Returns the pages of what is uploaded so far.
+    pub fn pool_mut(&mut self) -> Option<&mut Pool> {
+        self.resident.as_mut().map(|resident| &mut resident.pool)
+    }
+
     /// Reports progress over both halves: every point is partitioned once and written once.
     fn half<'p>(&self, progress: &'p dyn Progress) -> progress::Part<'p> {
         progress::Part {

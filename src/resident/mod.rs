@@ -355,6 +355,11 @@ impl Resident {
         }
     }
 
+    /// Returns its pages.
+    pub fn pool_mut(&mut self) -> &mut Pool {
+        &mut self.pool
+    }
+
     /// Imports the pool's blocks into a frame.
     pub fn import(&self, g: &mut Graph) -> Vec<Buffer> {
         self.pool.import(g)

@@ -96,6 +96,11 @@ impl Pool {
         self.ring.as_mut().map_or(Ok(()), |ring| ring.submit_copies(gpu, &self.blocks))
     }
 
+    /// Has the copies of a submission that was dropped made again ([`Pool::submit_copies`]).
+    pub fn copy_again(&mut self, dropped: u64) {
+        self.ring.iter_mut().for_each(|ring| ring.copy_again(dropped));
+    }
+
     /// Returns whether copies in flight occupy staging space.
     pub fn has_pending_copies(&self) -> bool {
         self.ring.as_ref().is_some_and(StagingRing::has_pending_copies)

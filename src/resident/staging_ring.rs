@@ -118,6 +118,12 @@ impl StagingRing {
         Ok(())
     }
 
+    /// Has the copies of a submission that was dropped made again by the next one.
+    pub fn copy_again(&mut self, dropped: u64) {
+        let lost = self.landing.extract_if(.., |(_, submission)| *submission == dropped);
+        self.written.extend(lost.map(|(run, _)| run));
+    }
+
     pub fn has_pending_copies(&self) -> bool {
         !self.landing.is_empty()
     }

@@ -142,6 +142,76 @@ fn a_host_in_c_draws_a_rectangle_through_a_cloud() {
     check(pixels(&mut host, &folder.path().join("picture.ppm")));
 }
 
+/// Installs into a folder for a package, and builds a host with what pkg-config says of it.
+/// Libraries and program are those that are built already: cargo is replaced by a program that does
+/// nothing.
+#[test]
+fn a_host_in_c_is_built_from_what_is_installed() {
+    let [Some(shared), Some(archive)] = ["libpointillist_c.so", "libpointillist_c.a"].map(example)
+    else {
+        return;
+    };
+    if Command::new("pkg-config").arg("--version").output().is_err() {
+        return skip("pkg-config is missing");
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let [bin, built, stage] = ["bin", "target/release", "stage"].map(|at| folder.path().join(at));
+    [&bin, &built].into_iter().for_each(|folder| std::fs::create_dir_all(folder).unwrap());
+    let cargo = bin.join("cargo");
+    std::fs::write(&cargo, "#!/bin/sh\necho \"$@\" >>\"$CARGO_TARGET_DIR/asked\"\n").unwrap();
+    std::fs::set_permissions(&cargo, std::os::unix::fs::PermissionsExt::from_mode(0o755)).unwrap();
+    let program = Path::new(env!("CARGO_BIN_EXE_pointillist"));
+    for (from, to) in
+        [(program, "pointillist"), (&shared, "libpointillist.so"), (&archive, "libpointillist.a")]
+    {
+        std::fs::copy(from, built.join(to)).unwrap();
+    }
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let path = format!("{}:{}", bin.display(), std::env::var("PATH").unwrap());
+    let installed = Command::new(root.join("tools/install"))
+        .arg("/opt/pointillist")
+        .env("DESTDIR", &stage)
+        .env("CARGO_TARGET_DIR", built.parent().unwrap())
+        .env("PATH", path)
+        .output()
+        .unwrap();
+    succeeded(&installed);
+    let asked = std::fs::read_to_string(built.with_file_name("asked")).unwrap();
+    assert!(asked.contains("--crate-type cdylib,staticlib"), "{asked}");
+    let to = stage.join("opt/pointillist");
+    let version = Command::new(to.join("bin/pointillist")).arg("--version").output().unwrap();
+    assert!(version.status.success());
+    let said = |arguments: &[&str]| {
+        let told = Command::new("pkg-config")
+            .args(arguments)
+            .arg("pointillist")
+            .env("PKG_CONFIG_PATH", to.join("lib/pkgconfig"))
+            .env("PKG_CONFIG_SYSROOT_DIR", &stage)
+            .output()
+            .unwrap();
+        succeeded(&told);
+        text(&told.stdout).trim().to_string()
+    };
+    assert!(text(&version.stdout).contains(&said(&["--modversion"])), "{version:?}");
+    let flags = said(&["--cflags", "--libs"]);
+    assert!(flags.contains(stage.to_str().unwrap()), "{flags}");
+    let compiler = std::env::var("CC").unwrap_or("cc".into());
+    let host = folder.path().join("embed");
+    let compiled = Command::new(&compiler)
+        .args(["-std=c11", "-Wall", "-Wextra", "-Werror"])
+        .arg(root.join("tools/embed.c"))
+        .args(flags.split_whitespace())
+        .args(["-lvulkan", "-o"])
+        .arg(&host)
+        .output();
+    let Ok(compiled) = compiled else { return skip(&format!("{compiler} is missing")) };
+    succeeded(&compiled);
+    // Found by the name in the library, which that of the tests lacks.
+    let mut host = Command::new(host);
+    host.env("LD_LIBRARY_PATH", to.join("lib"));
+    check(pixels(&mut host, &folder.path().join("picture.ppm")));
+}
+
 /// Links what `Libs.private` of the file for pkg-config names.
 #[test]
 fn a_host_in_c_may_be_linked_statically() {

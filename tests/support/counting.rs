@@ -6,7 +6,9 @@ use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;
 use std::ffi::{CStr, c_char, c_void};
 use std::sync::Mutex;
-use std::sync::atomic::{AtomicI64, AtomicPtr, AtomicU64, Ordering::Relaxed};
+use std::sync::atomic::{
+    AtomicBool, AtomicI32, AtomicI64, AtomicPtr, AtomicU64, Ordering::Relaxed,
+};
 
 /// An allocator that counts the bytes of each thread.
 pub struct CountingHeap;
@@ -148,6 +150,159 @@ type Destroy = unsafe extern "system" fn(u64, u64, *const c_void);
 type CreatePipelines =
     unsafe extern "system" fn(u64, u64, u32, *const c_void, *const c_void, *mut u64) -> vk::Result;
 
+/// Checks that an object is made and destroyed with the host's callbacks; device memory, which is
+/// from functions of the host, has none.
+fn check_callbacks(callbacks: *const c_void, name: &str) {
+    assert!(name.ends_with("Memory") || !callbacks.is_null(), "{name} has no callbacks");
+}
+
+/// Calls that submit or wait for the device.
+static QUEUE_CALLS: AtomicU64 = AtomicU64::new(0);
+
+/// Returns how many calls submitted work, waited for the device, or were of its queues.
+pub fn queue_calls() -> u64 {
+    QUEUE_CALLS.load(Relaxed)
+}
+
+macro_rules! counted_calls {
+    ($($name:ident $place:ident $function:ident $type:ident ($($argument:ident: $of:ty),*);)*) => {
+        $(
+            static $place: Real = Real::new();
+            unsafe extern "system" fn $function($($argument: $of),*) -> vk::Result {
+                QUEUE_CALLS.fetch_add(1, Relaxed);
+                // SAFETY: as the caller ensures.
+                unsafe { $place.get::<vk::$type>()($($argument),*) }
+            }
+        )*
+
+        /// # Safety
+        /// As for [`counted`].
+        unsafe fn counted_calls(
+            name: &str,
+            found: unsafe extern "system" fn(),
+        ) -> Option<unsafe extern "system" fn()> {
+            $(
+                if name == stringify!($name) {
+                    $place.set(found);
+                    // SAFETY: functions of these names have these types.
+                    return Some(unsafe {
+                        std::mem::transmute::<vk::$type, unsafe extern "system" fn()>($function)
+                    });
+                }
+            )*
+            None
+        }
+    };
+}
+
+counted_calls! {
+    vkQueueSubmit SUBMIT submit PFN_vkQueueSubmit
+        (queue: vk::Queue, count: u32, first: *const vk::SubmitInfo<'_>, fence: vk::Fence);
+    vkQueueSubmit2 SUBMIT2 submit2 PFN_vkQueueSubmit2
+        (queue: vk::Queue, count: u32, first: *const vk::SubmitInfo2<'_>, fence: vk::Fence);
+    vkQueueBindSparse BIND_SPARSE bind_sparse PFN_vkQueueBindSparse
+        (queue: vk::Queue, count: u32, first: *const vk::BindSparseInfo<'_>, fence: vk::Fence);
+    vkQueueWaitIdle QUEUE_IDLE queue_idle PFN_vkQueueWaitIdle (queue: vk::Queue);
+    vkDeviceWaitIdle DEVICE_IDLE device_idle PFN_vkDeviceWaitIdle (device: vk::Device);
+    vkWaitForFences FENCES fences PFN_vkWaitForFences
+        (device: vk::Device, count: u32, first: *const vk::Fence, all: vk::Bool32, timeout: u64);
+    vkWaitSemaphores SEMAPHORES semaphores PFN_vkWaitSemaphores
+        (device: vk::Device, info: *const vk::SemaphoreWaitInfo<'_>, timeout: u64);
+}
+
+/// Calls that ask the device, and what they return once it is lost.
+static LOST: AtomicBool = AtomicBool::new(false);
+
+/// Has the device be lost, for all calls that can tell, or not.
+pub fn lose_device(is_lost: bool) {
+    LOST.store(is_lost, Relaxed);
+}
+
+static COUNTER_VALUE: Real = Real::new();
+static QUERY_RESULTS: Real = Real::new();
+
+unsafe extern "system" fn counter_value(
+    device: vk::Device,
+    semaphore: vk::Semaphore,
+    value: *mut u64,
+) -> vk::Result {
+    if LOST.load(Relaxed) {
+        return vk::Result::ERROR_DEVICE_LOST;
+    }
+    // SAFETY: as the caller ensures.
+    unsafe { COUNTER_VALUE.get::<vk::PFN_vkGetSemaphoreCounterValue>()(device, semaphore, value) }
+}
+
+unsafe extern "system" fn query_results(
+    device: vk::Device,
+    pool: vk::QueryPool,
+    first: u32,
+    count: u32,
+    size: usize,
+    data: *mut c_void,
+    stride: vk::DeviceSize,
+    flags: vk::QueryResultFlags,
+) -> vk::Result {
+    if LOST.load(Relaxed) {
+        return vk::Result::ERROR_DEVICE_LOST;
+    }
+    // SAFETY: as the caller ensures.
+    unsafe {
+        QUERY_RESULTS.get::<vk::PFN_vkGetQueryPoolResults>()(
+            device, pool, first, count, size, data, stride, flags,
+        )
+    }
+}
+
+/// # Safety
+/// As for [`counted`].
+unsafe fn losing(
+    name: &str,
+    found: unsafe extern "system" fn(),
+) -> Option<unsafe extern "system" fn()> {
+    // SAFETY: functions of these names have these types.
+    unsafe {
+        match name {
+            "vkGetSemaphoreCounterValue" => {
+                COUNTER_VALUE.set(found);
+                Some(std::mem::transmute::<
+                    vk::PFN_vkGetSemaphoreCounterValue,
+                    unsafe extern "system" fn(),
+                >(counter_value))
+            }
+            "vkGetQueryPoolResults" => {
+                QUERY_RESULTS.set(found);
+                Some(std::mem::transmute::<
+                    vk::PFN_vkGetQueryPoolResults,
+                    unsafe extern "system" fn(),
+                >(query_results))
+            }
+            _ => None,
+        }
+    }
+}
+
+/// Creations that succeed before one is refused; below 0 if none is, or one was.
+static LEFT: AtomicI64 = AtomicI64::new(-1);
+static REFUSAL: AtomicI32 = AtomicI32::new(0);
+
+/// Has one creation fail after so many others, until [`accept`].
+pub fn refuse(after: u64, code: vk::Result) {
+    REFUSAL.store(code.as_raw(), Relaxed);
+    LEFT.store(after as i64, Relaxed);
+}
+
+/// Refuses none from now on. Returns whether one was refused.
+pub fn accept() -> bool {
+    LEFT.swap(-1, Relaxed) < 0
+}
+
+/// Returns what a creation fails with, if it is to fail.
+fn refused() -> Option<vk::Result> {
+    let is_refused = LEFT.load(Relaxed) >= 0 && LEFT.fetch_sub(1, Relaxed) == 0;
+    is_refused.then(|| vk::Result::from_raw(REFUSAL.load(Relaxed)))
+}
+
 fn count(result: vk::Result, made: u32) -> vk::Result {
     if result == vk::Result::SUCCESS {
         ALIVE.fetch_add(made as i64, Relaxed);
@@ -172,6 +327,10 @@ macro_rules! counted {
                         callbacks: *const c_void,
                         out: *mut u64,
                     ) -> vk::Result {
+                        check_callbacks(callbacks, stringify!($create));
+                        if let Some(code) = refused() {
+                            return code;
+                        }
                         // SAFETY: as the caller ensures.
                         count(unsafe { CREATE.get::<Create>()(device, info, callbacks, out) }, 1)
                     }
@@ -180,6 +339,7 @@ macro_rules! counted {
                         object: u64,
                         callbacks: *const c_void,
                     ) {
+                        check_callbacks(callbacks, stringify!($destroy));
                         ALIVE.fetch_sub((object != 0) as i64, Relaxed);
                         // SAFETY: as the caller ensures.
                         unsafe { DESTROY.get::<Destroy>()(device, object, callbacks) }
@@ -247,6 +407,12 @@ macro_rules! counted_pipelines {
                 callbacks: *const c_void,
                 out: *mut u64,
             ) -> vk::Result {
+                check_callbacks(callbacks, stringify!($name));
+                if let Some(code) = refused() {
+                    // SAFETY: there is room for a handle of each.
+                    unsafe { out.write_bytes(0, infos as usize) };
+                    return code;
+                }
                 // SAFETY: as the caller ensures.
                 let result = unsafe {
                     $place.get::<CreatePipelines>()(device, cache, infos, info, callbacks, out)
@@ -287,6 +453,7 @@ counted_pipelines! {
 static DESTROY_PIPELINE: Real = Real::new();
 
 unsafe extern "system" fn destroy_pipeline(device: u64, object: u64, callbacks: *const c_void) {
+    check_callbacks(callbacks, "vkDestroyPipeline");
     ALIVE.fetch_sub((object != 0) as i64, Relaxed);
     // SAFETY: as the caller ensures.
     unsafe { DESTROY_PIPELINE.get::<Destroy>()(device, object, callbacks) }
@@ -314,7 +481,11 @@ unsafe extern "system" fn counted_device_function(
                 unsafe extern "system" fn(),
             >(barrier));
         }
-        counted(name, found).or_else(|| counted_pipelines(name, found)).or(Some(found))
+        counted(name, found)
+            .or_else(|| counted_pipelines(name, found))
+            .or_else(|| counted_calls(name, found))
+            .or_else(|| losing(name, found))
+            .or(Some(found))
     }
 }
 

@@ -46,7 +46,7 @@ fn places(points: &[DVec3]) -> Vec<[f64; 3]> {
 }
 
 /// Returns the positions of points as they are kept, by id.
-fn by_id(points: &Points) -> HashMap<u32, DVec3> {
+pub(super) fn by_id(points: &Points) -> HashMap<u32, DVec3> {
     let mut gpu = Gpu::open(&DeviceOptions::default()).unwrap();
     let cloud = Cloud::of_points(points).unwrap();
     let (shown, _) = DisplayAttribute::automatic(&cloud);
@@ -97,6 +97,115 @@ fn camera_of(transform: DMat4, points: &[DVec3]) -> Camera {
     Camera::framing(Preset::Fit, &moved, SIZE)
 }
 
+/// Points, their positions as they are kept by id, and where they are.
+struct Placed<'p> {
+    points: &'p Points<'p>,
+    own: &'p HashMap<u32, DVec3>,
+    transform: DMat4,
+}
+
+/// Where a point of a position lies on the screen `[px]`, and its depth, through all matrices in
+/// f64.
+pub(super) fn on_screen(matrices: &Matrices, place: DVec3) -> [f64; 3] {
+    let [view, projection] =
+        [matrices.view, matrices.projection].map(|matrix| DMat4::from_cols_array(&matrix));
+    let clip = projection * (view * place.extend(1.0));
+    let ndc = clip.truncate() / clip.w;
+    [(ndc.x + 1.0) / 2.0 * SIZE[0] as f64, (ndc.y + 1.0) / 2.0 * SIZE[1] as f64, ndc.z]
+}
+
+/// Distance from the edge of a pixel within which rounding may bring a point to another one `[px]`.
+pub(super) const EDGE: f64 = 2e-3;
+
+/// Returns the pixel of a place on the screen; None if it is at an edge, or beside the picture.
+pub(super) fn pixel_of([x, y]: [f64; 2]) -> Option<usize> {
+    let inside = [x, y].iter().all(|at| (EDGE..1.0 - EDGE).contains(&at.rem_euclid(1.0)));
+    let on = x >= 0.0 && y >= 0.0 && x < SIZE[0] as f64 && y < SIZE[1] as f64;
+    (inside && on).then(|| y as usize * SIZE[0] as usize + x as usize)
+}
+
+/// Depths that are right: rounding of positions, of depths in f32, and of what is stored.
+pub(super) struct Slack {
+    /// Depth that nothing is added to.
+    base: f64,
+    step: f64,
+}
+
+impl Slack {
+    pub(super) fn of(matrices: &Matrices, format: vk::Format) -> Slack {
+        let projection = DMat4::from_cols_array(&matrices.projection);
+        let perspective = projection.z_axis.w != 0.0;
+        // Of an orthographic projection, that of the near plane.
+        let near = if projection.z_axis.z > 0.0 { 1.0 } else { 0.0 };
+        let base = if perspective { projection.z_axis.z / projection.z_axis.w } else { near };
+        let step = depth_bits(format).map_or(0.0, |bits| 1.0 / ((1u64 << bits) - 1) as f64);
+        Slack { base, step }
+    }
+
+    pub(super) fn around(&self, depth: f64) -> f64 {
+        1e-5 * (depth - self.base).abs() + 3e-7 + self.step
+    }
+}
+
+/// Checks that every pixel shows the point that is nearest in f64, at its depth. Returns how many
+/// do.
+fn lie_where_f64_says(
+    application: &mut Application,
+    placed: &Placed,
+    camera: ViewCamera,
+    matrices: &Matrices,
+    what: &str,
+) -> usize {
+    let mut renderer = application.renderer();
+    renderer.set("style", "points").unwrap();
+    let cloud = renderer.add_points(placed.points).unwrap();
+    renderer.set_transform(cloud, &placed.transform.to_cols_array()).unwrap();
+    (application.frame, application.safe) = (0, 0);
+    let targets = application.targets();
+    let view = FrameView { camera, area: WHOLE };
+    let (_, _, depths) = application.settle(&mut renderer, targets, &[view]);
+    let ids = application.layers.0.clone();
+    drop(renderer);
+    let seen = |own: DVec3| on_screen(matrices, placed.transform.transform_point3(own));
+    let slack = Slack::of(matrices, application.depth.format);
+    // Depths of a host of forward depth grow.
+    let projection = DMat4::from_cols_array(&matrices.projection);
+    let depth_at = |z: f64| {
+        let clip = projection * glam::DVec4::new(0.0, 0.0, z, 1.0);
+        clip.z / clip.w
+    };
+    let side = if projection.z_axis.w == 0.0 { -1.0 } else { projection.z_axis.w };
+    let sign = if depth_at(side) > depth_at(2.0 * side) { 1.0 } else { -1.0 };
+    let far = if sign > 0.0 { 0.0 } else { 1.0 };
+    let mut nearest = vec![far; PIXELS];
+    for &point in placed.own.values() {
+        let [x, y, depth] = seen(point);
+        if let Some(pixel) = pixel_of([x, y]) {
+            let before = nearest[pixel];
+            nearest[pixel] = if sign * depth > sign * before { depth } else { before };
+        }
+    }
+    let mut shown = 0;
+    for (pixel, (&[id, of], &depth)) in ids.iter().zip(&depths).enumerate() {
+        let depth = depth as f64;
+        let reached = sign * depth >= sign * nearest[pixel] - slack.around(depth);
+        assert!(reached, "{what}: a point is missing in {pixel}, {depth} {}", nearest[pixel]);
+        if id == NO_POINT {
+            assert_eq!(depth, far, "{what}: pixel {pixel}");
+            continue;
+        }
+        shown += 1;
+        assert_eq!(of as u64, cloud.0);
+        let [x, y, own_depth] = seen(placed.own[&id]);
+        let corner = [pixel % SIZE[0] as usize, pixel / SIZE[0] as usize].map(|at| at as f64);
+        let off = [x - corner[0] - 0.5, y - corner[1] - 0.5].map(f64::abs);
+        assert!(off[0].max(off[1]) <= 0.5 + EDGE, "{what}: pixel {pixel}, {x} {y}");
+        let off = (own_depth - depth).abs();
+        assert!(off <= slack.around(own_depth), "{what}: {own_depth} {depth}");
+    }
+    shown
+}
+
 /// Every pixel shows the point that is nearest in f64, through all matrices, at its depth.
 #[test]
 fn points_of_an_affine_transform_lie_where_f64_says() {
@@ -104,48 +213,103 @@ fn points_of_an_affine_transform_lie_where_f64_says() {
     let (points, colors) = (places(&points), colors(points.len()));
     let points = Points { colors: Some(&colors), ..Points::new(Positions::F64(&points)) };
     let own = by_id(&points);
+    let mut application = Application::new(COLOR);
     for map in maps() {
         let transform = about_middle(map);
         let camera = camera_of(transform, &own.values().copied().collect::<Vec<_>>());
-        let picture = drawn(&[("style", "points")], Some(transform), camera, |renderer| {
-            renderer.add_points(&points).unwrap()
-        });
         let matrices = Matrices::of(&camera, SIZE, 0.01, f64::INFINITY).unwrap();
-        let [view, projection] =
-            [matrices.view, matrices.projection].map(|matrix| DMat4::from_cols_array(&matrix));
-        let seen = |own: DVec3| {
-            let clip = projection * (view * transform.transform_point3(own).extend(1.0));
-            let ndc = clip.truncate() / clip.w;
-            [(ndc.x + 1.0) / 2.0 * SIZE[0] as f64, (ndc.y + 1.0) / 2.0 * SIZE[1] as f64, ndc.z]
-        };
-        // Points that rounding brings into a neighbouring pixel count for none.
-        const EDGE: f64 = 2e-3;
-        let mut nearest = vec![0.0f64; PIXELS];
-        for &point in own.values() {
-            let [x, y, depth] = seen(point);
-            let inside = [x, y].iter().all(|at| (EDGE..1.0 - EDGE).contains(&at.fract()));
-            let [x, y] = [x.floor() as usize, y.floor() as usize];
-            if inside && x < SIZE[0] as usize && y < SIZE[1] as usize {
-                let pixel = &mut nearest[y * SIZE[0] as usize + x];
-                *pixel = pixel.max(depth);
-            }
-        }
-        let mut shown = 0;
-        for (pixel, (&id, &depth)) in picture.ids.iter().zip(&picture.depth).enumerate() {
-            let slack = 1e-5 * depth as f64;
-            assert!(depth as f64 >= nearest[pixel] - slack, "{map}: a point is missing in {pixel}");
-            if id == NO_POINT {
-                continue;
-            }
-            shown += 1;
-            let [x, y, own_depth] = seen(own[&id]);
-            let corner = [pixel % SIZE[0] as usize, pixel / SIZE[0] as usize].map(|at| at as f64);
-            let off = [x - corner[0] - 0.5, y - corner[1] - 0.5].map(f64::abs);
-            assert!(off[0].max(off[1]) <= 0.5 + EDGE, "{map}: pixel {pixel}, {x} {y}");
-            assert!((own_depth - depth as f64).abs() <= slack, "{map}: {own_depth} {depth}");
-        }
+        let placed = Placed { points: &points, own: &own, transform };
+        let camera = view_of(camera).camera;
+        let what = format!("{map}");
+        let shown = lie_where_f64_says(&mut application, &placed, camera, &matrices, &what);
         assert!(shown > 5000, "{shown} pixels");
     }
+}
+
+/// Depth is that of the host, in every form and format.
+#[test]
+fn depth_of_points_is_what_f64_says_in_every_form_and_format() {
+    let (points, _) = sphere(30_000);
+    let points = places(&points);
+    let points = Points::new(Positions::F64(&points));
+    let own = by_id(&points);
+    let transform = about_middle(maps()[1]);
+    let all: Vec<_> = own.values().map(|&own| transform.transform_point3(own)).collect();
+    let placed = Placed { points: &points, own: &own, transform };
+    let perspective = Camera::framing(Preset::Fit, &all, SIZE);
+    let flat = Camera::framing(Preset::Top, &all, SIZE);
+    assert_eq!(flat.projection, pointillist::renderer::Projection::Orthographic);
+    let forwards = |matrices: Matrices| {
+        let turned = DMat4::from_cols(
+            DVec3::X.extend(0.0),
+            DVec3::Y.extend(0.0),
+            DVec3::NEG_Z.extend(0.0),
+            DVec3::Z.extend(1.0),
+        );
+        let projection = turned * DMat4::from_cols_array(&matrices.projection);
+        Matrices { projection: projection.to_cols_array(), ..matrices }
+    };
+    let shifted = |matrices: Matrices| {
+        let mut projection = matrices.projection;
+        // Of a perspective, and of an orthographic projection.
+        let first = if projection[11] == 0.0 { 12 } else { 8 };
+        (projection[first], projection[first + 1]) = (0.2, -0.15);
+        Matrices { projection, ..matrices }
+    };
+    let of = |camera: &Camera, near, far| Matrices::of(camera, SIZE, near, far).unwrap();
+    let endless = of(&perspective, 0.01, f64::INFINITY);
+    let (near, far) = (0.5, 50.0);
+    let finite = of(&perspective, near, far);
+    let parallel = of(&flat, -10.0, 100.0);
+    let ours = |camera, near, far| ViewCamera::Camera { camera, near, far };
+    let matrices = |matrices| (ViewCamera::Matrices(matrices), matrices);
+    let forms = [
+        ("off-centre", matrices(shifted(endless))),
+        ("forward", matrices(forwards(endless))),
+        ("finite", matrices(finite)),
+        ("finite, forward", matrices(forwards(finite))),
+        ("finite, off-centre, forward", matrices(forwards(shifted(finite)))),
+        ("orthographic", matrices(parallel)),
+        ("orthographic, off-centre", matrices(shifted(parallel))),
+        ("orthographic, forward", matrices(forwards(parallel))),
+        ("our camera", (ours(perspective, near, far), finite)),
+        ("our camera, orthographic", (ours(flat, -10.0, 100.0), parallel)),
+    ];
+    let formats = [
+        DEPTH,
+        vk::Format::D16_UNORM,
+        vk::Format::X8_D24_UNORM_PACK32,
+        vk::Format::D24_UNORM_S8_UINT,
+        vk::Format::D32_SFLOAT_S8_UINT,
+    ];
+    for format in formats {
+        let is_usual = format == DEPTH;
+        if !is_usual && !can_be_depth(format) {
+            crate::skip::skip(&format!("the device has no depth of {format:?}"));
+            continue;
+        }
+        let mut application = Application::with_depth(COLOR, format);
+        // Forms differ in the kernel's numbers alone; formats in what is stored of them.
+        let some = if is_usual { &forms[..] } else { &forms[2..6] };
+        for (name, (camera, matrices)) in some {
+            let what = format!("{format:?}, {name}");
+            let shown = lie_where_f64_says(&mut application, &placed, *camera, matrices, &what);
+            println!("{what}: {shown} pixels");
+            assert!(shown > 4000, "{what}: {shown} pixels");
+        }
+    }
+}
+
+/// Tests whether the device draws depth of a format.
+fn can_be_depth(format: vk::Format) -> bool {
+    let device = Device::open(&DeviceOptions::default()).unwrap();
+    // SAFETY: a plain query.
+    let found =
+        unsafe { device.instance.get_physical_device_format_properties(device.physical, format) };
+    use vk::FormatFeatureFlags as Can;
+    found
+        .optimal_tiling_features
+        .contains(Can::DEPTH_STENCIL_ATTACHMENT | Can::TRANSFER_SRC | Can::TRANSFER_DST)
 }
 
 /// Pictures are those of the same points transformed beforehand: same points, same shading.

@@ -28,6 +28,10 @@ pub(super) struct Application {
     pub(super) said: pointillist::error::Result<()>,
     /// Time that recording the last frame took.
     pub(super) recorded: std::time::Duration,
+    /// Command buffers of frames in flight, with their fences and the numbers of their frames.
+    pub(super) ring: Vec<(vk::CommandBuffer, vk::Fence, u64)>,
+    /// Last frame that is completed, as far as the renderer is told.
+    pub(super) safe: u64,
     /// Family that owns all images between the host's work and the renderer's.
     pub(super) owner: Option<u32>,
 }
@@ -39,12 +43,19 @@ pub(super) struct HostImage {
     pub(super) format: vk::Format,
 }
 
+/// Ids and normals that are filled before a frame, if they come from a transfer.
+pub(super) const FILLED: vk::ClearColorValue = vk::ClearColorValue { uint32: [7, 9, 0, 0] };
+
 /// Room for points behind the images' texels.
 pub(super) const POINT_BYTES: usize = 1 << 21;
 pub(super) const PIXELS: usize = (SIZE[0] * SIZE[1]) as usize;
 
 impl Application {
     pub(super) fn new(color: vk::Format) -> Application {
+        Application::with_depth(color, DEPTH)
+    }
+
+    pub(super) fn with_depth(color: vk::Format, depth: vk::Format) -> Application {
         let device =
             Device::open(&DeviceOptions { validate: true, ..DeviceOptions::default() }).unwrap();
         // SAFETY: plain creations on a live device, destroyed in drop.
@@ -55,13 +66,16 @@ impl Application {
                 .flags(vk::CommandPoolCreateFlags::RESET_COMMAND_BUFFER);
             let pool = raw.create_command_pool(&info, None).unwrap();
             let info =
-                vk::CommandBufferAllocateInfo::default().command_pool(pool).command_buffer_count(1);
-            let commands = raw.allocate_command_buffers(&info).unwrap()[0];
-            let fence = raw.create_fence(&vk::FenceCreateInfo::default(), None).unwrap();
+                vk::CommandBufferAllocateInfo::default().command_pool(pool).command_buffer_count(4);
+            let buffers = raw.allocate_command_buffers(&info).unwrap();
+            let commands = buffers[0];
+            let fence = || raw.create_fence(&vk::FenceCreateInfo::default(), None).unwrap();
+            let ring = buffers[1..].iter().map(|&commands| (commands, fence(), 0)).collect();
+            let fence = fence();
             use vk::ImageUsageFlags as Usage;
             let copied = Usage::TRANSFER_SRC | Usage::TRANSFER_DST;
             let color = HostImage::new(&device, color, Usage::COLOR_ATTACHMENT | copied);
-            let depth = HostImage::new(&device, DEPTH, Usage::DEPTH_STENCIL_ATTACHMENT | copied);
+            let depth = HostImage::new(&device, depth, Usage::DEPTH_STENCIL_ATTACHMENT | copied);
             let layer = |format| HostImage::new(&device, format, Usage::COLOR_ATTACHMENT | copied);
             let (ids, normals) = (layer(IDS), layer(NORMALS));
             let usage = vk::BufferUsageFlags::TRANSFER_SRC | vk::BufferUsageFlags::TRANSFER_DST;
@@ -92,6 +106,8 @@ impl Application {
                 frame: 0,
                 said: Ok(()),
                 recorded: Default::default(),
+                ring,
+                safe: 0,
                 owner: None,
                 device,
             }
@@ -118,6 +134,24 @@ impl Application {
     pub(super) fn renderer(&self) -> Renderer {
         // SAFETY: tests drop the renderer before the application.
         unsafe { Renderer::new(&self.host(), RendererOptions::default()) }.unwrap()
+    }
+
+    /// Returns points of the application's buffer; no frame may read it.
+    pub(super) fn point_buffer(&self, places: &[[f32; 3]]) -> PointBuffer {
+        let offset = 48 * PIXELS;
+        assert!(12 * places.len() <= POINT_BYTES);
+        // SAFETY: the buffer has room there.
+        unsafe {
+            let to = self.mapped.add(offset).cast::<[f32; 3]>();
+            std::ptr::copy_nonoverlapping(places.as_ptr(), to, places.len());
+        }
+        PointBuffer {
+            buffer: self.staging.as_raw(),
+            offset: offset as u64,
+            stride: 12,
+            count: places.len() as u32,
+            color_offset: None,
+        }
     }
 
     /// Returns targets that are cleared, and read by copies afterwards.
@@ -148,7 +182,7 @@ impl Application {
         renderer: &mut Renderer,
         targets: Targets,
         views: &[FrameView],
-        before: Option<(&[[u8; 4]], &[f32])>,
+        before: Option<(&[u8], &[f32])>,
     ) -> (FrameReport, Vec<u8>, Vec<f32>) {
         let drawn = self.submit(renderer, targets, views, before);
         std::mem::replace(&mut self.said, Ok(())).unwrap();
@@ -162,11 +196,41 @@ impl Application {
         renderer: &mut Renderer,
         targets: Targets,
         views: &[FrameView],
-        before: Option<(&[[u8; 4]], &[f32])>,
+        before: Option<(&[u8], &[f32])>,
     ) -> (FrameReport, Vec<u8>, Vec<f32>) {
+        self.try_submit(renderer, targets, views, before).unwrap()
+    }
+
+    /// Submits as [`Application::submit`]; a command buffer that cannot be recorded is dropped.
+    pub(super) fn try_submit(
+        &mut self,
+        renderer: &mut Renderer,
+        targets: Targets,
+        views: &[FrameView],
+        before: Option<(&[u8], &[f32])>,
+    ) -> pointillist::error::Result<(FrameReport, Vec<u8>, Vec<f32>)> {
+        self.submit_recorded(targets, views, before, |commands, frame| {
+            // SAFETY: every object is alive, and the fence is waited for before the next frame.
+            unsafe { renderer.record(commands.as_raw(), frame) }
+        })
+    }
+
+    /// Submits as [`Application::try_submit`] what `record` records.
+    pub(super) fn submit_recorded<R, E>(
+        &mut self,
+        targets: Targets,
+        views: &[FrameView],
+        before: Option<(&[u8], &[f32])>,
+        record: impl FnOnce(vk::CommandBuffer, &Frame) -> std::result::Result<R, E>,
+    ) -> std::result::Result<(R, Vec<u8>, Vec<f32>), E> {
         self.frame += 1;
+        self.wait_for(self.frame);
         let (raw, commands) = (&self.device.raw, self.commands);
-        let texel = if self.color.format == vk::Format::R16G16B16A16_SFLOAT { 8 } else { 4 };
+        let texel = match self.color.format {
+            vk::Format::R16G16B16A16_SFLOAT => 8,
+            vk::Format::R32G32B32A32_SFLOAT => 16,
+            _ => 4,
+        };
         let depth_at = 16 * PIXELS;
         // SAFETY: every object is alive, and the fence is waited for before the next frame.
         unsafe {
@@ -174,7 +238,8 @@ impl Application {
                 .flags(vk::CommandBufferUsageFlags::ONE_TIME_SUBMIT);
             raw.begin_command_buffer(commands, &info).unwrap();
             if let Some((color, depth)) = before {
-                std::ptr::copy_nonoverlapping(color.as_ptr().cast(), self.mapped, 4 * PIXELS);
+                assert_eq!(color.len(), texel * PIXELS);
+                std::ptr::copy_nonoverlapping(color.as_ptr(), self.mapped, color.len());
                 let place = self.mapped.add(depth_at);
                 std::ptr::copy_nonoverlapping(depth.as_ptr().cast(), place, 4 * PIXELS);
                 for (image, at) in [(&self.color, 0), (&self.depth, depth_at as u64)] {
@@ -195,18 +260,42 @@ impl Application {
                     );
                 }
             }
+            let layers = [(&self.ids, targets.ids), (&self.normals, targets.normals)];
+            for (image, target) in layers {
+                let layout = vk::ImageLayout::TRANSFER_DST_OPTIMAL;
+                if target.is_some_and(|target| target.before.layout == layout.as_raw()) {
+                    image.transition(raw, commands, vk::ImageLayout::UNDEFINED, layout);
+                    let of = [range(image.format)];
+                    raw.cmd_clear_color_image(commands, image.image, layout, &FILLED, &of);
+                }
+            }
             self.give_up(&targets);
-            let frame = Frame { number: self.frame, safe: self.frame - 1, targets, views };
+            let safe = self.safe.min(self.frame - 1);
+            let frame = Frame { number: self.frame, safe, targets, views };
             let began = std::time::Instant::now();
-            let report = renderer.record(commands.as_raw(), &frame).unwrap();
+            let report = match record(commands, &frame) {
+                Ok(report) => report,
+                Err(error) => {
+                    raw.reset_command_buffer(commands, Default::default()).unwrap();
+                    self.said = self.device.take_validation_errors();
+                    return Err(error);
+                }
+            };
             self.recorded = began.elapsed();
             self.take_back(&targets);
+            // What filled the images was read from where they go to now.
+            let read = [vk::MemoryBarrier2::default()
+                .src_stage_mask(vk::PipelineStageFlags2::COPY)
+                .dst_stage_mask(vk::PipelineStageFlags2::COPY)];
+            raw.cmd_pipeline_barrier2(
+                commands,
+                &vk::DependencyInfo::default().memory_barriers(&read),
+            );
             let [ids_at, normals_at] = [20 * PIXELS, 32 * PIXELS];
             let layers = [(&self.ids, ids_at as u64), (&self.normals, normals_at as u64)];
             let layers = if targets.ids.is_some() { &layers[..] } else { &[] };
-            for &(image, at) in
-                [(&self.color, 0), (&self.depth, depth_at as u64)].iter().chain(layers)
-            {
+            let depth = targets.depth.map(|_| (&self.depth, depth_at as u64));
+            for &(image, at) in [(&self.color, 0)].iter().chain(&depth).chain(layers) {
                 let layout = vk::ImageLayout::TRANSFER_SRC_OPTIMAL;
                 let region = image.region(at);
                 raw.cmd_copy_image_to_buffer(
@@ -232,6 +321,7 @@ impl Application {
             raw.queue_submit(self.device.own_queue(), &[submit], self.fence).unwrap();
             raw.wait_for_fences(&[self.fence], true, u64::MAX).unwrap();
             raw.reset_fences(&[self.fence]).unwrap();
+            self.safe = self.frame;
             self.said = self.device.take_validation_errors();
             let color = std::slice::from_raw_parts(self.mapped, texel * PIXELS).to_vec();
             let ids = self.mapped.add(ids_at).cast();
@@ -240,9 +330,57 @@ impl Application {
                 std::slice::from_raw_parts(ids, PIXELS).to_vec(),
                 std::slice::from_raw_parts(normals, PIXELS).to_vec(),
             );
-            let depth = self.mapped.add(depth_at).cast::<f32>();
-            (report, color, std::slice::from_raw_parts(depth, PIXELS).to_vec())
+            let depth = std::slice::from_raw_parts(self.mapped.add(depth_at), 4 * PIXELS);
+            Ok((report, color, self.depth.depths(depth)))
         }
+    }
+
+    /// Waits for frames of the ring up to this one.
+    fn wait_for(&mut self, frame: u64) {
+        let raw = &self.device.raw;
+        for (_, fence, number) in &mut self.ring {
+            if (1..=frame).contains(number) {
+                // SAFETY: the fence is that of a frame that was submitted.
+                unsafe {
+                    raw.wait_for_fences(&[*fence], true, u64::MAX).unwrap();
+                    raw.reset_fences(&[*fence]).unwrap();
+                }
+                *number = 0;
+            }
+        }
+    }
+
+    /// Records and submits a frame, and does not wait for it. The last `lag` frames are in flight,
+    /// as far as the renderer is told: from 1 to 3.
+    pub(super) fn draw_in_flight(
+        &mut self,
+        renderer: &mut Renderer,
+        targets: Targets,
+        views: &[FrameView],
+        lag: u64,
+    ) -> FrameReport {
+        self.frame += 1;
+        self.safe = self.safe.max(self.frame.saturating_sub(lag));
+        self.wait_for(self.safe);
+        let raw = &self.device.raw;
+        let (commands, fence, of) =
+            self.ring.iter_mut().find(|(.., of)| *of == 0).expect("three frames at the most");
+        *of = self.frame;
+        // SAFETY: every object is alive until it is waited for.
+        let report = unsafe {
+            let info = vk::CommandBufferBeginInfo::default()
+                .flags(vk::CommandBufferUsageFlags::ONE_TIME_SUBMIT);
+            raw.begin_command_buffer(*commands, &info).unwrap();
+            let frame = Frame { number: self.frame, safe: self.safe, targets, views };
+            let report = renderer.record(commands.as_raw(), &frame).unwrap();
+            raw.end_command_buffer(*commands).unwrap();
+            let buffers = [*commands];
+            let submit = vk::SubmitInfo::default().command_buffers(&buffers);
+            raw.queue_submit(self.device.own_queue(), &[submit], *fence).unwrap();
+            report
+        };
+        self.device.take_validation_errors().unwrap();
+        report
     }
 
     /// Draws until everything that the views call for is drawn.
@@ -274,7 +412,7 @@ impl Application {
             let recorded = unsafe {
                 raw.begin_command_buffer(commands, &Default::default()).unwrap();
                 let recorded = renderer.record(commands.as_raw(), &frame);
-                raw.end_command_buffer(commands).unwrap();
+                raw.reset_command_buffer(commands, Default::default()).unwrap();
                 recorded
             };
             let error = match recorded {
@@ -295,6 +433,9 @@ impl Drop for Application {
         // SAFETY: every frame has been waited for, and the renderer is gone.
         unsafe {
             let raw = &self.device.raw;
+            // A test that failed has frames in flight.
+            let _ = raw.device_wait_idle();
+            self.ring.iter().for_each(|(_, fence, _)| raw.destroy_fence(*fence, None));
             raw.destroy_buffer(self.staging, None);
             raw.free_memory(self.staging_memory, None);
             raw.destroy_fence(self.fence, None);
@@ -378,10 +519,29 @@ impl HostImage {
             .buffer_offset(at)
             .image_extent(vk::Extent3D { width, height, depth: 1 })
             .image_subresource(vk::ImageSubresourceLayers {
-                aspect_mask: range(self.format).aspect_mask,
+                aspect_mask: match range(self.format).aspect_mask {
+                    vk::ImageAspectFlags::COLOR => vk::ImageAspectFlags::COLOR,
+                    _ => vk::ImageAspectFlags::DEPTH,
+                },
                 layer_count: 1,
                 ..Default::default()
             })
+    }
+
+    /// Returns the depths of texels as they are copied.
+    fn depths(&self, texels: &[u8]) -> Vec<f32> {
+        let words = || bytemuck::cast_slice::<u8, u32>(texels).iter();
+        match depth_bits(self.format) {
+            Some(16) => {
+                let halves = bytemuck::cast_slice::<u8, u16>(&texels[..2 * PIXELS]).iter();
+                halves.map(|&code| code as f32 / 65_535.0).collect()
+            }
+            Some(_) => {
+                let depth = |&word: &u32| ((word & 0xFF_FFFF) as f64 / 16_777_215.0) as f32;
+                words().map(depth).collect()
+            }
+            None => words().map(|&word| f32::from_bits(word)).collect(),
+        }
     }
 
     /// # Safety
@@ -408,9 +568,25 @@ impl HostImage {
     }
 }
 
+/// Returns the bits of a normalised depth; None if it is a float, or a colour.
+pub(super) fn depth_bits(format: vk::Format) -> Option<u32> {
+    match format {
+        vk::Format::D16_UNORM => Some(16),
+        vk::Format::X8_D24_UNORM_PACK32 | vk::Format::D24_UNORM_S8_UINT => Some(24),
+        _ => None,
+    }
+}
+
 pub(super) fn range(format: vk::Format) -> vk::ImageSubresourceRange {
-    let aspect_mask =
-        if format == DEPTH { vk::ImageAspectFlags::DEPTH } else { vk::ImageAspectFlags::COLOR };
+    let aspect_mask = match format {
+        DEPTH | vk::Format::D16_UNORM | vk::Format::X8_D24_UNORM_PACK32 => {
+            vk::ImageAspectFlags::DEPTH
+        }
+        vk::Format::D24_UNORM_S8_UINT | vk::Format::D32_SFLOAT_S8_UINT => {
+            vk::ImageAspectFlags::DEPTH | vk::ImageAspectFlags::STENCIL
+        }
+        _ => vk::ImageAspectFlags::COLOR,
+    };
     vk::ImageSubresourceRange { aspect_mask, level_count: 1, layer_count: 1, ..Default::default() }
 }
 

@@ -84,7 +84,9 @@ fn a_scene_is_drawn_as_render_draws_its_file() {
     std::fs::write(&file, scene.to_string()).unwrap();
     let [width, height] = SIZE;
     let (file, to) = (file.display(), picture.display());
-    let line = format!("--scene {file} -o {to} --size {width}x{height}");
+    let exr = folder.path().join("scene.exr");
+    let layers = exr.display();
+    let line = format!("--scene {file} -o {to} --exr {layers} --size {width}x{height}");
     crate::program::succeeded(&crate::program::render(&path, &line));
     let expected = crate::png_file::read_png(&picture);
     assert_eq!(expected.size, SIZE);
@@ -95,8 +97,20 @@ fn a_scene_is_drawn_as_render_draws_its_file() {
     let settings = OpenSettings { color: Some("elevation".into()), ..OpenSettings::default() };
     renderer.open(&[path], &settings).unwrap();
     let targets = application.targets();
-    let (report, color, _) = application.settle(&mut renderer, targets, &[view_of(camera)]);
+    let (report, color, depth) = application.settle(&mut renderer, targets, &[view_of(camera)]);
     assert!(report.points > 0);
+    let layers = crate::exr_file::read_exr(&exr);
+    let division = division_error(&application.device);
+    let (planar, index) = (layers.floats("depth.Z"), &layers.layers["index.V"]);
+    for pixel in 0..PIXELS {
+        let seen = planar[pixel].is_finite() && planar[pixel] > 0.0;
+        let id = if seen { index[pixel] } else { NO_POINT };
+        assert_eq!(application.layers.0[pixel][0], id, "pixel {pixel}");
+        let stored = if seen { 0.01f32 / planar[pixel] } else { 0.0 };
+        let error = (depth[pixel] - stored).abs();
+        assert!(error <= division * stored, "pixel {pixel}: {} {stored}", depth[pixel]);
+    }
+    assert!(index.iter().any(|&id| id != NO_POINT));
     let differ = color.chunks(4).zip(&expected.pixels).filter(|(a, b)| a[..3] != b[..3]).count();
     assert_eq!(differ, 0, "pixels differ");
     // Each of them is seen.

@@ -1,5 +1,6 @@
 //! Depth of the host and of points, and several views.
 
+use super::affine::{EDGE, Slack, by_id, on_screen, pixel_of};
 use super::*;
 
 #[test]
@@ -42,8 +43,12 @@ fn host_geometry_and_points_hide_each_other() {
         targets.depth = targets.depth.map(|depth| Target { clear: false, before: copied, ..depth });
         targets
     };
-    let (_, both, both_depth) =
-        application.draw(&mut renderer, over, &[view_of(camera)], Some((&colors, &depths)));
+    let (_, both, both_depth) = application.draw(
+        &mut renderer,
+        over,
+        &[view_of(camera)],
+        Some((colors.as_flattened(), &depths)),
+    );
     let (mut of_host, mut of_points) = (0, 0);
     for i in 0..PIXELS {
         let (points, triangle) = (depth[i], depths[i]);
@@ -58,6 +63,119 @@ fn host_geometry_and_points_hide_each_other() {
         assert_eq!(both_depth[i], points.max(triangle), "pixel {i}");
     }
     assert!(of_host > 1000 && of_points > 1000, "{of_host} {of_points}");
+}
+
+/// A triangle of the host and points, both in f64: away from edges no pixel is wrong. Depth that is
+/// not written stays the host's.
+#[test]
+fn host_geometry_and_points_hide_each_other_as_f64_says() {
+    let place = |i: u32| {
+        let [u, v] = [(i % 300) as f64 / 150.0 - 1.0, (i / 300) as f64 / 150.0 - 1.0];
+        [u, v, 0.4 * (3.0 * u).sin() * (2.0 * v).cos()]
+    };
+    let places: Vec<[f64; 3]> = (0..90_000).map(place).collect();
+    let points = Points::new(Positions::F64(&places));
+    let own = by_id(&points);
+    let camera = Camera {
+        eye: DVec3::new(0.7, -2.8, 2.1),
+        target: DVec3::ZERO,
+        up: DVec3::Z,
+        fov_y: 40.0,
+        projection: pointillist::renderer::Projection::Perspective,
+        ortho_height: None,
+    };
+    let matrices = Matrices::of(&camera, SIZE, 0.01, f64::INFINITY).unwrap();
+    let slack = Slack::of(&matrices, DEPTH);
+    // The triangle, in the middle of each pixel and at its edges.
+    let corners =
+        [DVec3::new(-0.9, -0.8, -0.6), DVec3::new(1.0, -0.5, 0.1), DVec3::new(0.0, 0.9, 0.7)];
+    let normal = (corners[1] - corners[0]).cross(corners[2] - corners[0]);
+    let view = View::new(camera, SIZE).unwrap();
+    let triangle = |x: f64, y: f64| {
+        let (origin, direction) = view.ray(x, y);
+        let hit = origin + direction * ((corners[0] - origin).dot(normal) / direction.dot(normal));
+        let inside = (0..3).all(|i| {
+            let (a, b) = (corners[i], corners[(i + 1) % 3]);
+            (b - a).cross(hit - a).dot(normal) >= 0.0
+        });
+        inside.then(|| on_screen(&matrices, hit)[2])
+    };
+    let host: Vec<Option<f64>> = (0..PIXELS)
+        .map(|i| {
+            let [x, y] = [i % SIZE[0] as usize, i / SIZE[0] as usize].map(|at| at as f64 + 0.5);
+            triangle(x, y)
+        })
+        .collect();
+    let colors: Vec<[u8; 4]> = host
+        .iter()
+        .map(|depth| if depth.is_some() { [200, 10, 20, 255] } else { [1, 2, 3, 255] })
+        .collect();
+    let depths: Vec<f32> = host.iter().map(|depth| depth.unwrap_or(0.0) as f32).collect();
+    // The two nearest points of each pixel, unless one is at its edge.
+    let mut nearest = vec![0.0f64; PIXELS];
+    let mut at_edge = vec![false; PIXELS];
+    for &point in own.values() {
+        let [x, y, depth] = on_screen(&matrices, point);
+        match pixel_of([x, y]) {
+            Some(pixel) => nearest[pixel] = nearest[pixel].max(depth),
+            None => {
+                for [dx, dy] in [[-EDGE, -EDGE], [EDGE, -EDGE], [-EDGE, EDGE], [EDGE, EDGE]] {
+                    let [x, y] = [x + dx, y + dy];
+                    if x >= 0.0 && y >= 0.0 && x < SIZE[0] as f64 && y < SIZE[1] as f64 {
+                        at_edge[y as usize * SIZE[0] as usize + x as usize] = true;
+                    }
+                }
+            }
+        }
+    }
+    let mut application = Application::new(COLOR);
+    let mut renderer = application.renderer();
+    renderer.set("style", "points").unwrap();
+    renderer.add_points(&points).unwrap();
+    let cleared = application.targets();
+    let (_, alone, _) = application.settle(&mut renderer, cleared, &[view_of(camera)]);
+    let copied = Access::any(vk::ImageLayout::TRANSFER_DST_OPTIMAL.as_raw());
+    let mut over = cleared;
+    over.color = Target { clear: false, before: copied, ..over.color };
+    over.depth = over.depth.map(|depth| Target { clear: false, before: copied, ..depth });
+    for writes_depth in [true, false] {
+        let over = Targets { writes_depth, ..over };
+        let (_, both, both_depth) = application.draw(
+            &mut renderer,
+            over,
+            &[view_of(camera)],
+            Some((colors.as_flattened(), &depths)),
+        );
+        let ids = &application.layers.0;
+        let [mut of_host, mut of_points, mut skipped] = [0; 3];
+        for i in 0..PIXELS {
+            let (point, triangle) = (nearest[i], host[i].unwrap_or(0.0));
+            let near = point > 0.0 && (point - triangle).abs() <= slack.around(point);
+            if at_edge[i] || near {
+                skipped += 1;
+                continue;
+            }
+            let pixel: [u8; 4] = both[4 * i..][..4].try_into().unwrap();
+            if point > triangle {
+                of_points += 1;
+                assert_eq!(pixel, alone[4 * i..][..4], "points are nearer in pixel {i}");
+                let [.., depth] = on_screen(&matrices, own[&ids[i][0]]);
+                assert!((depth - point).abs() <= slack.around(point), "pixel {i}");
+                if writes_depth {
+                    let off = (both_depth[i] as f64 - point).abs();
+                    assert!(off <= slack.around(point), "pixel {i}: {} {point}", both_depth[i]);
+                }
+            } else {
+                of_host += host[i].is_some() as u32;
+                assert_eq!(pixel, colors[i], "the host is nearer in pixel {i}");
+                assert_eq!(ids[i], [NO_POINT, 0], "pixel {i}");
+                assert_eq!(both_depth[i], depths[i], "pixel {i}");
+            }
+        }
+        assert!(writes_depth || both_depth == depths, "depth is not to be written");
+        println!("{of_points} of points, {of_host} of the host, {skipped} at edges");
+        assert!(of_host > 3000 && of_points > 10_000 && skipped < PIXELS as u32 / 20);
+    }
 }
 
 #[test]

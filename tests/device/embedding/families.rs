@@ -233,7 +233,7 @@ fn in_one_command_buffer(path: &std::path::Path, camera: Camera, pixels: &[[u8; 
         (target.clear, target.before) = (false, copied);
     }
     // Nothing of the host is nearer.
-    let held = Some((pixels, &[0.0; PIXELS][..]));
+    let held = Some((pixels.as_flattened(), &[0.0; PIXELS][..]));
     application.draw(&mut renderer, targets, &[view_of(camera)], held).1
 }
 

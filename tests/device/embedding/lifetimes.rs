@@ -139,6 +139,72 @@ fn a_restored_renderer_draws_the_same_on_another_device() {
     drop(next);
 }
 
+/// A lost device is an error that says so, wherever it is noticed; the next device shows the same.
+#[test]
+fn a_lost_device_is_told_and_the_next_one_draws_the_same() {
+    let folder = tempfile::tempdir().unwrap();
+    let (path, camera) = scan(folder.path());
+    let index = indexed(&[&path], "");
+    let mut moved = camera;
+    moved.eye += DVec3::splat(0.3);
+    let lost = vk::Result::ERROR_DEVICE_LOST;
+    // While times are read, while nodes are taken in, and while something is made for a picture.
+    let ways: [(&PathBuf, fn()); 3] = [
+        (&path, || counting::lose_device(true)),
+        (&index, || counting::lose_device(true)),
+        (&path, || counting::refuse(0, vk::Result::ERROR_DEVICE_LOST)),
+    ];
+    for (way, (file, lose)) in ways.into_iter().enumerate() {
+        let mut application = Application::new(COLOR);
+        let mut renderer = application.renderer();
+        renderer.open(std::slice::from_ref(file), &OpenSettings::default()).unwrap();
+        renderer.set("effect", "edl=on").unwrap();
+        let targets = application.targets();
+        let (_, before, depth) = application.settle(&mut renderer, targets, &[view_of(camera)]);
+        if way == 0 {
+            application.draw(&mut renderer, targets, &[view_of(moved)], None);
+        }
+        let pick = renderer.pick([160, 120]);
+        moved.eye += DVec3::splat(0.1);
+        lose();
+        let told = application.try_submit(&mut renderer, targets, &[view_of(moved)], None);
+        let told = told.err().expect("the device is lost");
+        assert!(told.is_lost_device(), "{way}: {told}");
+        counting::lose_device(false);
+        counting::accept();
+        let mut other = Application::new(COLOR);
+        // SAFETY: the renderer is dropped before the application.
+        let mut next = unsafe { renderer.restored(&other.host()) }.unwrap();
+        counting::lose_device(true);
+        drop(renderer);
+        drop(application);
+        counting::lose_device(false);
+        assert_eq!(next.picked(pick), Picked::Nothing);
+        let targets = other.targets();
+        let (_, after, depths) = other.settle(&mut next, targets, &[view_of(camera)]);
+        assert!(before == after && depth == depths, "{way}");
+    }
+    // While a cloud is uploaded: the frame tells it, not the cloud alone.
+    let mut application = Application::new(COLOR);
+    let mut renderer = application.renderer();
+    let cloud = renderer.open(&[path], &OpenSettings::default()).unwrap();
+    counting::refuse(0, lost);
+    let targets = application.targets();
+    let told = (0..2000).find_map(|_| {
+        std::thread::sleep(std::time::Duration::from_millis(2));
+        application.try_submit(&mut renderer, targets, &[view_of(camera)], None).err()
+    });
+    assert!(told.expect("the device is lost").is_lost_device());
+    assert!(counting::accept() && matches!(renderer.state(cloud), Ok(CloudState::Failed(_))));
+    let mut other = Application::new(COLOR);
+    // SAFETY: the renderer is dropped before the application.
+    let mut next = unsafe { renderer.restored(&other.host()) }.unwrap();
+    drop(renderer);
+    let targets = other.targets();
+    let (report, ..) = other.settle(&mut next, targets, &[view_of(camera)]);
+    assert!(report.points > 0);
+}
+
 /// Four views of an index share one cut and what is read for it.
 #[test]
 fn views_share_what_is_read_and_a_frame_takes_no_more_than_its_share() {

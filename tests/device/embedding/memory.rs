@@ -3,7 +3,7 @@
 use super::*;
 
 /// Device memory by functions of the host.
-mod device_memory {
+pub(super) mod device_memory {
     use super::*;
     use std::collections::HashMap;
     use std::sync::Mutex;
@@ -13,6 +13,8 @@ mod device_memory {
     static REAL: Mutex<Option<(vk::PFN_vkAllocateMemory, vk::PFN_vkFreeMemory)>> = Mutex::new(None);
     pub static HELD: Mutex<Option<HashMap<vk::DeviceMemory, u64>>> = Mutex::new(None);
     pub static MOST: Mutex<u64> = Mutex::new(u64::MAX);
+    /// Blocks that are given before all others are refused; None refuses none.
+    pub static BLOCKS: Mutex<Option<u64>> = Mutex::new(None);
 
     pub fn of(device: &Device) {
         let real = device.raw.fp_v1_0();
@@ -38,6 +40,11 @@ mod device_memory {
             let size = (*info).allocation_size;
             if bytes() + size > *MOST.lock().unwrap() {
                 return vk::Result::ERROR_OUT_OF_DEVICE_MEMORY;
+            }
+            match &mut *BLOCKS.lock().unwrap() {
+                Some(0) => return vk::Result::ERROR_OUT_OF_DEVICE_MEMORY,
+                Some(left) => *left -= 1,
+                None => {}
             }
             let result = real().0(device, info, callbacks, memory);
             if result == vk::Result::SUCCESS {

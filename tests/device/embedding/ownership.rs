@@ -101,7 +101,7 @@ fn images_of_another_family_are_acquired_and_released() {
         let depths: Vec<f32> = (0..PIXELS).map(|i| (i % 5) as f32 * 0.002).collect();
         let (mut over, mut depth) = (Vec::new(), Vec::new());
         let barriers = image_barriers(|| {
-            let held = Some((&pixels[..], &depths[..]));
+            let held = Some((pixels.as_flattened(), &depths[..]));
             (_, over, depth) = application.draw(&mut renderer, targets, &[view_of(camera)], held);
         });
         let own = application.device.family;
