@@ -752,7 +752,7 @@ fn painting_in_parts_is_the_same_with_a_note() {
 fn many_points_in_two_places_are_painted_in_seconds() {
     let place = Place::new();
     let line = |i: usize| {
-        let at = if i % 2 == 0 { "0 0 0" } else { "1 0.3 0.2" };
+        let at = if i.is_multiple_of(2) { "0 0 0" } else { "1 0.3 0.2" };
         format!("{at} {} {} {}\n", i % 251, i % 256, i % 7)
     };
     let cloud = place.write("two.xyz", &(0..100_000).map(line).collect::<String>());

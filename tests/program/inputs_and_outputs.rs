@@ -134,7 +134,7 @@ fn inputs_are_not_overwritten() {
     succeeded(&index(&format!("{draw} -o picture.png")));
     for (words, name) in [
         (format!("{draw} -o saved.png"), "saved.png"),
-        (format!("render scan.las --path path.mp4 -o path.mp4"), "path.mp4"),
+        ("render scan.las --path path.mp4 -o path.mp4".to_string(), "path.mp4"),
     ] {
         let before = std::fs::read(place.at(name)).unwrap();
         let said = failed(&index(&words), 1);
