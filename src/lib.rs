@@ -37,7 +37,8 @@
 //! A picture of a file, without the program:
 //!
 //! ```no_run
-//! use pointillist::{DeviceOptions, OpenSettings, Preset, Renderer, RendererOptions, write_png};
+//! use pointillist::{DeviceOptions, OpenSettings, Preset, write_png};
+//! use pointillist::{Renderer, RendererOptions};
 //!
 //! # fn main() -> pointillist::Result<()> {
 //! let mut renderer =

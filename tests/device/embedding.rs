@@ -159,8 +159,13 @@ fn frames_of_random_calls_leave_the_picture_of_a_fresh_start() {
         target.iter_mut().for_each(|target| target.before = any);
     }
     let mut growth = Vec::new();
-    // Strokes are drawn for a few frames at a time.
-    let mut strokes_until = None;
+    // What costs much is drawn for a few frames at a time: until which, and what ends it.
+    let costly = [
+        ("effect", "strokes=on", "strokes=off"),
+        ("effect", "shadows=on", "shadows=off"),
+        ("opacity", "0.5", ""),
+    ];
+    let mut ends: Option<(usize, &str, &str)> = None;
     for frame in 0..1000 {
         match next(18) {
             0 | 1 if clouds.len() < 4 => {
@@ -193,24 +198,22 @@ fn frames_of_random_calls_leave_the_picture_of_a_fresh_start() {
             }
             8 | 9 => drop(renderer.pick([next(320) as u32, next(240) as u32])),
             10 | 11 => {
-                let effects =
-                    ["edl=on", "edl=off", "fill=on", "ao=on", "shadows=on", "shadows=off"];
-                renderer.set("effect", effects[next(6) as usize]).unwrap();
+                let effects = ["edl=on", "edl=off", "fill=on", "ao=on"];
+                renderer.set("effect", effects[next(4) as usize]).unwrap();
             }
-            12 => renderer.set("opacity", ["0.5", "1", ""][next(3) as usize]).unwrap(),
             13 => {
                 let clips = ["box:-1,-1,-1,0.5,1,1", "box:-3,-3,-3,3,3,3", ""];
                 renderer.set("clip", clips[next(3) as usize]).unwrap();
             }
-            14 if strokes_until.is_none() && next(4) == 0 => {
-                renderer.set("effect", "strokes=on").unwrap();
-                strokes_until = Some(frame + 4);
+            14 if ends.is_none() => {
+                let (name, on, off) = costly[next(3) as usize];
+                renderer.set(name, on).unwrap();
+                ends = Some((frame + 2, name, off));
             }
             _ => {}
         }
-        if strokes_until.is_some_and(|until| frame >= until) {
-            renderer.set("effect", "strokes=off").unwrap();
-            strokes_until = None;
+        if let Some((_, name, off)) = ends.take_if(|(until, ..)| frame >= *until) {
+            renderer.set(name, off).unwrap();
         }
         let size = [48 + 16 * next(6) as u32, 48 + 16 * next(6) as u32];
         let area = Area { corner: [next(100) as i32, next(80) as i32], size };

@@ -267,7 +267,7 @@ fn a_full_disk_is_said_and_a_closed_pipe_is_not() {
         } else {
             succeeded(&output);
         }
-        // What is said on standard error is lost, and nothing else.
+        // Only the words on standard error are lost.
         let output = command(line).stderr(full()).output().unwrap();
         assert_eq!((output.status.code(), output.stdout.is_empty()), (Some(0), !prints), "{line}");
         let mut child =
