@@ -286,7 +286,7 @@ unsafe fn losing(
 static LEFT: AtomicI64 = AtomicI64::new(-1);
 static REFUSAL: AtomicI32 = AtomicI32::new(0);
 
-/// Has one creation fail after so many others, until [`accept`].
+/// Has one creation fail after this many others, until [`accept`].
 pub fn refuse(after: u64, code: vk::Result) {
     REFUSAL.store(code.as_raw(), Relaxed);
     LEFT.store(after as i64, Relaxed);

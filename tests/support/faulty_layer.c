@@ -5,8 +5,8 @@
 //   FAULT_AT=N        the N-th call that may fail does, counted from 1 over all threads
 //   FAULT_LOSES=1     that call, and all after it that a lost device fails, say that it is lost
 //   FAULT_LOG=FILE    names of calls are appended there: of the failed one, or of all without FAULT_AT
-//   HIDDEN=NAME,...   the device is said to lack these features
-//   LIMITS=NAME=N,... the device is said to have these limits, and apiVersion or timestampValidBits
+//   HIDDEN=NAME,...   the device lacks these features
+//   LIMITS=NAME=N,... the device has these limits, and apiVersion or timestampValidBits
 // What fails does not reach the layers below, nor the driver, but for what waits for a lost device.
 
 #include <stdatomic.h>
