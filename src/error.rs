@@ -31,7 +31,7 @@ pub enum Error {
     Format {
         /// The file.
         path: PathBuf,
-        /// What is wrong, and where.
+        /// Description of the fault and its place.
         what: String,
     },
 

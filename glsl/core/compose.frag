@@ -12,7 +12,7 @@ layout(set = 1, rgba32ui) readonly uniform uimageBuffer buckets;
 // 0: linear. 1: 8-bit codes. 2: linear colours of 8-bit codes, which the device encodes again. 3:
 // sRGB of more than 8 bits.
 layout(constant_id = 0) const uint ENCODING = 0;
-// Whether the picture has a background of its own.
+// True if the picture has a background of its own.
 layout(constant_id = 2) const bool OPAQUE = false;
 
 layout(push_constant, scalar) uniform Push {

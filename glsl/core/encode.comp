@@ -14,9 +14,9 @@ layout(rgba32ui) readonly uniform uimageBuffer buckets;
 layout(scalar) writeonly buffer Screen { uint word[]; } screen;
 
 layout(constant_id = 0) const bool BLUE_FIRST = false;
-// Whether to write three bytes per pixel, red first, for files; else one word.
+// True if to write three bytes per pixel, red first, for files; else one word.
 layout(constant_id = 1) const bool PACKED = false;
-// Whether the highest byte of a word is the picture's alpha, which the picture's colours are
+// True if the highest byte of a word is the picture's alpha, which the picture's colours are
 // multiplied by and the codes are not; else 255.
 layout(constant_id = 2) const bool ALPHA = false;
 

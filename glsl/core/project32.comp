@@ -29,11 +29,11 @@ layout(r32ui) readonly uniform uimageBuffer front;
 layout(rgba32ui) readonly uniform uimageBuffer front_behind;
 // Last layer that each listed chunk had points behind the ones before.
 layout(scalar) buffer Alive { uint layer[]; } alive;
-// Whether each listed chunk has a point near the front.
+// True if each listed chunk has a point near the front.
 layout(scalar) buffer Shallow { uint chunk[]; } shallow;
 layout(scalar) buffer Keys { uint word[]; } keys;
 
-// Whether this is a layer behind others: only deeper points count (Dobrev et al. 2010, sec. 4).
+// True if this is a layer behind others: only deeper points count (Dobrev et al. 2010, sec. 4).
 layout(constant_id = 7) const bool BEHIND = false;
 
 #include "keys.glsl"

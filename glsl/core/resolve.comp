@@ -33,12 +33,12 @@ layout(rgba32f) writeonly uniform image2D color;
 
 layout(constant_id = 0) const uint MODE = 0u;
 layout(constant_id = 1) const bool TEXELS = true;
-// Whether some points are transparent, and whether that depends on their kinds.
+// True if some points are transparent, and whether that depends on their kinds.
 layout(constant_id = 2) const bool TRANSPARENT = false;
 layout(constant_id = 3) const bool BY_KIND = false;
-// Whether another pass makes the colours (luminance.comp).
+// True if another pass makes the colours (luminance.comp).
 layout(constant_id = 4) const bool COLORLESS = false;
-// Whether this is a layer behind others.
+// True if this is a layer behind others.
 layout(constant_id = 5) const bool BEHIND = false;
 
 layout(push_constant, scalar) uniform Push {

@@ -42,7 +42,7 @@ layout(rgba32f) writeonly uniform image2D to_source;
 
 layout(constant_id = 0) const bool TEXELS = true;
 layout(constant_id = 1) const bool OCCLUDED = false;
-// Whether holes are known.
+// True if holes are known.
 layout(constant_id = 2) const bool FOUND = false;
 
 layout(push_constant, scalar) uniform Push {

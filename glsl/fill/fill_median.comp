@@ -32,7 +32,7 @@ layout(rgba32f) writeonly uniform image2D to_depth;
 layout(rgba32f) writeonly uniform image2D to_color;
 
 layout(constant_id = 0) const bool TEXELS = true;
-// Whether colours are labels, which are never mixed.
+// True if colours are labels, which are never mixed.
 layout(constant_id = 1) const bool LABELS = false;
 
 layout(push_constant, scalar) uniform Push {

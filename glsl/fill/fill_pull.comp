@@ -23,9 +23,9 @@ layout(rgba32f) writeonly uniform image2D places;
 layout(rgba32f) writeonly uniform image2D color;
 
 layout(constant_id = 0) const bool PERSPECTIVE = true;
-// Whether this is level 1, made from the picture.
+// True if this is level 1, made from the picture.
 layout(constant_id = 1) const bool FIRST = true;
-// Whether colours are labels, which are never mixed.
+// True if colours are labels, which are never mixed.
 layout(constant_id = 2) const bool LABELS = false;
 
 layout(push_constant, scalar) uniform Push {

@@ -42,10 +42,10 @@ layout(rgba32f) writeonly uniform image2D filled_places;
 layout(r32f) writeonly uniform image2D missed;
 
 layout(constant_id = 0) const bool PERSPECTIVE = true;
-// Whether there is no coarser level.
+// True if there is no coarser level.
 layout(constant_id = 1) const bool COARSEST = false;
 layout(constant_id = 2) const bool PICTURE = false;
-// Whether colours are labels, which are never mixed.
+// True if colours are labels, which are never mixed.
 layout(constant_id = 3) const bool LABELS = false;
 
 layout(push_constant, scalar) uniform Push {

@@ -3,7 +3,7 @@
 
 layout(constant_id = 0) const bool PERSPECTIVE = false;
 layout(constant_id = 1) const bool TEXELS = true;
-// Whether the depths are those of keys, next to their points (keys.glsl); without a point there is
+// True if the depths are those of keys, next to their points (keys.glsl); without a point there is
 // none.
 layout(constant_id = 2) const bool OF_KEYS = false;
 

@@ -6,7 +6,7 @@ layout(constant_id = 0) const uint LANES = 8u;
 // Position planes to read: 10, 20 or 30 bits per axis.
 layout(constant_id = 1) const uint PLANES = 1u;
 layout(constant_id = 2) const bool PERSPECTIVE = true;
-// Whether texel buffers are large enough. lavapipe gathers texels, but loads from storage buffers
+// True if texel buffers are large enough. lavapipe gathers texels, but loads from storage buffers
 // lane by lane, several times slower.
 layout(constant_id = 4) const bool TEXELS = true;
 // Points to leave out: of opacity 0, if kinds are known (1); facing away from the camera, if

@@ -10,7 +10,7 @@
 // touches thousands of tiles.
 layout(constant_id = 10) const uint SLICES_OF_CHUNK = 1u;
 #define SLICES SLICES_OF_CHUNK
-// Whether opacities depend on kinds of points.
+// True if opacities depend on kinds of points.
 layout(constant_id = 9) const bool BY_KIND = false;
 
 layout(buffer_reference, scalar, buffer_reference_align = 4) readonly buffer Plane { uint word[]; };

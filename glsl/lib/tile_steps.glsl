@@ -10,7 +10,7 @@
 // `step`, from 1; `woken_at`, the first tile's word; `most_groups` of a dispatch. It tells which
 // tile is at a place, and works on a lane's column of a tile.
 
-// Whether a step changed pixels of a lane's column: any, the top one, the bottom one.
+// True if a step changed pixels of a lane's column: any, the top one, the bottom one.
 struct Changes {
     bool any;
     bool top;

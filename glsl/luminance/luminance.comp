@@ -35,7 +35,7 @@ layout(scalar) readonly buffer Kinds { uvec2 page[]; } kinds;
 layout(scalar) readonly buffer Opacities { float factor[]; } opacities;
 layout(r32f) readonly uniform image2D front;
 layout(r32ui) readonly uniform uimage2D index;
-// Whether each tile of the whole picture shows several stations, row by row.
+// True if each tile of the whole picture shows several stations, row by row.
 layout(r32ui) readonly uniform uimageBuffer several;
 layout(rgba32f) writeonly uniform image2D color;
 
@@ -46,7 +46,7 @@ layout(constant_id = 3) const bool TEXELS = true;
 // See resolve.comp.
 layout(constant_id = 4) const bool TRANSPARENT = false;
 layout(constant_id = 5) const bool BY_KIND = false;
-// Whether some tiles show only one station.
+// True if some tiles show only one station.
 layout(constant_id = 6) const bool PARTLY = false;
 // See resolve.comp.
 layout(constant_id = 7) const uint MODE = 0u;

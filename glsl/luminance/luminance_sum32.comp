@@ -12,7 +12,7 @@
 
 // 1: V of HSV; 3: red, green and blue.
 layout(constant_id = 5) const uint CHANNELS = 1u;
-// Whether points show a number on a grey ramp.
+// True if points show a number on a grey ramp.
 layout(constant_id = 7) const bool RAMP = false;
 
 layout(scalar) readonly buffer Nodes { Node node[]; } nodes;
@@ -21,7 +21,7 @@ layout(scalar) readonly buffer Opacities { float factor[]; } opacities;
 // Clip boxes of nodes with points on both sides.
 layout(scalar) readonly buffer Boxes { Within cells[]; } within;
 layout(scalar) readonly buffer Chunks { uint chunk[]; } chunks;
-// Whether each listed chunk has a point near the front.
+// True if each listed chunk has a point near the front.
 layout(scalar) readonly buffer Shallow { uint chunk[]; } shallow;
 // Pages of a block, as texels of four words; and as words if texel buffers are too small.
 layout(rgba32ui) readonly uniform uimageBuffer pages;

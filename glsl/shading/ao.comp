@@ -25,9 +25,9 @@ layout(r32f) readonly uniform image2D shading;
 layout(r32f) writeonly uniform image2D occluded_shading;
 
 layout(constant_id = 0) const bool PERSPECTIVE = true;
-// Whether an effect before has made a factor.
+// True if an effect before has made a factor.
 layout(constant_id = 1) const bool HAS_SHADING = false;
-// Whether the radius is in metres with perspective, instead of a share of the depth.
+// True if the radius is in metres with perspective, instead of a share of the depth.
 layout(constant_id = 2) const bool METRES = false;
 
 layout(push_constant, scalar) uniform Push {

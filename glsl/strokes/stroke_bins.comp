@@ -21,7 +21,7 @@
 
 layout(constant_id = 5) const uint STEP = 0u;
 layout(constant_id = 7) const uint MODE = 0u;
-// Whether some points are transparent.
+// True if some points are transparent.
 layout(constant_id = 8) const bool TRANSPARENT = false;
 
 // First tile and end; number of this turn and of all turns, which share a node's points.

@@ -24,12 +24,12 @@
 layout(local_size_x = 64) in;
 
 layout(constant_id = 0) const bool PERSPECTIVE = true;
-// Whether fragments are stored, not only counted.
+// True if fragments are stored, not only counted.
 layout(constant_id = 1) const bool KEPT = false;
 layout(constant_id = 2) const bool TEXELS = true;
-// Whether fragments are ordered by the depths of their strokes' points, not by their own.
+// True if fragments are ordered by the depths of their strokes' points, not by their own.
 layout(constant_id = 3) const bool BY_STROKE = false;
-// Whether fragments behind one that covers its pixel completely are left out.
+// True if fragments behind one that covers its pixel completely are left out.
 layout(constant_id = 4) const bool BEFORE_HIDERS = false;
 
 layout(scalar) readonly buffer Canvases { Canvas canvas[]; } canvases;

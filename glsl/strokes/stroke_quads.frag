@@ -9,7 +9,7 @@
 
 layout(constant_id = 0) const bool PERSPECTIVE = true;
 layout(constant_id = 2) const bool TEXELS = true;
-// Whether to write keys, not only ground.
+// True if to write keys, not only ground.
 layout(constant_id = 3) const bool PAINTED = true;
 
 #include "stroke_constants.glsl"

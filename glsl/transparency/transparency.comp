@@ -48,7 +48,7 @@ layout(constant_id = 0) const bool HAS_SHADING = false;
 layout(constant_id = 1) const bool FIRST = false;
 layout(constant_id = 2) const bool LAST = false;
 layout(constant_id = 3) const bool TEXELS = true;
-// Whether depths were taken from other pixels.
+// True if depths were taken from other pixels.
 layout(constant_id = 4) const bool TAKEN = false;
 
 layout(push_constant, scalar) uniform Push {

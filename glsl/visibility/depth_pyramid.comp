@@ -16,7 +16,7 @@ layout(local_size_x = 64) in;
 layout(r32f) readonly uniform image2D depth;
 layout(rgba32f) uniform image2D pyramid;
 
-// Whether this is level 1, which is made from the picture.
+// True if this is level 1, which is made from the picture.
 layout(constant_id = 0) const bool FIRST = true;
 
 layout(push_constant, scalar) uniform Push {

@@ -58,7 +58,7 @@ layout(constant_id = 0) const uint RADIUS = 4u;
 layout(constant_id = 1) const uint SECTORS = 8u;
 layout(constant_id = 2) const bool PERSPECTIVE = true;
 layout(constant_id = 3) const bool TEXELS = true;
-// Whether this is the finest level of a pyramid, not the paper's single kernel.
+// True if this is the finest level of a pyramid, not the paper's single kernel.
 layout(constant_id = 4) const bool FINEST = false;
 
 layout(push_constant, scalar) uniform Push {

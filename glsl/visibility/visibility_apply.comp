@@ -16,7 +16,7 @@ layout(r32f) uniform image2D depth;
 layout(r32ui) uniform uimage2D index;
 layout(rgba32f) uniform image2D color;
 
-// Whether to remove index and colour, too, and to mark holes.
+// True if to remove index and colour, too, and to mark holes.
 layout(constant_id = 0) const bool ALL = true;
 
 layout(push_constant, scalar) uniform Push {

@@ -71,7 +71,7 @@ layout(scalar) buffer Kernels { uint tile[]; } kernels;
 
 layout(constant_id = 0) const uint RADIUS = 3u;
 layout(constant_id = 1) const bool PERSPECTIVE = true;
-// Whether pixels without a point are judged.
+// True if pixels without a point are judged.
 layout(constant_id = 2) const bool EMPTY = false;
 layout(constant_id = 3) const bool TEXELS = true;
 

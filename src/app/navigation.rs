@@ -41,7 +41,8 @@ impl Mode {
 }
 
 /// Mouse buttons of other programs.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, EnumString, IntoStaticStr, VariantArray)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(EnumString, IntoStaticStr, VariantArray)]
 #[strum(serialize_all = "kebab-case")]
 pub enum NavigationStyle {
     /// Left turns, right and middle move

@@ -439,7 +439,7 @@ impl Filter {
     pub fn leaves_none_of(&self, classes: &[(u8, u64)], returns: &[(u8, u64)]) -> bool {
         self.only.iter().any(|condition| match condition.quantity {
             Quantity::Class => !classes.iter().any(|(class, _)| condition.has((*class).into())),
-            // Whether a return is the last is not counted.
+            // True if a return is the last is not counted.
             Quantity::Return if condition.values.iter().all(|v| matches!(v, Value::Range(_))) => {
                 !returns.iter().any(|(number, _)| condition.has((*number).into()))
             }

@@ -29,7 +29,8 @@ const AT_ONCE: usize = 1 << 15;
 const BLOCK: usize = 64;
 
 /// The treatment of strays.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, EnumString, IntoStaticStr, VariantArray)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(EnumString, IntoStaticStr, VariantArray)]
 #[strum(serialize_all = "kebab-case")]
 pub enum Treatment {
     /// Draws strays where they lie

@@ -59,7 +59,8 @@ impl std::str::FromStr for Value {
 }
 
 /// Which of a cell's points counts.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, EnumString, IntoStaticStr, VariantArray)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(EnumString, IntoStaticStr, VariantArray)]
 #[strum(serialize_all = "kebab-case")]
 pub enum Pick {
     /// The highest; of equal ones the first in the files

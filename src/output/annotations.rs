@@ -178,9 +178,9 @@ impl Annotations {
 /// Annotations as they were drawn.
 #[derive(Default)]
 pub struct Drawn {
-    /// What they cover: the title's rows, those of the scale bar, and so on.
+    /// Edges that they cover: the title's rows, those of the scale bar, and so on.
     pub covered: Covered,
-    /// What has no room.
+    /// Names of those without room.
     pub left_out: Vec<&'static str>,
 }
 

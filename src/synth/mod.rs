@@ -41,7 +41,8 @@ pub use terrain::Relief;
 pub use terrestrial::reaches;
 pub use world::{Hit, Method, Station, Viewpoint, World};
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq, EnumString, IntoStaticStr, VariantArray)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(EnumString, IntoStaticStr, VariantArray)]
 #[strum(serialize_all = "kebab-case")]
 pub enum SceneKind {
     /// 4 m x 4 m at z = 0

@@ -132,7 +132,9 @@ fn comments_are_plain_and_narrow() {
             let has_columns = comment.contains("  ");
             let is_wide = line.chars().count() > 100 && !has_columns;
             let is_odd = NEVER.iter().any(|odd| words.to_lowercase().contains(odd));
-            let opens = ["/ Of ", "/ To ", "/ Whether "].iter().any(|odd| comment.starts_with(odd));
+            let opens = ["/ Of ", "/ To ", "/ Whether ", " Whether "]
+                .iter()
+                .any(|odd| comment.starts_with(odd));
             if is_wide || is_odd || opens {
                 wrong.push(format!("{}:{}: {line}", path.display(), number + 1));
             }
