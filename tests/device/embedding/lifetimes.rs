@@ -168,7 +168,7 @@ fn a_lost_device_is_told_and_the_next_one_draws_the_same() {
         moved.eye += DVec3::splat(0.1);
         lose();
         let told = application.try_submit(&mut renderer, targets, &[view_of(moved)], None);
-        let told = told.err().expect("the device is lost");
+        let told = told.expect_err("the device is lost");
         assert!(told.is_lost_device(), "{way}: {told}");
         counting::lose_device(false);
         counting::accept();
