@@ -12,6 +12,8 @@ mod copc_file;
 mod counting;
 #[path = "../support/exr_file.rs"]
 mod exr_file;
+#[path = "../support/faulty_layer.rs"]
+mod faulty_layer;
 #[path = "../support/files.rs"]
 mod files;
 #[path = "../support/index_file.rs"]

@@ -1,5 +1,5 @@
 // A Vulkan layer that lets one call fail, or loses the device at one, or hides what a device has,
-// for tests of the program.
+// or shows a queue family that it has not, for tests.
 //
 // In: the environment.
 //   FAULT_AT=N        the N-th call that may fail does, counted from 1 over all threads
@@ -7,8 +7,15 @@
 //   FAULT_LOG=FILE    names of calls are appended there: of the failed one, or of all without FAULT_AT
 //   HIDDEN=NAME,...   the device lacks these features
 //   LIMITS=NAME=N,... the device has these limits, and apiVersion or timestampValidBits
+//   SHOWN=1           the device has one more queue family, the last, which is as the first
 // What fails does not reach the layers below, nor the driver, but for what waits for a lost device.
+//
+// Queues of the shown family are those of the first below this layer, under handles of their own:
+// below, nothing changes its owner, and each half of a transfer changes the layout of its image,
+// which drivers without layouts do not mind. They complete in the order of submission, so that a
+// wait for work that another queue is given later never ends.
 
+#include <pthread.h>
 #include <stdatomic.h>
 #include <stdbool.h>
 #include <stdio.h>
@@ -62,21 +69,113 @@ static bool waits(const char *name) {
 static PFN_vkGetInstanceProcAddr next_instance_function;
 static PFN_vkGetDeviceProcAddr next_device_function;
 
+// The shown family, whose queues are those of family 0; no family if none is shown.
+#define NO_FAMILY (VK_QUEUE_FAMILY_EXTERNAL - 2)
+static uint32_t shown_family = NO_FAMILY;
+
+static uint32_t real_family(uint32_t family) {
+    return family == shown_family ? 0 : family;
+}
+
+// A queue of the shown family. The loader reads and writes the first word of each queue.
+typedef struct ShownQueue {
+    void *dispatch;
+    VkQueue real;
+    struct ShownQueue *next;
+} ShownQueue;
+static ShownQueue *shown_queues;
+static pthread_mutex_t list_lock = PTHREAD_MUTEX_INITIALIZER;
+static pthread_mutex_t queue_lock = PTHREAD_MUTEX_INITIALIZER;
+
+// Returns the handle that stands for a queue in the shown family.
+static VkQueue shown_queue(VkDevice device, VkQueue real) {
+    pthread_mutex_lock(&list_lock);
+    ShownQueue *queue = shown_queues;
+    while (queue && queue->real != real) {
+        queue = queue->next;
+    }
+    if (queue == NULL) {
+        queue = malloc(sizeof *queue);
+        *queue = (ShownQueue){.real = real, .next = shown_queues};
+        shown_queues = queue;
+    }
+    queue->dispatch = *(void **)device;
+    pthread_mutex_unlock(&list_lock);
+    return (VkQueue)queue;
+}
+
+static VkQueue real_queue(VkQueue queue) {
+    pthread_mutex_lock(&list_lock);
+    const ShownQueue *found = shown_queues;
+    while (found && found != (const ShownQueue *)queue) {
+        found = found->next;
+    }
+    pthread_mutex_unlock(&list_lock);
+    return found ? found->real : queue;
+}
+
+// Holds the queues for a call that uses one: two of them may be one below.
+static void hold_queues(const char *name) {
+    if (strncmp(name, "vkQueue", strlen("vkQueue")) == 0) {
+        pthread_mutex_lock(&queue_lock);
+    }
+}
+
+static void release_queues(const char *name) {
+    if (strncmp(name, "vkQueue", strlen("vkQueue")) == 0) {
+        pthread_mutex_unlock(&queue_lock);
+    }
+}
+
+// Returns what an object is created from, for one family instead of two.
+#define OF_REAL_FAMILIES(What)                                                                     \
+    static const Vk##What *real_##What(const Vk##What *info) {                                     \
+        static _Thread_local Vk##What copy;                                                        \
+        bool shares = info->SHARING == VK_SHARING_MODE_CONCURRENT;                                 \
+        for (uint32_t i = 0; shares && i < info->queueFamilyIndexCount; ++i) {                     \
+            shares = info->pQueueFamilyIndices[i] == 0 ||                                          \
+                     info->pQueueFamilyIndices[i] == shown_family;                                 \
+        }                                                                                          \
+        if (!shares || shown_family == NO_FAMILY) {                                                \
+            return info;                                                                           \
+        }                                                                                          \
+        copy = *info;                                                                              \
+        copy.SHARING = VK_SHARING_MODE_EXCLUSIVE;                                                  \
+        copy.queueFamilyIndexCount = 0;                                                            \
+        return &copy;                                                                              \
+    }
+#define SHARING sharingMode
+OF_REAL_FAMILIES(BufferCreateInfo)
+OF_REAL_FAMILIES(ImageCreateInfo)
+#undef SHARING
+#define SHARING imageSharingMode
+OF_REAL_FAMILIES(SwapchainCreateInfoKHR)
+#undef SHARING
+
+static const VkCommandPoolCreateInfo *real_CommandPoolCreateInfo(
+    const VkCommandPoolCreateInfo *info) {
+    static _Thread_local VkCommandPoolCreateInfo copy;
+    copy = *info;
+    copy.queueFamilyIndex = real_family(info->queueFamilyIndex);
+    return &copy;
+}
+
 // Functions that may fail: name, whether they report a lost device, error, parameters, arguments.
 #define OOM VK_ERROR_OUT_OF_DEVICE_MEMORY
 #define ALLOCATOR const VkAllocationCallbacks *callbacks
-#define CREATE(X, what)                                                                            \
+#define CREATE_OF(X, what, info_below)                                                             \
     X(vkCreate##what, false, OOM,                                                                  \
       (VkDevice device, const Vk##what##CreateInfo *info, ALLOCATOR, Vk##what *made),              \
-      (device, info, callbacks, made))
+      (device, info_below, callbacks, made))
+#define CREATE(X, what) CREATE_OF(X, what, info)
 #define DEVICE_FUNCTIONS(X)                                                                        \
-    CREATE(X, Buffer)                                                                              \
+    CREATE_OF(X, Buffer, real_BufferCreateInfo(info))                                              \
     CREATE(X, BufferView)                                                                          \
-    CREATE(X, Image)                                                                               \
+    CREATE_OF(X, Image, real_ImageCreateInfo(info))                                                \
     CREATE(X, ImageView)                                                                           \
     CREATE(X, Fence)                                                                               \
     CREATE(X, Semaphore)                                                                           \
-    CREATE(X, CommandPool)                                                                         \
+    CREATE_OF(X, CommandPool, real_CommandPoolCreateInfo(info))                                    \
     CREATE(X, QueryPool)                                                                           \
     CREATE(X, DescriptorPool)                                                                      \
     CREATE(X, DescriptorSetLayout)                                                                 \
@@ -85,7 +184,7 @@ static PFN_vkGetDeviceProcAddr next_device_function;
     CREATE(X, Sampler)                                                                             \
     X(vkCreateSwapchainKHR, false, OOM,                                                            \
       (VkDevice device, const VkSwapchainCreateInfoKHR *info, ALLOCATOR, VkSwapchainKHR *made),    \
-      (device, info, callbacks, made))                                                             \
+      (device, real_SwapchainCreateInfoKHR(info), callbacks, made))                                \
     X(vkGetSwapchainImagesKHR, false, OOM,                                                         \
       (VkDevice device, VkSwapchainKHR swapchain, uint32_t *count, VkImage *images),               \
       (device, swapchain, count, images))                                                          \
@@ -126,10 +225,15 @@ static PFN_vkGetDeviceProcAddr next_device_function;
     X(vkResetCommandPool, false, OOM,                                                              \
       (VkDevice device, VkCommandPool pool, VkCommandPoolResetFlags flags),                        \
       (device, pool, flags))                                                                       \
+    X(vkQueueSubmit, true, OOM,                                                                    \
+      (VkQueue queue, uint32_t count, const VkSubmitInfo *submits, VkFence fence),                 \
+      (real_queue(queue), count, submits, fence))                                                  \
     X(vkQueueSubmit2, true, OOM,                                                                   \
       (VkQueue queue, uint32_t count, const VkSubmitInfo2 *submits, VkFence fence),                \
-      (queue, count, submits, fence))                                                              \
-    X(vkQueuePresentKHR, true, OOM, (VkQueue queue, const VkPresentInfoKHR *info), (queue, info))  \
+      (real_queue(queue), count, submits, fence))                                                  \
+    X(vkQueueWaitIdle, true, OOM, (VkQueue queue), (real_queue(queue)))                            \
+    X(vkQueuePresentKHR, true, OOM, (VkQueue queue, const VkPresentInfoKHR *info),                 \
+      (real_queue(queue), info))                                                                   \
     X(vkWaitForFences, true, OOM,                                                                  \
       (VkDevice device, uint32_t count, const VkFence *fences, VkBool32 all, uint64_t timeout),    \
       (device, count, fences, all, timeout))                                                       \
@@ -161,13 +265,7 @@ static PFN_vkGetDeviceProcAddr next_device_function;
     X(vkGetPhysicalDeviceProperties2, (PHYSICAL, VkPhysicalDeviceProperties2 *found),              \
       (physical, found), limit(&found->properties, found->pNext))                                  \
     X(vkGetPhysicalDeviceProperties2KHR, (PHYSICAL, VkPhysicalDeviceProperties2 *found),           \
-      (physical, found), limit(&found->properties, found->pNext))                                  \
-    X(vkGetPhysicalDeviceQueueFamilyProperties,                                                    \
-      (PHYSICAL, uint32_t *count, VkQueueFamilyProperties *found), (physical, count, found),       \
-      for (uint32_t i = 0; found && i < *count; ++i) limit_queues(&found[i]))                      \
-    X(vkGetPhysicalDeviceQueueFamilyProperties2,                                                   \
-      (PHYSICAL, uint32_t *count, VkQueueFamilyProperties2 *found), (physical, count, found),      \
-      for (uint32_t i = 0; found && i < *count; ++i) limit_queues(&found[i].queueFamilyProperties))
+      (physical, found), limit(&found->properties, found->pNext))
 #define INSTANCE_FUNCTIONS(X)                                                                      \
     X(vkEnumeratePhysicalDevices, false, VK_ERROR_OUT_OF_HOST_MEMORY,                              \
       (VkInstance instance, uint32_t *count, VkPhysicalDevice *devices),                           \
@@ -180,13 +278,14 @@ static PFN_vkGetDeviceProcAddr next_device_function;
 #define DEFINE(name, can_lose, usual, parameters, arguments)                                       \
     static PFN_##name next_##name;                                                                 \
     static VKAPI_ATTR VkResult VKAPI_CALL own_##name parameters {                                  \
-        if (!fails(#name, can_lose)) {                                                             \
-            return next_##name arguments;                                                          \
+        const bool fault = fails(#name, can_lose);                                                 \
+        VkResult result = VK_SUCCESS;                                                              \
+        if (!fault || waits(#name)) {                                                              \
+            hold_queues(#name);                                                                    \
+            result = next_##name arguments;                                                        \
+            release_queues(#name);                                                                 \
         }                                                                                          \
-        if (waits(#name)) {                                                                        \
-            (void)next_##name arguments;                                                           \
-        }                                                                                          \
-        return code(usual);                                                                        \
+        return fault ? code(usual) : result;                                                       \
     }
 DEVICE_FUNCTIONS(DEFINE)
 INSTANCE_FUNCTIONS(DEFINE)
@@ -296,6 +395,98 @@ static void limit(VkPhysicalDeviceProperties *properties, void *next) {
     }
 }
 
+#define FAMILY_QUERIES(X)                                                                          \
+    X(vkGetPhysicalDeviceQueueFamilyProperties, VkQueueFamilyProperties, found[i])                 \
+    X(vkGetPhysicalDeviceQueueFamilyProperties2, VkQueueFamilyProperties2,                         \
+      found[i].queueFamilyProperties)                                                              \
+    X(vkGetPhysicalDeviceQueueFamilyProperties2KHR, VkQueueFamilyProperties2,                      \
+      found[i].queueFamilyProperties)
+#define DEFINE_FAMILY_QUERY(name, Properties, properties)                                          \
+    static PFN_##name next_##name;                                                                 \
+    static VKAPI_ATTR void VKAPI_CALL own_##name(PHYSICAL, uint32_t *count, Properties *found) {   \
+        const bool shows = getenv("SHOWN");                                                        \
+        const uint32_t room = *count;                                                              \
+        next_##name(physical, count, found);                                                       \
+        if (shows && found == NULL) {                                                              \
+            ++*count;                                                                              \
+        } else if (shows && *count < room) {                                                       \
+            uint32_t first = 1;                                                                    \
+            next_##name(physical, &first, found + *count);                                         \
+            ++*count;                                                                              \
+        }                                                                                          \
+        for (uint32_t i = 0; found && i < *count; ++i) {                                           \
+            limit_queues(&properties);                                                             \
+        }                                                                                          \
+    }
+FAMILY_QUERIES(DEFINE_FAMILY_QUERY)
+
+static void find_shown_family(PHYSICAL) {
+    if (getenv("SHOWN")) {
+        next_vkGetPhysicalDeviceQueueFamilyProperties(physical, &shown_family, NULL);
+    }
+}
+
+static PFN_vkGetPhysicalDeviceSurfaceSupportKHR next_vkGetPhysicalDeviceSurfaceSupportKHR;
+static VKAPI_ATTR VkResult VKAPI_CALL own_vkGetPhysicalDeviceSurfaceSupportKHR(
+    PHYSICAL, uint32_t family, VkSurfaceKHR surface, VkBool32 *supported) {
+    find_shown_family(physical);
+    return next_vkGetPhysicalDeviceSurfaceSupportKHR(physical, real_family(family), surface,
+                                                     supported);
+}
+
+// Device functions that name a family, and return nothing: name, parameters, the call below.
+#define FAMILY_COMMANDS(X)                                                                         \
+    X(vkGetDeviceQueue,                                                                            \
+      (VkDevice device, uint32_t family, uint32_t index, VkQueue *queue),                          \
+      next(device, real_family(family), index, queue);                                             \
+      *queue = family == shown_family ? shown_queue(device, *queue) : *queue)                      \
+    X(vkGetDeviceQueue2, (VkDevice device, const VkDeviceQueueInfo2 *info, VkQueue *queue),        \
+      VkDeviceQueueInfo2 below = *info;                                                            \
+      below.queueFamilyIndex = real_family(info->queueFamilyIndex); next(device, &below, queue);   \
+      *queue = info->queueFamilyIndex == shown_family ? shown_queue(device, *queue) : *queue)      \
+    X(vkCmdPipelineBarrier,                                                                        \
+      (VkCommandBuffer commands, VkPipelineStageFlags before, VkPipelineStageFlags after,          \
+       VkDependencyFlags flags, uint32_t count, const VkMemoryBarrier *memory,                     \
+       uint32_t buffer_count, const VkBufferMemoryBarrier *buffers, uint32_t image_count,          \
+       const VkImageMemoryBarrier *images),                                                        \
+      VkBufferMemoryBarrier *own_buffers = real_VkBufferMemoryBarrier(buffer_count, buffers);      \
+      VkImageMemoryBarrier *own_images = real_VkImageMemoryBarrier(image_count, images);           \
+      next(commands, before, after, flags, count, memory, buffer_count, own_buffers, image_count,  \
+           own_images);                                                                            \
+      free(own_buffers); free(own_images))                                                         \
+    X(vkCmdPipelineBarrier2, (VkCommandBuffer commands, const VkDependencyInfo *info),             \
+      VkDependencyInfo below = *info;                                                              \
+      VkBufferMemoryBarrier2 *buffers = real_VkBufferMemoryBarrier2(                               \
+          info->bufferMemoryBarrierCount, info->pBufferMemoryBarriers);                            \
+      VkImageMemoryBarrier2 *images = real_VkImageMemoryBarrier2(info->imageMemoryBarrierCount,    \
+                                                                 info->pImageMemoryBarriers);      \
+      below.pBufferMemoryBarriers = buffers; below.pImageMemoryBarriers = images;                  \
+      next(commands, &below); free(buffers); free(images))
+
+// Returns barriers that transfer between families below.
+#define OF_REAL_BARRIERS(Barrier)                                                                  \
+    static Barrier *real_##Barrier(uint32_t count, const Barrier *barriers) {                      \
+        Barrier *own = calloc(count + 1, sizeof *own);                                             \
+        for (uint32_t i = 0; i < count; ++i) {                                                     \
+            own[i] = barriers[i];                                                                  \
+            own[i].srcQueueFamilyIndex = real_family(own[i].srcQueueFamilyIndex);                  \
+            own[i].dstQueueFamilyIndex = real_family(own[i].dstQueueFamilyIndex);                  \
+        }                                                                                          \
+        return own;                                                                                \
+    }
+OF_REAL_BARRIERS(VkBufferMemoryBarrier)
+OF_REAL_BARRIERS(VkBufferMemoryBarrier2)
+OF_REAL_BARRIERS(VkImageMemoryBarrier)
+OF_REAL_BARRIERS(VkImageMemoryBarrier2)
+
+#define DEFINE_COMMAND(name, parameters, call)                                                     \
+    static PFN_##name next_##name;                                                                 \
+    static VKAPI_ATTR void VKAPI_CALL own_##name parameters {                                      \
+        const PFN_##name next = next_##name;                                                       \
+        call;                                                                                      \
+    }
+FAMILY_COMMANDS(DEFINE_COMMAND)
+
 #define DEFINE_QUERY(name, parameters, arguments, change)                                          \
     static PFN_##name next_##name;                                                                 \
     static VKAPI_ATTR void VKAPI_CALL own_##name parameters {                                      \
@@ -326,8 +517,31 @@ static VKAPI_ATTR VkResult VKAPI_CALL own_vkCreateInstance(const VkInstanceCreat
 #define LOAD_QUERY(name, parameters, arguments, change)                                            \
     LOAD_OF_INSTANCE(name, false, 0, parameters, arguments)
         QUERIES(LOAD_QUERY)
+#define LOAD_FAMILY_QUERY(name, Properties, properties)                                            \
+    LOAD_OF_INSTANCE(name, false, 0, (), ())
+        FAMILY_QUERIES(LOAD_FAMILY_QUERY)
+        LOAD_OF_INSTANCE(vkGetPhysicalDeviceSurfaceSupportKHR, false, 0, (), ())
     }
     return result;
+}
+
+// Writes the queues that a device is created with, those of the shown family among those of the
+// first. Returns the count of families.
+static uint32_t real_queues(const VkDeviceCreateInfo *info, VkDeviceQueueCreateInfo *queues) {
+    uint32_t count = 0;
+    for (uint32_t i = 0; i < info->queueCreateInfoCount; ++i) {
+        VkDeviceQueueCreateInfo own = info->pQueueCreateInfos[i];
+        own.queueFamilyIndex = real_family(own.queueFamilyIndex);
+        uint32_t at = 0;
+        while (at < count && queues[at].queueFamilyIndex != own.queueFamilyIndex) {
+            ++at;
+        }
+        if (at == count || queues[at].queueCount < own.queueCount) {
+            queues[at] = own;
+        }
+        count = at == count ? count + 1 : count;
+    }
+    return count;
 }
 
 static VKAPI_ATTR VkResult VKAPI_CALL own_vkCreateDevice(VkPhysicalDevice physical,
@@ -346,12 +560,20 @@ static VKAPI_ATTR VkResult VKAPI_CALL own_vkCreateDevice(VkPhysicalDevice physic
         return VK_ERROR_OUT_OF_HOST_MEMORY;
     }
     const PFN_vkCreateDevice next = (PFN_vkCreateDevice)of_instance(NULL, "vkCreateDevice");
-    const VkResult result = next(physical, info, callbacks, made);
+    find_shown_family(physical);
+    VkDeviceQueueCreateInfo *queues = calloc(info->queueCreateInfoCount, sizeof *queues);
+    VkDeviceCreateInfo below = *info;
+    below.queueCreateInfoCount = real_queues(info, queues);
+    below.pQueueCreateInfos = queues;
+    const VkResult result = next(physical, &below, callbacks, made);
+    free(queues);
     if (result == VK_SUCCESS) {
         atomic_store(&lost, false);
 #define LOAD_OF_DEVICE(name, can_lose, usual, parameters, arguments)                               \
     next_##name = (PFN_##name)next_device_function(*made, #name);
         DEVICE_FUNCTIONS(LOAD_OF_DEVICE)
+#define LOAD_COMMAND(name, parameters, call) LOAD_OF_DEVICE(name, false, 0, (), ())
+        FAMILY_COMMANDS(LOAD_COMMAND)
     }
     return result;
 }
@@ -366,6 +588,8 @@ VK_LAYER_EXPORT VKAPI_ATTR PFN_vkVoidFunction VKAPI_CALL vkGetDeviceProcAddr(VkD
         return (PFN_vkVoidFunction)own_##function;                                                 \
     }
     DEVICE_FUNCTIONS(FIND)
+#define FIND_COMMAND(function, parameters, call) FIND(function, false, 0, (), ())
+    FAMILY_COMMANDS(FIND_COMMAND)
     return next_device_function(device, name);
 }
 
@@ -387,5 +611,8 @@ VK_LAYER_EXPORT VKAPI_ATTR PFN_vkVoidFunction VKAPI_CALL vkGetInstanceProcAddr(V
 #define FIND_QUERY(function, parameters, arguments, change)                                        \
     FIND(function, false, 0, parameters, arguments)
     QUERIES(FIND_QUERY)
+#define FIND_FAMILY_QUERY(function, Properties, properties) FIND(function, false, 0, (), ())
+    FAMILY_QUERIES(FIND_FAMILY_QUERY)
+    FIND(vkGetPhysicalDeviceSurfaceSupportKHR, false, 0, (), ())
     return next_instance_function ? next_instance_function(instance, name) : NULL;
 }

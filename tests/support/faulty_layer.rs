@@ -1,5 +1,5 @@
-//! A layer between a program and Vulkan that lets calls fail, and hides what a device has
-//! (`faulty_layer.c`).
+//! A layer between a program and Vulkan that lets calls fail, hides what a device has, and shows a
+//! queue family that it has not (`faulty_layer.c`).
 
 use crate::program::{succeeded, text};
 use crate::skip::skip;
@@ -13,7 +13,7 @@ const VALIDATION: &str = "VK_LAYER_KHRONOS_validation";
 const OTHERS: &str = "/usr/share/vulkan/explicit_layer.d:/usr/local/share/vulkan/explicit_layer.d";
 
 /// Where the layer lies among others.
-#[allow(dead_code, reason = "tests of windows need no device that has less")]
+#[allow(dead_code, reason = "each program of tests needs one of them, or both")]
 #[derive(Clone, Copy)]
 pub enum Layer {
     /// Above validation, which does not see calls that fail.
@@ -57,7 +57,7 @@ pub fn build(folder: &Path) -> bool {
             "library_path": "./libfaulty.so",
             "api_version": "1.3.0",
             "implementation_version": "1",
-            "description": "Lets calls fail, and hides what a device has",
+            "description": "Lets calls fail, and changes what a device has",
         },
     });
     std::fs::write(folder.join("faulty.json"), manifest.to_string()).unwrap();

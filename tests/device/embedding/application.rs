@@ -659,3 +659,16 @@ pub(super) fn rendered(
         normals: done.read(&normals).to_vec(),
     }
 }
+
+/// Runs the test again, in a process of its own with these variables. Returns what it printed.
+pub(super) fn again(variables: &[(&str, String)]) -> String {
+    let thread = std::thread::current();
+    let test = thread.name().expect("tests have names");
+    let mut command = std::process::Command::new(std::env::current_exe().unwrap());
+    command.args(["--exact", "--nocapture", test]).envs(variables.iter().cloned());
+    let output = command.output().expect("start the test again");
+    let printed = crate::program::text(&output.stdout);
+    println!("{printed}");
+    crate::program::succeeded(&output);
+    printed
+}

@@ -1,10 +1,21 @@
 //! A host whose work is in other command buffers than the renderer's: of the same submission, or of
-//! a queue of another family, where the device has one.
+//! a queue of another family.
+//!
+//! A device of one family, as those of software are, gets another from a layer below validation
+//! (`tests/support/faulty_layer.c`), in a process of its own.
 
 use super::ownership::half;
 use super::*;
-use crate::skip::skip;
+use crate::faulty_layer::{self, Layer};
+use pointillist::error::Result;
 use pointillist::renderer::enable_features;
+
+/// Half of a transfer of the target between families.
+#[derive(Clone, Copy, PartialEq)]
+enum Half {
+    Release,
+    Acquisition,
+}
 
 /// A device of the host's own, with a queue of the renderer's family and one of another.
 struct Queues {
@@ -98,7 +109,14 @@ impl Queues {
     }
 
     /// Draws a cloud over pixels that the host's command buffers write before, and read afterwards.
-    fn drawn(&self, path: &std::path::Path, camera: Camera, pixels: &[[u8; 4]]) -> Vec<u8> {
+    /// The host may forget its half of a transfer. Errors if the validation layers say something.
+    fn drawn(
+        &self,
+        path: &std::path::Path,
+        camera: Camera,
+        pixels: &[[u8; 4]],
+        forgotten: Option<Half>,
+    ) -> Result<Vec<u8>> {
         let (raw, commands) = (&self.raw, self.commands());
         use vk::ImageUsageFlags as Usage;
         let usage = Usage::COLOR_ATTACHMENT | Usage::TRANSFER_SRC | Usage::TRANSFER_DST;
@@ -144,7 +162,7 @@ impl Queues {
             raw.bind_buffer_memory(buffer, memory, 0).unwrap();
             let mapped = raw.map_memory(memory, 0, bytes, Default::default()).unwrap();
             let semaphores = [(); 2].map(|()| raw.create_semaphore(&Default::default(), None));
-            let semaphores = semaphores.map(Result::unwrap);
+            let semaphores = semaphores.map(|made| made.unwrap());
 
             let mut renderer = Renderer::new(&host, RendererOptions::default()).unwrap();
             renderer.open(&[path.into()], &OpenSettings::default()).unwrap();
@@ -154,6 +172,7 @@ impl Queues {
                 let info = vk::DependencyInfo::default().image_memory_barriers(&half);
                 raw.cmd_pipeline_barrier2(commands, &info);
             };
+            let mut said = Ok(());
             for number in 1..2000 {
                 std::ptr::copy_nonoverlapping(pixels.as_ptr(), mapped.cast(), PIXELS);
                 for (_, commands) in commands {
@@ -163,14 +182,14 @@ impl Queues {
                 image.transition(raw, before, vk::ImageLayout::UNDEFINED, written);
                 let regions = [image.region(0)];
                 raw.cmd_copy_buffer_to_image(before, buffer, image.image, written, &regions);
-                if self.transfers() {
+                if self.transfers() && forgotten != Some(Half::Release) {
                     barrier(before, [target.before.layout, drawn], [theirs, own]);
                 }
                 let views = [view_of(camera)];
                 let targets = Targets::of(target);
                 let asked = Frame { number, safe: number - 1, targets, views: &views };
                 let report = renderer.record(frame.as_raw(), &asked).unwrap();
-                if self.transfers() {
+                if self.transfers() && forgotten != Some(Half::Acquisition) {
                     barrier(after, [drawn, target.after.layout], [own, theirs]);
                 }
                 // The buffer is written after it was read, and then read by the CPU.
@@ -193,8 +212,8 @@ impl Queues {
                     raw.end_command_buffer(*commands).unwrap();
                 });
                 self.submit(&commands, &semaphores);
-                self.opened.take_validation_errors().unwrap();
-                if report.settled && report.points > 0 {
+                said = self.opened.take_validation_errors();
+                if said.is_err() || report.settled && report.points > 0 {
                     break;
                 }
                 assert!(number < 1999, "the picture never settles");
@@ -209,7 +228,7 @@ impl Queues {
             raw.free_memory(image.memory, None);
             raw.destroy_buffer(buffer, None);
             raw.free_memory(memory, None);
-            picture
+            said.map(|()| picture)
         }
     }
 }
@@ -244,7 +263,8 @@ fn the_hosts_work_may_be_in_other_command_buffers_and_in_another_queue_family() 
     let pixels = vec![[9, 80, 200, 255]; PIXELS];
     let expected = in_one_command_buffer(&path, camera, &pixels);
     let one = Queues::open(None);
-    assert!(one.drawn(&path, camera, &pixels) == expected, "in one submission");
+    let picture = one.drawn(&path, camera, &pixels, None).unwrap();
+    assert!(picture == expected, "in one submission");
     let (instance, own) = (&one.opened.instance, one.opened.family);
     // SAFETY: a plain query of a live instance.
     let all = unsafe { instance.get_physical_device_queue_family_properties(one.opened.physical) };
@@ -255,12 +275,31 @@ fn the_hosts_work_may_be_in_other_command_buffers_and_in_another_queue_family() 
     });
     let others: Vec<u32> = others.map(|(family, _)| family).collect();
     drop(one);
-    if others.is_empty() {
-        skip("the device has one queue family");
-    }
-    for theirs in others {
-        println!("the host's work is in family {theirs} of {}, ours in {own}", all.len());
-        let picture = Queues::open(Some(theirs)).drawn(&path, camera, &pixels);
+    let mut checked = 0;
+    for &theirs in &others {
+        let picture = Queues::open(Some(theirs)).drawn(&path, camera, &pixels, None).unwrap();
         assert!(picture == expected, "in queue family {theirs}");
+        for forgotten in [Half::Release, Half::Acquisition] {
+            let queues = Queues::open(Some(theirs));
+            let said = queues.drawn(&path, camera, &pixels, Some(forgotten)).unwrap_err();
+            let said = said.to_string();
+            println!("{said}");
+            let expected = match forgotten {
+                Half::Release => "no matching release barrier",
+                Half::Acquisition => "VK_IMAGE_LAYOUT_COLOR_ATTACHMENT_OPTIMAL",
+            };
+            assert!(said.contains(expected), "{said}");
+        }
+        checked += 1;
+        println!("the host's work is in family {theirs} of {}, ours in {own}", all.len());
+    }
+    if checked > 0 {
+        return;
+    }
+    assert!(std::env::var_os("SHOWN").is_none(), "the layer shows no queue family");
+    if faulty_layer::build(folder.path()) {
+        let [layers, path] = faulty_layer::environment(folder.path(), Layer::BelowValidation);
+        let printed = again(&[("SHOWN", "1".into()), layers, path]);
+        assert!(printed.contains("the host's work is in family 1 of 2"), "the test did not run");
     }
 }

@@ -1,8 +1,7 @@
 //! Images that another queue family owns before and after a frame.
 //!
-//! Software drivers have one family each. The other one is therefore that of another device or
-//! process, to which images are given and from which they are taken in the same way; `families` has
-//! queues of two families, where a device has them.
+//! The other family is that of another device or process, to which images are given and from which
+//! they are taken in the same way; `families` has queues of two families of one device.
 
 use super::*;
 use crate::counting::{ImageBarrier, image_barriers};
