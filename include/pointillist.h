@@ -33,18 +33,27 @@ typedef enum PointillistResult {
 
 // State of a cloud.
 typedef enum PointillistCloudState {
+  // Files are being read, or points copied and prepared.
   POINTILLIST_CLOUD_STATE_LOADING = 0,
+  // Points are being uploaded, some with each frame.
   POINTILLIST_CLOUD_STATE_UPLOADING = 1,
+  // The cloud is drawn; of an index, nodes still come and go.
   POINTILLIST_CLOUD_STATE_READY = 2,
+  // The files cannot be read, or memory is exhausted.
   POINTILLIST_CLOUD_STATE_FAILED = 3,
 } PointillistCloudState;
 
 // Where a camera looks from.
 typedef enum PointillistPreset {
+  // From above, north up, without perspective.
   POINTILLIST_PRESET_TOP = 0,
+  // From the south, without perspective.
   POINTILLIST_PRESET_FRONT = 1,
+  // From the east, without perspective.
   POINTILLIST_PRESET_SIDE = 2,
+  // From a corner, without perspective.
   POINTILLIST_PRESET_ISO = 3,
+  // Oblique, with perspective, near enough to fill the picture.
   POINTILLIST_PRESET_FIT = 4,
 } PointillistPreset;
 
@@ -53,6 +62,7 @@ typedef struct PointillistRenderer PointillistRenderer;
 
 // A device feature that drawing needs, or uses if it is enabled. Text is UTF-8 and ends with 0.
 typedef struct PointillistRequirement {
+  // Bytes of this struct.
   size_t size;
   // 1 if nothing works without it.
   bool required;
@@ -66,16 +76,21 @@ typedef struct PointillistRequirement {
 
 // Message of a failure: UTF-8, ends with 0.
 typedef struct PointillistError {
+  // The message, cut if longer.
   char message[1024];
 } PointillistError;
 
 // The host's Vulkan objects; handles are cast to integers.
 typedef struct PointillistHost {
+  // Bytes of this struct, as its `_init` function sets them.
   size_t size;
   // Address of vkGetInstanceProcAddr.
   const void *get_instance_proc_addr;
+  // VkInstance.
   uint64_t instance;
+  // VkPhysicalDevice.
   uint64_t physical_device;
+  // VkDevice.
   uint64_t device;
   // Family of the command buffers, with graphics and compute.
   uint32_t queue_family;
@@ -90,23 +105,30 @@ typedef struct PointillistHost {
   // VkAllocationCallbacks for the CPU memory of all objects that are made here, on any thread,
   // or null. They are copied. Device memory is allocated without them.
   const void *allocation_callbacks;
-  // Functions that are called, on any thread, in place of vkAllocateMemory and
-  // vkFreeMemory, for blocks of many buffers and images; both null if there are none. They may
-  // refuse with VK_ERROR_OUT_OF_DEVICE_MEMORY.
+  // Function that is called, on any thread, in place of vkAllocateMemory, for blocks of many
+  // buffers and images; null if there is none. It may refuse with
+  // VK_ERROR_OUT_OF_DEVICE_MEMORY.
   const void *allocate_memory;
+  // Function that is called in place of vkFreeMemory, on any thread; null if there is none. It
+  // is given if and only if `allocate_memory` is.
   const void *free_memory;
 } PointillistHost;
 
 // Points of the host's memory; arrays that are null are absent.
 typedef struct PointillistPoints {
+  // Bytes of this struct.
   size_t size;
+  // Number of points.
   size_t count;
   // x, y, z of each point; give these, those in f32, or steps.
   const double *positions_f64;
+  // The same in f32.
   const float *positions_f32;
   // Red, green, blue of each point, sRGB.
   const uint8_t *colors;
+  // Intensity of each point.
   const float *intensities;
+  // ASPRS class of each point.
   const uint8_t *classes;
   // x, y, z of each point as steps of a lattice, kept as they are: offset + scale * step.
   const int32_t *steps;
@@ -118,6 +140,7 @@ typedef struct PointillistPoints {
 
 // Points in a buffer of the host's device; see `pointillist_add_buffer`.
 typedef struct PointillistPointBuffer {
+  // Bytes of this struct.
   size_t size;
   // VkBuffer, with VK_BUFFER_USAGE_TRANSFER_SRC_BIT.
   uint64_t buffer;
@@ -125,6 +148,7 @@ typedef struct PointillistPointBuffer {
   uint64_t offset;
   // Bytes from point to point, a multiple of 4. A point begins with x, y and z, f32.
   uint32_t stride;
+  // Number of points.
   uint32_t count;
   // Byte of red, green and blue within a point, sRGB; UINT32_MAX if there are no colours.
   uint32_t color_offset;
@@ -132,14 +156,19 @@ typedef struct PointillistPointBuffer {
 
 // A view: matrices column by column, in Vulkan's clip space, and its area in the targets.
 typedef struct PointillistView {
+  // Bytes of this struct.
   size_t size;
   // From the world to the view.
   double view[16];
   // From the view to clip space.
   double projection[16];
+  // Left pixel of the area, which may lie outside of the targets.
   int32_t x;
+  // Top pixel of the area.
   int32_t y;
+  // Pixels of each row.
   uint32_t width;
+  // Rows.
   uint32_t height;
 } PointillistView;
 
@@ -160,6 +189,7 @@ typedef struct PointillistAccess {
 
 // An image of the host to draw into: one layer, one level, one sample.
 typedef struct PointillistTarget {
+  // Bytes of this struct.
   size_t size;
   // VkImage.
   uint64_t image;
@@ -167,8 +197,11 @@ typedef struct PointillistTarget {
   uint64_t view;
   // VkFormat.
   int32_t format;
+  // Width of the image, in pixels.
   uint32_t width;
+  // Height of the image, in pixels.
   uint32_t height;
+  // Samples of each pixel, 1: others are refused.
   uint32_t samples;
   // Last access before.
   struct PointillistAccess before;
@@ -180,11 +213,13 @@ typedef struct PointillistTarget {
 
 // A frame.
 typedef struct PointillistFrame {
+  // Bytes of this struct.
   size_t size;
   // Grows from frame to frame, from 1.
   uint64_t number;
   // Last frame that the device has completed; 0 if none.
   uint64_t safe;
+  // Colours that are drawn.
   const struct PointillistTarget *color;
   // Depth that points are hidden by; null if there is none.
   const struct PointillistTarget *depth;
@@ -192,7 +227,9 @@ typedef struct PointillistFrame {
   uint8_t writes_depth;
   // 1 if colours are stored linear instead of encoded.
   uint8_t linear;
+  // Views, one after another.
   const struct PointillistView *views;
+  // Number of views.
   size_t view_count;
   // Ids of the points that are seen, VK_FORMAT_R32_UINT, or R32G32_UINT with the cloud as the
   // second; null if not wanted.
@@ -203,6 +240,7 @@ typedef struct PointillistFrame {
 
 // What a frame shows.
 typedef struct PointillistReport {
+  // Bytes of this struct.
   size_t size;
   // Points drawn in all views.
   uint64_t points;
@@ -219,6 +257,7 @@ typedef struct PointillistReport {
 
 // Answer to a pick.
 typedef struct PointillistPicked {
+  // Bytes of this struct.
   size_t size;
   // 1 if there is an answer; if not, ask again after another frame.
   bool answered;
@@ -226,6 +265,7 @@ typedef struct PointillistPicked {
   bool met;
   // 1 if the position is the file's own, to the last bit.
   bool exact;
+  // Cloud of the point.
   uint64_t cloud;
   // In the host's world.
   double world[3];
@@ -340,8 +380,9 @@ enum PointillistResult pointillist_state(struct PointillistRenderer *renderer,
                                          enum PointillistCloudState *state,
                                          struct PointillistError *error);
 
-// Sets style, effect, light, background, layer, opacity, clip, ramp, range, brightness, contrast,
-// gamma, time or error, as on the command line.
+// Sets style, effect, light, background, layer, opacity, clip, only, not, lod, budget, ramp,
+// range, brightness, contrast, gamma, time or error, as on the command line. `only` and `not` are
+// of clouds that are opened or added from then on; `lod` and `budget` are as in scene files.
 enum PointillistResult pointillist_set(struct PointillistRenderer *renderer,
                                        const char *name,
                                        const char *value,

@@ -8,6 +8,7 @@
 //! one thread at a time, a call that meets another one is refused; different renderers are
 //! independent.
 
+#![deny(missing_docs)]
 #![allow(clippy::missing_safety_doc, reason = "the rules are those of the module and of Vulkan")]
 
 mod arguments;
@@ -55,6 +56,7 @@ pub enum PointillistResult {
 /// Message of a failure: UTF-8, ends with 0.
 #[repr(C)]
 pub struct PointillistError {
+    /// The message, cut if longer.
     pub message: [c_char; 1024],
 }
 
@@ -460,8 +462,9 @@ pub unsafe extern "C" fn pointillist_state(
     result
 }
 
-/// Sets style, effect, light, background, layer, opacity, clip, ramp, range, brightness, contrast,
-/// gamma, time or error, as on the command line.
+/// Sets style, effect, light, background, layer, opacity, clip, only, not, lod, budget, ramp,
+/// range, brightness, contrast, gamma, time or error, as on the command line. `only` and `not` are
+/// of clouds that are opened or added from then on; `lod` and `budget` are as in scene files.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn pointillist_set(
     renderer: *mut PointillistRenderer,

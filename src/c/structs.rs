@@ -7,11 +7,15 @@ use std::ffi::{c_char, c_void};
 #[repr(C)]
 #[derive(Clone, Copy)]
 pub struct PointillistHost {
+    /// Bytes of this struct, as its `_init` function sets them.
     pub size: usize,
     /// Address of vkGetInstanceProcAddr.
     pub get_instance_proc_addr: *const c_void,
+    /// VkInstance.
     pub instance: u64,
+    /// VkPhysicalDevice.
     pub physical_device: u64,
+    /// VkDevice.
     pub device: u64,
     /// Family of the command buffers, with graphics and compute.
     pub queue_family: u32,
@@ -26,10 +30,12 @@ pub struct PointillistHost {
     /// VkAllocationCallbacks for the CPU memory of all objects that are made here, on any thread,
     /// or null. They are copied. Device memory is allocated without them.
     pub allocation_callbacks: *const c_void,
-    /// Functions that are called, on any thread, in place of vkAllocateMemory and
-    /// vkFreeMemory, for blocks of many buffers and images; both null if there are none. They may
-    /// refuse with VK_ERROR_OUT_OF_DEVICE_MEMORY.
+    /// Function that is called, on any thread, in place of vkAllocateMemory, for blocks of many
+    /// buffers and images; null if there is none. It may refuse with
+    /// VK_ERROR_OUT_OF_DEVICE_MEMORY.
     pub allocate_memory: *const c_void,
+    /// Function that is called in place of vkFreeMemory, on any thread; null if there is none. It
+    /// is given if and only if `allocate_memory` is.
     pub free_memory: *const c_void,
 }
 
@@ -37,6 +43,7 @@ pub struct PointillistHost {
 #[repr(C)]
 #[derive(Clone, Copy)]
 pub struct PointillistRequirement {
+    /// Bytes of this struct.
     pub size: usize,
     /// 1 if nothing works without it.
     pub required: bool,
@@ -69,6 +76,7 @@ pub struct PointillistAccess {
 #[repr(C)]
 #[derive(Clone, Copy)]
 pub struct PointillistTarget {
+    /// Bytes of this struct.
     pub size: usize,
     /// VkImage.
     pub image: u64,
@@ -76,8 +84,11 @@ pub struct PointillistTarget {
     pub view: u64,
     /// VkFormat.
     pub format: i32,
+    /// Width of the image, in pixels.
     pub width: u32,
+    /// Height of the image, in pixels.
     pub height: u32,
+    /// Samples of each pixel, 1: others are refused.
     pub samples: u32,
     /// Last access before.
     pub before: PointillistAccess,
@@ -91,14 +102,19 @@ pub struct PointillistTarget {
 #[repr(C)]
 #[derive(Clone, Copy)]
 pub struct PointillistView {
+    /// Bytes of this struct.
     pub size: usize,
     /// From the world to the view.
     pub view: [f64; 16],
     /// From the view to clip space.
     pub projection: [f64; 16],
+    /// Left pixel of the area, which may lie outside of the targets.
     pub x: i32,
+    /// Top pixel of the area.
     pub y: i32,
+    /// Pixels of each row.
     pub width: u32,
+    /// Rows.
     pub height: u32,
 }
 
@@ -106,11 +122,13 @@ pub struct PointillistView {
 #[repr(C)]
 #[derive(Clone, Copy)]
 pub struct PointillistFrame {
+    /// Bytes of this struct.
     pub size: usize,
     /// Grows from frame to frame, from 1.
     pub number: u64,
     /// Last frame that the device has completed; 0 if none.
     pub safe: u64,
+    /// Colours that are drawn.
     pub color: *const PointillistTarget,
     /// Depth that points are hidden by; null if there is none.
     pub depth: *const PointillistTarget,
@@ -118,7 +136,9 @@ pub struct PointillistFrame {
     pub writes_depth: u8,
     /// 1 if colours are stored linear instead of encoded.
     pub linear: u8,
+    /// Views, one after another.
     pub views: *const PointillistView,
+    /// Number of views.
     pub view_count: usize,
     /// Ids of the points that are seen, VK_FORMAT_R32_UINT, or R32G32_UINT with the cloud as the
     /// second; null if not wanted.
@@ -131,6 +151,7 @@ pub struct PointillistFrame {
 #[repr(C)]
 #[derive(Clone, Copy)]
 pub struct PointillistReport {
+    /// Bytes of this struct.
     pub size: usize,
     /// Points drawn in all views.
     pub points: u64,
@@ -149,14 +170,19 @@ pub struct PointillistReport {
 #[repr(C)]
 #[derive(Clone, Copy)]
 pub struct PointillistPoints {
+    /// Bytes of this struct.
     pub size: usize,
+    /// Number of points.
     pub count: usize,
     /// x, y, z of each point; give these, those in f32, or steps.
     pub positions_f64: *const f64,
+    /// The same in f32.
     pub positions_f32: *const f32,
     /// Red, green, blue of each point, sRGB.
     pub colors: *const u8,
+    /// Intensity of each point.
     pub intensities: *const f32,
+    /// ASPRS class of each point.
     pub classes: *const u8,
     /// x, y, z of each point as steps of a lattice, kept as they are: offset + scale * step.
     pub steps: *const i32,
@@ -170,6 +196,7 @@ pub struct PointillistPoints {
 #[repr(C)]
 #[derive(Clone, Copy)]
 pub struct PointillistPointBuffer {
+    /// Bytes of this struct.
     pub size: usize,
     /// VkBuffer, with VK_BUFFER_USAGE_TRANSFER_SRC_BIT.
     pub buffer: u64,
@@ -177,6 +204,7 @@ pub struct PointillistPointBuffer {
     pub offset: u64,
     /// Bytes from point to point, a multiple of 4. A point begins with x, y and z, f32.
     pub stride: u32,
+    /// Number of points.
     pub count: u32,
     /// Byte of red, green and blue within a point, sRGB; UINT32_MAX if there are no colours.
     pub color_offset: u32,
@@ -186,9 +214,13 @@ pub struct PointillistPointBuffer {
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum PointillistCloudState {
+    /// Files are being read, or points copied and prepared.
     Loading = 0,
+    /// Points are being uploaded, some with each frame.
     Uploading = 1,
+    /// The cloud is drawn; of an index, nodes still come and go.
     Ready = 2,
+    /// The files cannot be read, or memory is exhausted.
     Failed = 3,
 }
 
@@ -196,10 +228,15 @@ pub enum PointillistCloudState {
 #[repr(C)]
 #[derive(Clone, Copy)]
 pub enum PointillistPreset {
+    /// From above, north up, without perspective.
     Top = 0,
+    /// From the south, without perspective.
     Front = 1,
+    /// From the east, without perspective.
     Side = 2,
+    /// From a corner, without perspective.
     Iso = 3,
+    /// Oblique, with perspective, near enough to fill the picture.
     Fit = 4,
 }
 
@@ -207,6 +244,7 @@ pub enum PointillistPreset {
 #[repr(C)]
 #[derive(Clone, Copy)]
 pub struct PointillistPicked {
+    /// Bytes of this struct.
     pub size: usize,
     /// 1 if there is an answer; if not, ask again after another frame.
     pub answered: bool,
@@ -214,6 +252,7 @@ pub struct PointillistPicked {
     pub met: bool,
     /// 1 if the position is the file's own, to the last bit.
     pub exact: bool,
+    /// Cloud of the point.
     pub cloud: u64,
     /// In the host's world.
     pub world: [f64; 3],

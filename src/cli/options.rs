@@ -325,9 +325,7 @@ impl DetailOptions {
         light: Light,
         strokes: bool,
     ) -> OpenOptions {
-        let chosen = self.point_budget.is_some() || self.lod.is_some();
-        let index = chosen.then_some("--point-budget and --lod choose among the nodes of an index");
-        let place = self.cache.place();
+        let (index, place) = (self.lod().index_for(), self.cache.place());
         OpenOptions {
             read,
             filter,

@@ -11,6 +11,7 @@ pub mod exposure;
 pub mod fill;
 pub mod luminance;
 pub mod phong;
+pub mod picked;
 pub mod predicate;
 pub mod project;
 pub mod resolve;

@@ -54,6 +54,17 @@ struct Loaded {
     notes: Vec<String>,
 }
 
+/// What the renderer's settings say of clouds when they are added.
+#[derive(Clone, Default)]
+pub(super) struct Reading {
+    /// True if points can be drawn as strokes.
+    pub strokes: bool,
+    /// Which points are left.
+    pub filter: Filter,
+    /// Limits of the cut.
+    pub lod: LodOptions,
+}
+
 /// Where a cloud is from.
 enum Origin {
     /// Files, which can be read again.
@@ -80,8 +91,7 @@ pub(super) struct Entry {
     pub transform: Transform,
     pub core_points: Vec<DVec3>,
     pub notes: Vec<String>,
-    /// True if the points can be drawn as strokes.
-    strokes: bool,
+    reading: Reading,
     origin: Origin,
     /// Nodes that the views call for, and that are missing or coarser.
     pub missing: usize,
@@ -146,10 +156,12 @@ impl Loading {
 }
 
 impl Loading {
-    /// Copies points, and prepares them on a thread.
-    fn of_points(points: &Points, strokes: bool, workers: &Workers) -> Result<Loading> {
-        let cloud = workers.run(|| Cloud::of_points(points))?;
+    /// Copies points, and filters and prepares them on a thread.
+    fn of_points(points: &Points, reading: &Reading, workers: &Workers) -> Result<Loading> {
+        let mut cloud = workers.run(|| Cloud::of_points(points))?;
+        let Reading { strokes, filter, .. } = reading.clone();
         Loading::start(move |progress: &dyn Progress| {
+            cloud.filter(&filter)?;
             prepare(Source::Files(cloud), None, strokes, progress)
         })
     }
@@ -199,7 +211,7 @@ fn prepare(
 }
 
 impl Entry {
-    fn new(id: CloudId, origin: Origin, stage: Stage, strokes: bool) -> Entry {
+    fn new(id: CloudId, origin: Origin, stage: Stage, reading: Reading) -> Entry {
         Entry {
             id,
             visible: true,
@@ -208,7 +220,7 @@ impl Entry {
             notes: Vec::new(),
             missing: 0,
             streamed: 0,
-            strokes,
+            reading,
             origin,
             stage,
         }
@@ -219,8 +231,9 @@ impl Entry {
         id: CloudId,
         files: Vec<PathBuf>,
         settings: &OpenSettings,
-        strokes: bool,
+        reading: Reading,
     ) -> Result<Entry> {
+        let strokes = reading.strokes;
         let color = settings.color.as_deref().map(str::parse::<Attribute>);
         let color = color.transpose().map_err(Error::Request)?;
         let wanted = color.map_or(
@@ -232,8 +245,8 @@ impl Entry {
                 wanted.and(ExtraAttributes { strokes, ..FURTHER }.wanted()),
                 settings.strict,
             ),
-            filter: Filter::default(),
-            index: None,
+            filter: reading.filter.clone(),
+            index: reading.lod.index_for(),
             indexes_octrees: false,
             strokes,
             place: None,
@@ -244,20 +257,18 @@ impl Entry {
         let load = move |progress: &dyn Progress| {
             prepare(Source::open(&files, &opening, progress)?, color, strokes, progress)
         };
-        Ok(Entry::new(id, origin, Stage::Loading(Loading::start(load)?), strokes))
+        Ok(Entry::new(id, origin, Stage::Loading(Loading::start(load)?), reading))
     }
 
     /// Returns the cloud for another device: of files, which are read again.
     pub fn again(&self) -> Result<Entry> {
-        let (id, strokes) = (self.id, self.strokes);
-        let lost = || {
-            let why =
-                "its points were in the memory of another device; remove it, and add them again";
-            Entry::new(id, Origin::Device, Stage::Failed(why.into()), strokes)
-        };
+        let (id, reading) = (self.id, self.reading.clone());
         let entry = match &self.origin {
-            Origin::Files(files, settings) => Entry::open(id, files.clone(), settings, strokes)?,
-            Origin::Device => lost(),
+            Origin::Files(files, settings) => Entry::open(id, files.clone(), settings, reading)?,
+            Origin::Device => {
+                let why = "its points were in the memory of another device; remove it, and add them again";
+                Entry::new(id, Origin::Device, Stage::Failed(why.into()), reading)
+            }
         };
         Ok(Entry { visible: self.visible, transform: self.transform, ..entry })
     }
@@ -266,27 +277,27 @@ impl Entry {
     pub fn of_points(
         id: CloudId,
         points: &Points,
-        strokes: bool,
+        reading: Reading,
         workers: &Workers,
     ) -> Result<Entry> {
-        let stage = Stage::Loading(Loading::of_points(points, strokes, workers)?);
-        Ok(Entry::new(id, Origin::Device, stage, strokes))
+        let stage = Stage::Loading(Loading::of_points(points, &reading, workers)?);
+        Ok(Entry::new(id, Origin::Device, stage, reading))
     }
 
     /// Takes a cloud that is on the device.
     pub fn of_cloud(id: CloudId, cloud: GpuCloud) -> Entry {
-        Entry::new(id, Origin::Device, Stage::Ready(cloud), false)
+        Entry::new(id, Origin::Device, Stage::Ready(cloud), Reading::default())
     }
 
     /// Takes a prepared cloud.
     pub fn of_prepared(id: CloudId, prepared: PreparedCloud) -> Entry {
-        Entry::new(id, Origin::Device, Stage::Uploading(prepared), false)
+        Entry::new(id, Origin::Device, Stage::Uploading(prepared), Reading::default())
     }
 
     /// Takes points of a buffer of the host's device, which the next frame copies.
-    pub fn of_buffer(id: CloudId, points: PointBuffer, strokes: bool) -> Result<Entry> {
+    pub fn of_buffer(id: CloudId, points: PointBuffer, reading: Reading) -> Result<Entry> {
         points.check()?;
-        Ok(Entry::new(id, Origin::Device, Stage::OnDevice(points), strokes))
+        Ok(Entry::new(id, Origin::Device, Stage::OnDevice(points), reading))
     }
 
     fn pool_mut(&mut self) -> Option<&mut Pool> {
@@ -335,7 +346,8 @@ impl Entry {
             Stage::Copying(points, copy, frame)
                 if gpu.completed().is_ok_and(|safe| safe >= frame) =>
             {
-                let read = |points: &Points| Loading::of_points(points, self.strokes, &gpu.workers);
+                let read =
+                    |points: &Points| Loading::of_points(points, &self.reading, &gpu.workers);
                 let loading = points.read(&copy, read);
                 loading.map_or_else(&mut failed, Stage::Loading)
             }

@@ -37,16 +37,20 @@ impl Renderer {
         Ok(Governor::new(&found.front.at_rest(), limit))
     }
 
+    /// Returns the host's limits of cuts.
+    fn cut(&self) -> LodOptions {
+        LodOptions { budget: self.lod.budget.or(self.options.point_budget), ..self.lod }
+    }
+
     /// Returns the settings of a picture of this size `[px]`, and the limits of its cut.
     pub(super) fn governed(&self, size: [u32; 2]) -> (RenderSettings, LodOptions) {
-        let own = LodOptions { budget: self.options.point_budget, lod_px: None };
         let tuning = self.governor.as_ref().map_or(Tuning::usual(), Governor::tuning);
-        tuning.applied(&self.settings, own, size)
+        tuning.applied(&self.settings, self.cut(), size)
     }
 
     /// Returns the limits of the cuts of a frame, by the size of a view `[px]`.
     pub(super) fn limits(&self) -> impl Fn([u32; 2]) -> LodOptions + use<> {
-        let own = LodOptions { budget: self.options.point_budget, lod_px: None };
+        let own = self.cut();
         let tuning = self.governor.as_ref().map_or(Tuning::usual(), Governor::tuning);
         move |size| tuning.applied(&RenderSettings::default(), own, size).1
     }

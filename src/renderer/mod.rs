@@ -50,14 +50,16 @@ pub use crate::select::opacity::Opacities;
 pub use crate::tune::Limit;
 pub use crate::view::{Camera, Preset, Projection};
 
+use crate::cloud::filter::Filter;
 use crate::gpu::memory::{Block, RawBuffer, RawImage};
 use crate::gpu::{ImageDesc, TestOverrides};
 use crate::graph::Gpu;
 use crate::passes::Switch;
+use crate::select::lod::LodOptions;
 use crate::tune::Governor;
 use crate::view::View;
 use ash::vk::{self, Handle as _};
-use clouds::Entry;
+use clouds::{Entry, Reading};
 use compose::{Drawn, Placement};
 use glam::DVec3;
 use picture::{Drawing, Key, RecordedPicks, RecordedPicture};
@@ -229,6 +231,9 @@ pub struct Renderer {
     settings: RenderSettings,
     opacities: Opacities,
     clips: Clips,
+    /// Filter of clouds that are added.
+    filter: Filter,
+    lod: LodOptions,
     scale: ColorScale,
     options: RendererOptions,
     /// The choice of settings for a time or an error; None without one.
@@ -271,6 +276,8 @@ impl Renderer {
             settings: RenderSettings::default(),
             opacities: Opacities::default(),
             clips: Clips::default(),
+            filter: Filter::default(),
+            lod: LodOptions::default(),
             scale: ColorScale::default(),
             options,
             governor: None,
@@ -293,14 +300,14 @@ impl Renderer {
     }
 
     /// Opens files, or one index, as a cloud. Returns at once; a thread reads them. Points can be
-    /// drawn as strokes if that is the style already. Errors if there are no files, or no such
-    /// colour.
+    /// drawn as strokes if that is the style already, and are filtered if `only` or `not` are set
+    /// ([`Renderer::set`]). Errors if there are no files, or no such colour.
     pub fn open(&mut self, files: &[PathBuf], settings: &OpenSettings) -> Result<CloudId> {
         if files.is_empty() {
             return Err(Error::Request("there are no files to open; name at least one".into()));
         }
         let id = self.new_id();
-        self.clouds.push(Entry::open(id, files.to_vec(), settings, self.has_strokes())?);
+        self.clouds.push(Entry::open(id, files.to_vec(), settings, self.reading())?);
         Ok(id)
     }
 
@@ -308,7 +315,7 @@ impl Renderer {
     /// another number of values than there are positions.
     pub fn add_points(&mut self, points: &Points) -> Result<CloudId> {
         let id = self.new_id();
-        let entry = Entry::of_points(id, points, self.has_strokes(), &self.gpu.workers)?;
+        let entry = Entry::of_points(id, points, self.reading(), &self.gpu.workers)?;
         self.clouds.push(entry);
         Ok(id)
     }
@@ -323,12 +330,13 @@ impl Renderer {
     /// the buffer.
     pub unsafe fn add_buffer(&mut self, points: PointBuffer) -> Result<CloudId> {
         let id = self.new_id();
-        self.clouds.push(Entry::of_buffer(id, points, self.has_strokes())?);
+        self.clouds.push(Entry::of_buffer(id, points, self.reading())?);
         Ok(id)
     }
 
-    fn has_strokes(&self) -> bool {
-        self.settings.effects.strokes.switch == Switch::On
+    fn reading(&self) -> Reading {
+        let strokes = self.settings.effects.strokes.switch == Switch::On;
+        Reading { strokes, filter: self.filter.clone(), lod: self.lod }
     }
 
     fn new_id(&mut self) -> CloudId {
@@ -716,8 +724,8 @@ impl Renderer {
                 );
                 let Some(picks) = &picture.picks else { continue };
                 let scale = picks.transform.unit();
-                for &(pick, pixel) in &picks.pixels {
-                    let found = self.found(picture, picks, pixel);
+                for (number, &(pick, _)) in picks.pixels.iter().enumerate() {
+                    let found = self.found(picture, picks, number);
                     let distance =
                         found.as_ref().map_or(f64::INFINITY, |found| found.depth * scale);
                     match nearest.iter_mut().find(|(other, ..)| *other == pick) {
@@ -736,13 +744,14 @@ impl Renderer {
         Ok(())
     }
 
-    /// Returns the point that a completed picture shows in a pixel.
+    /// Returns the point that a completed picture shows in the pixel of a pick.
     fn found(
         &self,
         picture: &RecordedPicture,
         picks: &RecordedPicks,
-        pixel: [u32; 2],
+        number: usize,
     ) -> Option<PickedPoint> {
+        let pixel = picks.pixels[number].1;
         let at = (pixel[1] * picture.view.size[0] + pixel[0]) as usize;
         let depth = picture.recorded.read::<f32>(&picks.depth)[at];
         let point = picture.recorded.read::<u32>(&picks.index)[at];
@@ -751,9 +760,11 @@ impl Renderer {
         }
         let cloud = self.clouds.iter().find(|cloud| cloud.id == picture.key.cloud);
         let resident = cloud.and_then(Entry::resident);
+        let words =
+            &picture.recorded.read::<u32>(&picks.points.words)[picks.points.each * number..];
         let own = resident
             .filter(|_| point != NO_POINT)
-            .and_then(|resident| resident.point_of_nodes(&picks.nodes, point));
+            .and_then(|resident| resident.point_of_nodes(&picks.nodes, point, words));
         let kind = own.and_then(|own| own.kind);
         let station = |kind: u32| Some(resident?.stations.get((kind >> 16) as usize)?.name.clone());
         let (position, exact) = own.map_or_else(

@@ -10,6 +10,7 @@ use crate::gpu::memory::RawBuffer;
 use crate::graph::host::Answers;
 use crate::graph::record::Recorded;
 use crate::graph::{Buffer, Gpu, Graph, Handle};
+use crate::passes::picked::{self, Picked};
 use crate::passes::{Effect, Switch};
 use crate::render::frame;
 use crate::render::settings::{FrameConfig, RenderSettings};
@@ -44,6 +45,8 @@ pub(super) struct RecordedPicks {
     pub pixels: Vec<(PickId, [u32; 2])>,
     pub depth: Buffer,
     pub index: Buffer,
+    /// Words of their points.
+    pub points: Picked,
     pub transform: Transform,
     /// Nodes that ids refer to.
     pub nodes: Vec<ResidentNode>,
@@ -153,14 +156,21 @@ impl Drawing<'_> {
         }
         let mut g = Graph::new(gpu).with_answers(&mut answers);
         let outcome = frame::record(&mut g, &view, resident, &config)?;
-        let picks = (!self.picks.is_empty()).then(|| RecordedPicks {
-            pixels: self.picks,
-            depth: g.download(&outcome.gbuffer.depth),
-            index: g.download(&outcome.gbuffer.index),
-            transform: self.transform,
-            nodes: resident.nodes.clone(),
-        });
         let (depth, index) = (&outcome.gbuffer.depth, &outcome.gbuffer.index);
+        let picks = match self.picks.is_empty() {
+            true => None,
+            false => {
+                let pixels: Vec<[u32; 2]> = self.picks.iter().map(|(_, pixel)| *pixel).collect();
+                Some(RecordedPicks {
+                    points: picked::record(&mut g, resident, index, &pixels)?,
+                    pixels: self.picks,
+                    depth: g.download(depth),
+                    index: g.download(index),
+                    transform: self.transform,
+                    nodes: resident.nodes.clone(),
+                })
+            }
+        };
         let images = [&outcome.picture, depth, index, &outcome.normal];
         let shown = if self.key.layers { &images[..] } else { &images[..2] };
         let wanted: Vec<_> = shown.iter().map(|image| image.resource()).collect();

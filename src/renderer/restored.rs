@@ -24,6 +24,8 @@ impl Renderer {
         next.settings = self.settings.clone();
         next.opacities = self.opacities.clone();
         next.clips = self.clips.clone();
+        next.filter = self.filter.clone();
+        next.lod = self.lod;
         next.scale = self.scale;
         next.set_limit(self.governor.as_ref().map(Governor::limit))?;
         (next.next_cloud, next.next_pick) = (self.next_cloud, self.next_pick);

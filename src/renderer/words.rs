@@ -2,6 +2,7 @@
 
 use super::{Error, Limit, Renderer, Result};
 use crate::cloud::color_scale::{ColorScale, Ramp, number, range};
+use crate::cloud::filter::Condition;
 use crate::cloud::length::Length;
 use crate::names::Named;
 use crate::passes::Effects;
@@ -41,6 +42,12 @@ impl Renderer {
     ///   coordinates, or with a unit, such as `0.1m`; 0 is automatic
     /// - `opacity` and `clip`: rules and boxes, separated by `;`, which replace those before; boxes
     ///   are in each cloud's own coordinates
+    /// - `only` and `not`: conditions separated by `;`, such as `class=ground;z=0..50`, of clouds
+    ///   that are opened or added from then on: of their points those are left that match all of
+    ///   `only` and none of `not`
+    /// - `lod`: distance of samples on the screen to which nodes of an index are refined `[px]`;
+    ///   `budget`: most points of an index drawn in a view; `auto` for either is automatic. Files
+    ///   that are opened while one is set are indexed
     /// - `ramp`: colours of numbers, `grey`, `terrain`, `viridis`, `cividis` or `turbo`; `range`:
     ///   the numbers at its ends, `LO,HI`; `auto` for either is automatic
     /// - `brightness`, `contrast` and `gamma` of what is shown
@@ -82,6 +89,28 @@ impl Renderer {
                     items().map(str::parse).collect();
                 self.clips = Clips(boxes.map_err(refused)?);
             }
+            "only" | "not" => {
+                let conditions: std::result::Result<Vec<Condition>, String> =
+                    items().map(str::parse).collect();
+                let conditions = conditions.map_err(refused)?;
+                match name {
+                    "only" => self.filter.only = conditions,
+                    _ => self.filter.not = conditions,
+                }
+            }
+            "lod" | "budget" if value == "auto" => match name {
+                "lod" => self.lod.lod_px = None,
+                _ => self.lod.budget = None,
+            },
+            "lod" => {
+                let pixels = value.parse().ok().filter(|px: &f64| px.is_finite() && *px >= 0.0);
+                let wrong = || refused("not a number of pixels, 0 or more".into());
+                self.lod.lod_px = Some(pixels.ok_or_else(wrong)?);
+            }
+            "budget" => {
+                let points = value.parse().map_err(|_| refused("not a number of points".into()))?;
+                self.lod.budget = Some(points);
+            }
             "ramp" | "range" | "brightness" | "contrast" | "gamma" => {
                 self.scale = scale_with(self.scale, name, value).map_err(refused)?;
             }
@@ -90,7 +119,7 @@ impl Renderer {
             "error" => self.set_limit(Some(value.parse().map_err(refused)?))?,
             _ => {
                 return Err(refused(
-                    "there is no such setting; there are: style, effect, light, background, layer, opacity, clip, ramp, range, brightness, contrast, gamma, time, error".into(),
+                    "there is no such setting; there are: style, effect, light, background, layer, opacity, clip, only, not, lod, budget, ramp, range, brightness, contrast, gamma, time, error".into(),
                 ));
             }
         }

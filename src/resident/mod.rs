@@ -220,12 +220,12 @@ fn in_metres(cells: f64, lattice: &Lattice, frame: &Frame) -> f64 {
     cells * crate::select::lod::cell_steps(frame, 1) * lattice.step.abs().max_element()
 }
 
-/// Decodes a position: the centre of the cell known from resident planes, or the exact position if
-/// all are resident.
-fn position(node: &ResidentNode, words: &[u32], i: u32) -> DVec3 {
+/// Decodes a position from the words of its resident planes: the centre of the cell that they tell,
+/// or the exact position if all are resident.
+fn position(node: &ResidentNode, word: impl Fn(u32) -> u32) -> DVec3 {
     let Frame { origin, bits, planes, .. } = node.frame;
     let cells = (0..node.planes).fold([0u64; 3], |cells, plane| {
-        let word = words[(plane * POINTS_PER_PAGE + i) as usize];
+        let word = word(plane);
         [0, 1, 2].map(|axis| {
             cells[axis] << BITS_PER_PLANE
                 | (word >> (BITS_PER_PLANE * axis as u32) & ((1 << BITS_PER_PLANE) - 1)) as u64
@@ -236,6 +236,11 @@ fn position(node: &ResidentNode, words: &[u32], i: u32) -> DVec3 {
     node.lattice.world(
         [0, 1, 2].map(|axis| origin[axis] + (((cells[axis] << missing) + middle) >> pad) as i64),
     )
+}
+
+/// Returns the words of a point from those of the pages of its node, page by page.
+fn word_of(words: &[u32], i: u32) -> impl Fn(u32) -> u32 {
+    move |page| words[(page * POINTS_PER_PAGE + i) as usize]
 }
 
 /// Ids end before the one that means "no point".
@@ -299,7 +304,7 @@ impl Resident {
     pub fn positions(&self, gpu: &mut Gpu) -> Result<Vec<DVec3>> {
         let mut positions = Vec::new();
         self.look_at(gpu, &self.nodes.iter().collect::<Vec<_>>(), |node, words| {
-            positions.extend((0..node.count).map(|i| position(node, words, i)));
+            positions.extend((0..node.count).map(|i| position(node, word_of(words, i))));
         })?;
         Ok(positions)
     }
@@ -331,27 +336,28 @@ impl Resident {
             return Ok(None);
         };
         let mut found = None;
-        self.look_at(gpu, &[node], |node, words| found = Some(self.point_of(node, words, i)))?;
+        self.look_at(gpu, &[node], |node, words| {
+            found = Some(self.point_of(node, word_of(words, i)))
+        })?;
         Ok(found)
     }
 
-    /// Returns the point of an id among nodes of an earlier frame, without the device; `None` if
-    /// pages are not mapped. The pages must not have been freed.
-    pub fn point_of_nodes(&self, nodes: &[ResidentNode], id: u32) -> Option<Point> {
+    /// Returns the point of an id among nodes of an earlier frame from its words: position planes
+    /// and attributes, as in its pages.
+    pub fn point_of_nodes(&self, nodes: &[ResidentNode], id: u32, words: &[u32]) -> Option<Point> {
         let (number, i) = (id / POINTS_PER_PAGE, id % POINTS_PER_PAGE);
         let node = nodes.get(number as usize).filter(|node| i < node.count)?;
-        let run = (node.first_page, node.planes + self.shown.words());
-        Some(self.point_of(node, self.pool.mapped(run)?, i))
+        Some(self.point_of(node, |page| words[page as usize]))
     }
 
-    fn point_of(&self, node: &ResidentNode, words: &[u32], i: u32) -> Point {
-        let word = |further: u32| words[((node.planes + further) * POINTS_PER_PAGE + i) as usize];
+    fn point_of(&self, node: &ResidentNode, word: impl Fn(u32) -> u32) -> Point {
+        let attribute = |further: u32| word(node.planes + further);
         Point {
-            position: position(node, words, i),
+            position: position(node, &word),
             exact: node.planes == node.frame.planes,
-            color: color_of(&self.shown, word(0)),
-            value: self.shown.number(word(0)),
-            kind: self.shown.kind().map(word),
+            color: color_of(&self.shown, attribute(0)),
+            value: self.shown.number(attribute(0)),
+            kind: self.shown.kind().map(attribute),
         }
     }
 

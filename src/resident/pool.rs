@@ -161,7 +161,7 @@ impl Pool {
     }
 
     /// Returns the words of a run of pages; `None` if pages are not mapped.
-    pub fn mapped(&self, (first, count): (u32, u32)) -> Option<&[u32]> {
+    fn mapped(&self, (first, count): (u32, u32)) -> Option<&[u32]> {
         if self.ring.is_some() {
             return None;
         }

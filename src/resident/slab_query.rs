@@ -3,7 +3,7 @@
 //! Only drawn points count: those hidden by opacities or clip boxes are left out, and of an index
 //! only the nodes of the last picture are searched.
 
-use super::{Point, Resident, position};
+use super::{Point, Resident, position, word_of};
 use crate::config::POINTS_PER_PAGE;
 use crate::error::Result;
 use crate::graph::Gpu;
@@ -50,8 +50,8 @@ impl Resident {
         self.look_at(gpu, &met, |node, words| {
             let whole = self.clips.left(node.own_bounds()) == Left::Everything;
             let found = (0..node.count).into_par_iter().filter_map(|i| {
-                let place = slab.place(position(node, words, i))?;
-                let point = self.point_of(node, words, i);
+                let place = slab.place(position(node, word_of(words, i)))?;
+                let point = self.point_of(node, word_of(words, i));
                 let is_there =
                     (whole || self.clips.keep(point.position)) && point.kind.is_none_or(opaque);
                 is_there.then(|| SlabPoint {

@@ -48,6 +48,12 @@ pub struct LodOptions {
 }
 
 impl LodOptions {
+    /// Returns why files are indexed before they are drawn, if the limits are the user's.
+    pub fn index_for(self) -> Option<&'static str> {
+        (self != LodOptions::default())
+            .then_some("--point-budget and --lod choose among the nodes of an index")
+    }
+
     /// Returns the limits for a picture of this size `[px]`.
     pub fn of(self, size: [u32; 2]) -> Detail {
         let usual = Detail::of(size);

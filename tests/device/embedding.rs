@@ -8,6 +8,7 @@ mod colors;
 mod depth;
 mod failures;
 mod families;
+mod filters;
 mod guide;
 mod lifetimes;
 mod memory;

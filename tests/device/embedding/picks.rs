@@ -1,17 +1,22 @@
 //! What is told of picked points is what the file says of them.
 
-use super::{Application, COLOR, SIZE, files, view_of};
+use super::{Application, COLOR, SIZE, files, indexed, view_of};
 use pointillist::cloud::attribute::Attribute;
 use pointillist::cloud::{self, ColumnSet, ReadOptions};
+use pointillist::gpu::TestOverrides;
 use pointillist::progress::Silent;
-use pointillist::renderer::{OpenSettings, Picked, PickedPoint, Preset};
+use pointillist::renderer::{OpenSettings, Picked, PickedPoint, Preset, Renderer, RendererOptions};
 use std::collections::HashMap;
 use std::path::PathBuf;
 
-/// Picks a grid of pixels of a file that is coloured by an attribute.
-fn picked(path: &PathBuf, color: &str) -> Vec<PickedPoint> {
+/// Picks a grid of pixels of a file that is coloured by an attribute, with device memory that is
+/// mapped or not.
+fn picked(path: &PathBuf, color: &str, unmapped: bool) -> Vec<PickedPoint> {
     let mut application = Application::new(COLOR);
-    let mut renderer = application.renderer();
+    let overrides = TestOverrides { unmapped, ..TestOverrides::default() };
+    let options = RendererOptions { overrides, ..RendererOptions::default() };
+    // SAFETY: the renderer is dropped before the application.
+    let mut renderer = unsafe { Renderer::new(&application.host(), options) }.unwrap();
     let settings = OpenSettings { color: Some(color.into()), ..OpenSettings::default() };
     renderer.open(std::slice::from_ref(path), &settings).unwrap();
     renderer.set("style", "points").unwrap();
@@ -57,7 +62,7 @@ fn attributes_of_picked_points_are_those_of_the_file() {
         heights().fold(f64::MIN, f64::max) - heights().fold(f64::MAX, f64::min)
     };
     for color in ["rgb", "intensity", "class", "elevation"] {
-        let points = picked(&path, color);
+        let points = picked(&path, color, false);
         println!("{color}: {} points", points.len());
         assert!(points.len() > 50, "{color}: {}", points.len());
         for point in points {
@@ -77,6 +82,24 @@ fn attributes_of_picked_points_are_those_of_the_file() {
                     assert!(off.abs() <= height / 65_535.0, "{point:?} {off} {height}");
                 }
             }
+        }
+    }
+}
+
+/// Answers are the same, of files and of an index, where device memory is not mapped.
+#[test]
+fn picked_points_have_attributes_where_device_memory_is_not_mapped() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("street.las");
+    files::scan(&path, pointillist::synth::SceneKind::Street, 200_000);
+    let index = indexed(&[&path], "");
+    for file in [path, index] {
+        for color in ["rgb", "intensity"] {
+            let [mapped, unmapped] = [false, true].map(|unmapped| picked(&file, color, unmapped));
+            println!("{} {color}: {} points", file.display(), mapped.len());
+            assert!(mapped.len() > 50 && mapped == unmapped, "{color} {mapped:?} {unmapped:?}");
+            let told = |point: &PickedPoint| point.class.is_some() && point.color.is_some();
+            assert!(unmapped.iter().all(told), "{unmapped:?}");
         }
     }
 }
