@@ -451,7 +451,7 @@ fn choose(instance: &ash::Instance, options: &DeviceOptions) -> Result<Choice> {
             continue;
         }
         let mut missing = requirements::check(instance, device);
-        if options.window && !has_swapchains(instance, device) {
+        if options.window && !has_extension(instance, device, khr::swapchain::NAME) {
             missing.push("swapchains".into());
         }
         if missing.is_empty() {
@@ -477,13 +477,11 @@ fn choose(instance: &ash::Instance, options: &DeviceOptions) -> Result<Choice> {
     })
 }
 
-fn has_swapchains(instance: &ash::Instance, device: vk::PhysicalDevice) -> bool {
+fn has_extension(instance: &ash::Instance, device: vk::PhysicalDevice, name: &CStr) -> bool {
     // SAFETY: plain query.
     let extensions =
         unsafe { instance.enumerate_device_extension_properties(device) }.unwrap_or_default();
-    extensions
-        .iter()
-        .any(|extension| extension.extension_name_as_c_str() == Ok(khr::swapchain::NAME))
+    extensions.iter().any(|extension| extension.extension_name_as_c_str() == Ok(name))
 }
 
 fn open_device(
@@ -493,7 +491,14 @@ fn open_device(
     int64_atomics: bool,
     window: bool,
 ) -> Result<ash::Device> {
-    let extensions: &[*const c_char] = if window { &[khr::swapchain::NAME.as_ptr()] } else { &[] };
+    // Devices on top of another interface, such as Metal, have the second one, and must be opened
+    // with it.
+    let extensions = [
+        window.then_some(khr::swapchain::NAME),
+        has_extension(instance, physical, khr::portability_subset::NAME)
+            .then_some(khr::portability_subset::NAME),
+    ];
+    let extensions: Vec<_> = extensions.into_iter().flatten().map(CStr::as_ptr).collect();
     let priorities = [1.0];
     let queues = [vk::DeviceQueueCreateInfo::default()
         .queue_family_index(family)
@@ -503,7 +508,7 @@ fn open_device(
     let Features { v10, v12, v13 } = &mut features;
     let info = vk::DeviceCreateInfo::default()
         .queue_create_infos(&queues)
-        .enabled_extension_names(extensions)
+        .enabled_extension_names(&extensions)
         .enabled_features(v10)
         .push_next(v12)
         .push_next(v13);

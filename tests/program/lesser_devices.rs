@@ -56,16 +56,24 @@ const LEAST: &[(&str, u32)] = &[
 const NEEDED: [&str; 2] =
     ["maxPerStageDescriptorStorageBuffers", "maxPerStageDescriptorStorageImages"];
 
-fn render(folder: &Path, line: &str, variables: &[(&str, &str)]) -> (Output, Option<Vec<u8>>) {
+/// Draws with the words of `line` under validation, and with these variables of the environment.
+/// Returns how the program ended, and the picture that it left.
+pub fn drawn(folder: &Path, line: &str, variables: &[(&str, &str)]) -> (Output, Option<Vec<u8>>) {
     let mut command = pointillist();
     command.arg("render").args(line.split_whitespace()).args(["-o", "a.png", "--validate"]);
     command.args(["--size", "64x48"]).current_dir(folder).envs(variables.iter().copied());
-    command.envs(faulty_layer::environment(folder, Layer::BelowValidation));
     let output = command.output().unwrap();
     let picture = folder.join("a.png");
     let bytes = std::fs::read(&picture).ok();
     let _ = std::fs::remove_file(picture);
     (output, bytes)
+}
+
+/// Draws with the layer that takes features away.
+fn render(folder: &Path, line: &str, variables: &[(&str, &str)]) -> (Output, Option<Vec<u8>>) {
+    let layer = faulty_layer::environment(folder, Layer::BelowValidation);
+    let layer = layer.iter().map(|(name, value)| (*name, value.as_str()));
+    drawn(folder, line, &variables.iter().copied().chain(layer).collect::<Vec<_>>())
 }
 
 #[test]

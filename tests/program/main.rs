@@ -45,6 +45,7 @@ mod maps;
 mod memory;
 mod network;
 mod pictures;
+mod profiles;
 mod python;
 mod saved_shadows;
 mod stations;
