@@ -334,6 +334,11 @@ enum By {
 }
 
 impl Compiled {
+    /// Returns whether every point is left.
+    pub fn has_all(&self) -> bool {
+        self.tests.is_empty()
+    }
+
     /// Returns which points are left. Coordinates count from `shift` `[lattice steps]`.
     pub fn left(&self, columns: &Columns, lattice: &Lattice, shift: [i64; 3]) -> Vec<bool> {
         let mut left = vec![true; columns.len()];

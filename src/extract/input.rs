@@ -392,6 +392,11 @@ struct Chosen<'c> {
 }
 
 impl Chosen<'_> {
+    fn has_all(&self) -> bool {
+        let Chosen { filter, clips, slab, opaque } = self;
+        filter.has_all() && clips.active() == 0 && slab.is_none() && opaque.factors.is_empty()
+    }
+
     /// Returns the numbers of the points that are left. `part` is `None` for an index, whose
     /// points have station numbers.
     fn left(
@@ -401,6 +406,9 @@ impl Chosen<'_> {
         lattice: &Lattice,
         shift: [i64; 3],
     ) -> Vec<u32> {
+        if self.has_all() {
+            return (0..columns.len() as u32).collect();
+        }
         let left = self.filter.left(columns, lattice, shift);
         let clips = (self.clips.active() > 0).then_some(self.clips);
         let is_left = |i: usize| {

@@ -545,10 +545,15 @@ impl Places {
         let Some(rgb) = columns.rgb.as_ref().filter(|_| self.coloured[part]) else { return };
         let lattice = &input.parts()[part].lattice;
         let Columns { x, y, z, source, .. } = columns;
+        let number = |source| self.numbers.get(&(part, source)).copied().unwrap_or(0);
+        // Neighbours in a file are mostly of one station.
+        let mut last = (None, number(None));
         let point = |i: usize| {
             let source = source.as_ref().map(|column| column[i]);
-            let number = self.numbers.get(&(part, source)).copied().unwrap_or(0);
-            (lattice.world([x[i], y[i], z[i]].map(i64::from)), number, rgb[i])
+            if source != last.0 {
+                last = (source, number(source));
+            }
+            (lattice.world([x[i], y[i], z[i]].map(i64::from)), last.1, rgb[i])
         };
         comparison.add((0..columns.len()).map(point));
     }

@@ -15,7 +15,7 @@ use crate::cloud::colormap::srgb_to_linear;
 use crate::cloud::{Cloud, Station};
 use crate::index::format::{Balance, MAX_STOPS};
 use glam::DVec3;
-use sample::{AXIS_BITS, Point};
+use sample::{AXIS_BITS, Point, hash_of};
 pub use sample::{Sample, Values, greys, point, value};
 use serde::Serialize;
 use std::collections::BTreeMap;
@@ -127,15 +127,17 @@ impl Comparison {
 
     /// Adds points: places, stations and colours.
     pub fn add(&self, points: impl Iterator<Item = (DVec3, u16, [u8; 3])>) {
-        let mut kept = [Vec::new(), Vec::new()];
+        let [mut all, mut some] = [self.all.begin(), self.some.begin()];
         for (place, station, color) in points {
-            for (sample, kept) in [&self.all, &self.some].into_iter().zip(&mut kept) {
-                kept.extend(sample.cell(place).and_then(|cell| point(cell, station, color)));
+            // Both samples have the same cells.
+            if let Some(point) = point(self.all.cell_of(place), station, color) {
+                let block = hash_of(point);
+                all.add(point, block);
+                some.add(point, block);
             }
         }
-        let [all, some] = kept;
-        self.all.keep(all);
-        self.some.keep(some);
+        self.all.keep(all.points);
+        self.some.keep(some.points);
     }
 
     /// Returns the exposures of stations whose mean values are these.

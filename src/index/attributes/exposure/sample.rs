@@ -127,7 +127,18 @@ impl Sample {
     /// of points want the same.
     #[inline]
     pub fn cell(&self, place: DVec3) -> Option<[u32; 3]> {
-        Some(self.cells.of(place)).filter(|&cell| self.wants(cell))
+        Some(self.cell_of(place)).filter(|&cell| self.wants(cell))
+    }
+
+    #[inline]
+    pub fn cell_of(&self, place: DVec3) -> [u32; 3] {
+        self.cells.of(place)
+    }
+
+    /// Begins points of which those of blocks that are wanted by now are kept.
+    pub fn begin(&self) -> Begun {
+        let most = self.kept.lock().unwrap_or_else(PoisonError::into_inner).most;
+        Begun { most, points: Vec::new() }
     }
 
     #[inline]
@@ -144,7 +155,7 @@ impl Sample {
     pub fn keep(&self, points: Vec<Point>) {
         let mut kept = self.kept.lock().unwrap_or_else(PoisonError::into_inner);
         let most = kept.most;
-        kept.points.extend(points.into_iter().filter(|point| is_wanted(point.0, most)));
+        kept.points.extend(points.into_iter().filter(|point| hash_of(*point) <= most));
         kept.thin();
     }
 
@@ -206,6 +217,22 @@ impl Sample {
     }
 }
 
+/// Points of the blocks whose hashed number is at most `most`, before they are kept.
+pub struct Begun {
+    most: u64,
+    pub points: Vec<Point>,
+}
+
+impl Begun {
+    /// Adds a point if its block, whose hashed number is given, is wanted.
+    #[inline]
+    pub fn add(&mut self, point: Point, block: u64) {
+        if block <= self.most {
+            self.points.push(point);
+        }
+    }
+}
+
 /// Points of the blocks whose hashed number is at most `most`.
 struct Kept {
     most: u64,
@@ -217,7 +244,7 @@ impl Kept {
     fn thin(&mut self) {
         while self.points.len() > self.limit && self.most > 0 {
             self.most /= 2;
-            self.points.retain(|point| is_wanted(point.0, self.most));
+            self.points.retain(|point| hash_of(*point) <= self.most);
         }
     }
 }
@@ -245,8 +272,10 @@ fn max_block_hash(points: u64) -> u64 {
     ((SAMPLE as f64 / points as f64).min(1.0) * u64::MAX as f64) as u64
 }
 
-fn is_wanted(code: u64, most: u64) -> bool {
-    block_hash(code >> (3 * (AXIS_BITS - BLOCK_BITS))) <= most
+/// Returns the hashed number of a point's block.
+#[inline]
+pub fn hash_of((code, ..): Point) -> u64 {
+    block_hash(code >> (3 * (AXIS_BITS - BLOCK_BITS)))
 }
 
 /// Hashes a block number uniformly (the mixing step of SplitMix64, Steele, Lea and Flood 2014).
