@@ -28,6 +28,7 @@
 
 mod display;
 pub mod overlay;
+mod overlay_objects;
 
 use crate::error::{Error, Result};
 use crate::gpu::logical_device::Fresh;

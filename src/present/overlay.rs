@@ -2,6 +2,7 @@
 //! there.
 
 use super::FRAMES_IN_FLIGHT;
+use super::overlay_objects::OverlayObjects;
 use crate::error::{Error, Result};
 use crate::gpu::Device;
 use ash::vk;
@@ -22,6 +23,8 @@ pub struct OverlayRenderer {
     renderer: Renderer<DefaultAllocator>,
     triangles: Vec<egui::ClippedPrimitive>,
     pixels_per_point: f32,
+    // Dropped after the renderer.
+    _objects: OverlayObjects,
 }
 
 fn failed(error: egui_ash_renderer::RendererError) -> Error {
@@ -40,15 +43,22 @@ fn render_mode(format: vk::Format) -> RenderMode {
 impl OverlayRenderer {
     pub fn new(device: &Device, format: vk::Format) -> Result<OverlayRenderer> {
         let options = Options { in_flight_frames: FRAMES_IN_FLIGHT, ..Options::default() };
+        // SAFETY: the objects are dropped with the renderer, when nothing of it is in flight.
+        let (objects, functions) = unsafe { OverlayObjects::begin(&device.raw) };
         let renderer = Renderer::with_default_allocator(
             &device.instance,
             device.physical,
-            (*device.raw).clone(),
+            functions,
             render_mode(format),
             options,
         );
         let renderer = renderer.map_err(failed)?;
-        Ok(OverlayRenderer { renderer, triangles: Vec::new(), pixels_per_point: 1.0 })
+        Ok(OverlayRenderer {
+            renderer,
+            triangles: Vec::new(),
+            pixels_per_point: 1.0,
+            _objects: objects,
+        })
     }
 
     /// Changes the format of the images; nothing may be in flight.
