@@ -1,14 +1,24 @@
 // A pyramid of nearest points. Level 0 is the picture; a cell of level k covers 2^k x 2^k pixels
-// and holds the depth of its nearest point, 0 or background without one; the point's place, pixels
-// from the cell's corner across and down; and the number of pixels with a point. Declares no
+// and holds the depth of its nearest point, 0 or background without one; the point's place; the
+// number of pixels with a point of the nearest surface; and that of pixels with any. Declares no
 // bindings.
 //
 // Levels from 1 on lie in one image: level 1 at its corner, the others to the right of it, one
 // below the other.
 
+// A place is counted in pixels from the cell's corner, across and down, of less than 2^10 each.
+float pack_place(vec2 place) {
+    return place.x + 1024.0 * place.y;
+}
+
+vec2 unpack_place(float packed) {
+    float down = floor(packed / 1024.0);
+    return vec2(packed - 1024.0 * down, down);
+}
+
 // Returns the centre of the pixel of a cell's nearest point.
 vec2 place_in(ivec2 cell, int level, vec4 texel) {
-    return vec2(cell << level) + texel.yz + 0.5;
+    return vec2(cell << level) + unpack_place(texel.g) + 0.5;
 }
 
 ivec2 level_size(ivec2 size, int level) {
@@ -39,16 +49,29 @@ const uint UNDECIDED = 1u;
 const uint OPEN = 2u;
 const uint CLOSED = 3u;
 
+// t |t| without a point: less than any other.
+const float NOTHING = -1e37;
+
+// Returns the solid angle of a sector as a share of its hemisphere, from its largest t |t|: up to 2
+// where all points lie beyond the plane across the ray.
+float cone(float lean) {
+    float square = min(abs(lean), 1e18);
+    float hypotenuse = 1.0 + square;
+    float closed = 1.0 / (hypotenuse + sqrt(hypotenuse * square));
+    return lean <= NOTHING ? 1.0 : lean > 0.0 ? closed : 2.0 - closed;
+}
+
 const float EIGHTH_OF_DISC = 0.39269908;
 // If every neighbour leads, the density is unknown, but not infinite.
 const float MOST_SHARE = 0.93;
 
 // Judges a pixel by the leading points in a kernel (rule: visibility_levels.comp): their number,
-// the number of their neighbours and of leading pairs, squared distances to the nearest in each
-// sector [cells], and the remaining solid angle in sectors' hemispheres.
-uint verdict(int leaders, int fewest, int pairs, int neighbours, float squares, float cones, float closed, float expected) {
+// the area of each [cells], the number of their neighbours and of leading pairs, squared distances
+// to the nearest in each sector [cells], and the remaining solid angle in sectors' hemispheres.
+uint verdict(int leaders, float area, int fewest, int pairs, int neighbours, float squares, float cones, float closed, float expected) {
     float share = min(2.0 * float(pairs) / float(max(neighbours, 1)), MOST_SHARE);
-    bool is_open = share * squares * EIGHTH_OF_DISC >= expected * sqrt(1.0 - share);
+    float root = sqrt(1.0 - share);
+    bool is_open = share * squares * EIGHTH_OF_DISC * max(root / area, 1.0) >= expected * root;
     return leaders < fewest ? TOO_FEW : is_open ? OPEN : cones < closed ? CLOSED : UNDECIDED;
 }
 

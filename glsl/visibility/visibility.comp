@@ -79,9 +79,6 @@ const float FARTHEST = 3.402823466e38;
 // Depths are clamped to this range, so that squares neither overflow nor vanish.
 const float NEAREST_PLACE = 1e-15;
 const float FARTHEST_PLACE = 1e15;
-// t |t| without a point: less than any other.
-const float NOTHING = -1e37;
-
 const int R = int(RADIUS);
 // Texels above and below a lane's own, and pixels from the first of them to the lane's first.
 const int REACH = (R + 3) / 4;
@@ -91,16 +88,6 @@ const int PER_QUARTER = int(SECTORS) / 4;
 // Square of half the kernel's width.
 #define RIM ((float(R) + 0.5) * (float(R) + 0.5))
 const uint EDGES = 1u | 1u << (2 * R);
-
-// Returns the solid angle of a sector as a share of its hemisphere, from its largest t |t|.
-float share(float lean, bool empty) {
-    float square = min(abs(lean), 1e18);
-    float hypotenuse = 1.0 + square;
-    float closed = 1.0 / (hypotenuse + sqrt(hypotenuse * square));
-    float open = 2.0 - closed;
-    float known = empty ? 0.0 : lean > push.own_slope ? closed : FINEST || lean > 0.0 ? 1.0 : open;
-    return lean <= NOTHING ? 1.0 : known;
-}
 
 // Returns the sector of an offset within its quarter of the plane, which begins with an axis: 0 to
 // PER_QUARTER - 1.
@@ -173,8 +160,8 @@ void work(uint n) {
                         float along = (z0[p] - z[i]) * f_rr[p] - (PERSPECTIVE ? z[i] * aside : 0.0);
                         float across = zz[i] * (float(dx * dx + dy * dy) + (PERSPECTIVE ? twist * twist : 0.0));
                         float ratio = along * abs(along) / across;
-                        bool leader = zz[i] > 0.0 && (own[p] > FARTHEST || (z[i] < z0[p] && ratio > push.own_slope));
-                        float lean = mix(NOTHING, ratio, FINEST ? leader : zz[i] > 0.0);
+                        bool leader = zz[i] > 0.0 && (own[p] > FARTHEST || ((z[i] < z0[p] || !FINEST) && ratio > push.own_slope));
+                        float lean = mix(NOTHING, leader ? ratio : min(ratio, 0.0), zz[i] > 0.0);
                         if (FINEST) leads[p] |= leader && (dx > 0 || dy != 0) ? 1u << (dy + R) : 0u;
                         [[unroll]] for (int k = 0; k < PER_QUARTER; ++k) {
                             int s = 8 * p + (dy < 0 ? 0 : 4) + k;
@@ -203,8 +190,9 @@ void work(uint n) {
             [[unroll]] for (int p = 0; p < 4; ++p) {
                 [[unroll]] for (int k = 0; k < PER_QUARTER; ++k) {
                     bool empty = !(own[p] <= FARTHEST);
-                    float shares = share(most[8 * p + k], empty) + share(most[8 * p + 4 + k], empty);
-                    sum[p] += shares;
+                    vec2 lean = vec2(most[8 * p + k], most[8 * p + 4 + k]);
+                    // All points lie before a pixel without one.
+                    sum[p] += empty ? float(lean.x <= NOTHING) + float(lean.y <= NOTHING) : cone(lean.x) + cone(lean.y);
                     if (FINEST) squares[p] += nearest[8 * p + k] + nearest[8 * p + 4 + k];
                 }
             }
@@ -228,7 +216,7 @@ void work(uint n) {
             uint bit = 1u << (4 * half_tile + p);
             // The kernel is too small for openings between surfaces (visibility_levels.comp).
             float expected = empty ? FARTHEST : push.expected;
-            uint said = verdict(leaders[p], push.fewest[int(empty)], pairs[p], neighbours[p], squares[p], sum[p], closed, expected);
+            uint said = verdict(leaders[p], 1.0, push.fewest[int(empty)], pairs[p], neighbours[p], squares[p], sum[p], closed, expected);
             bool judged = inside && (!FINEST || (empty ? push.empties == 1u : (points & bit) != 0u));
             bool decides = judged && (said == OPEN || said == CLOSED);
             bits |= judged && (FINEST ? said == CLOSED : sum[p] < closed) ? bit : 0u;

@@ -13,11 +13,16 @@
 //            few leading points for either, cones are not computed.
 //
 // For a pixel with a point, lambda is the number of leading points per cell, from the share p of
-// the neighbours of leading cells that lead, too: -ln(1 - p), or nearly p / sqrt(1 - p). It is the
-// density of the surface in front alone, whatever shows behind it. A is made of eight sectors, each
-// up to its nearest leading point or to the rim of the kernel. So a dense surface is judged at a
-// fine level, and its openings stay open at any size; a sparse one at a coarser level, where its
-// points are about a cell apart.
+// the neighbours of leading cells that lead, too: -ln(1 - p), or nearly p / sqrt(1 - p); or p / a if
+// that is more, where a is the mean area of the pixels with a point of the nearest surface in the
+// cells of the sectors' nearest points. It is the density of the surface in front alone, whatever
+// shows behind it. A is made of eight sectors, each up to its nearest leading point or to the rim
+// of the kernel. So a dense surface is judged at a fine level, and its openings stay open at any
+// size; a sparse one at a coarser level, where its points are about a cell apart. What looks out
+// between dense posts is open at a coarse level, too, since a is small there.
+//
+// A cone is open beyond the hemisphere if all points of its sector lie beyond the plane across the
+// ray. So a plane leaves 2 pi, however it is tilted, and a straight edge in front of it pi.
 //
 // A pixel without a point lies between surfaces whose densities may differ. The density around each
 // sector's nearest point is the share of pixels with a point in 2 x 2 cells, of which an edge may
@@ -151,13 +156,13 @@ uint between(float nearest[8], uint nearest_in[8]) {
     return found < push.fewest ? TOO_FEW : expected >= push.expected ? OPEN : CLOSED;
 }
 
-// Returns the squared slope towards the camera from a pixel's place to a point nearer to it, or -1.
+// Returns t |t| of the slope t towards the camera from a pixel's place to another point.
 float rise(vec2 offset, vec2 ray, float z, float z0, float f_rr) {
     float square = offset.x * offset.x + offset.y * offset.y;
     float twist = offset.x * ray.y - offset.y * ray.x;
     float along = (z0 - z) * f_rr - (PERSPECTIVE ? z * (offset.x * ray.x + offset.y * ray.y) : 0.0);
     float across = PERSPECTIVE ? z * z * (square + twist * twist) : square;
-    return along > 0.0 ? along * along / across : -1.0;
+    return along * abs(along) / across;
 }
 
 // Judges from the middle of a square of pixels, by its first pixel and its side.
@@ -179,34 +184,44 @@ uint judge(ivec2 pixel, int across) {
         columns[dx + R] = at_edge(cell.x + dx, cells.x);
         may |= may_hold(cell.x + dx, cells.x, push.crossed) ? 1u << (dx + R) : 0u;
     }
-    // The leading cells, which most pixels have too few of.
+    // The cells with a point elsewhere, and the leading ones, which most pixels have too few of.
+    uint held[MOST_WIDTH];
     uint rows[MOST_WIDTH];
     int leaders = 0;
     [[unroll]] for (int dy = -R; dy <= R; ++dy) {
         int y = at_edge(cell.y + dy, cells.y);
+        held[dy + R] = 0u;
         rows[dy + R] = 0u;
         [[unroll]] for (int dx = -R; dx <= R; ++dx) {
             vec4 texel = imageLoad(pyramid, corner + ivec2(columns[dx + R], y));
-            bool leads = texel.a > 0.0;
+            bool holds = texel.a > 0.0;
+            bool leads = holds;
             if (!EMPTY) {
                 vec2 offset = place_in(cell + ivec2(dx, dy), push.level, texel) - at;
                 float z = clamp(texel.r, NEAREST_PLACE, farthest);
-                leads = leads && z < z0 && rise(offset, ray, z, z0, f_rr) > push.own_slope;
+                holds = holds && offset != vec2(0.0);
+                leads = holds && z < z0 && rise(offset, ray, z, z0, f_rr) > push.own_slope;
             }
+            held[dy + R] |= holds ? 1u << (dx + R) : 0u;
             rows[dy + R] |= leads ? 1u << (dx + R) : 0u;
         }
-        rows[dy + R] &= may_hold(cell.y + dy, cells.y, push.crossed >> 2) ? may : 0u;
+        uint may_here = may_hold(cell.y + dy, cells.y, push.crossed >> 2) ? may : 0u;
+        held[dy + R] &= may_here;
+        rows[dy + R] &= may_here;
         leaders += bitCount(rows[dy + R]);
     }
     if (leaders < push.fewest) return TOO_FEW;
     float rim = (float(R) + 0.5) * side;
     float most[8];
     float nearest[8];
+    // Pixels of the nearest surface in the cell of the nearest point.
+    float fronts[8];
     // Cells of the nearest points: column, and row in the upper 16 bits.
     uint nearest_in[8];
     [[unroll]] for (int s = 0; s < 8; ++s) {
-        most[s] = -1.0;
-        nearest[s] = EMPTY ? FARTHEST : rim * rim;
+        most[s] = NOTHING;
+        nearest[s] = FARTHEST;
+        fronts[s] = 1.0;
         nearest_in[s] = 0u;
     }
     [[unroll]] for (int dy = -R; dy <= R; ++dy) {
@@ -216,14 +231,17 @@ uint judge(ivec2 pixel, int across) {
             vec4 texel = imageLoad(pyramid, corner + from);
             vec2 offset = place_in(cell + ivec2(dx, dy), push.level, texel) - at;
             bool leads = (rows[dy + R] >> (dx + R) & 1u) == 1u;
+            bool holds = (held[dy + R] >> (dx + R) & 1u) == 1u;
             float z = clamp(texel.r, NEAREST_PLACE, farthest);
-            float ratio = leads && !EMPTY ? rise(offset, ray, z, z0, f_rr) : -1.0;
-            float square = leads ? offset.x * offset.x + offset.y * offset.y : EMPTY ? FARTHEST : rim * rim;
+            float ratio = holds && !EMPTY ? rise(offset, ray, z, z0, f_rr) : NOTHING;
+            ratio = leads ? ratio : min(ratio, 0.0);
+            float square = leads ? offset.x * offset.x + offset.y * offset.y : FARTHEST;
             int sector = sector_of(offset);
             [[unroll]] for (int s = 0; s < 8; ++s) {
                 if (!may_lie(ivec2(dx, dy), s)) continue;
                 bool here = sector == s;
                 most[s] = here ? max(most[s], ratio) : most[s];
+                if (!EMPTY) fronts[s] = here && square < nearest[s] ? texel.b : fronts[s];
                 if (EMPTY) nearest_in[s] = here && square < nearest[s] ? uint(from.x) | uint(from.y) << 16 : nearest_in[s];
                 nearest[s] = here ? min(nearest[s], square) : nearest[s];
             }
@@ -242,13 +260,15 @@ uint judge(ivec2 pixel, int across) {
     }
     float squares = 0.0;
     float cones = 0.0;
+    float areas = 0.0;
+    int found = 0;
     [[unroll]] for (int s = 0; s < 8; ++s) {
         squares += min(nearest[s], rim * rim);
-        float hypotenuse = 1.0 + max(most[s], 0.0);
-        float left = 1.0 / (hypotenuse + sqrt(hypotenuse * max(most[s], 0.0)));
-        cones += most[s] < 0.0 ? 1.0 : left;
+        cones += cone(most[s]);
+        areas += nearest[s] < FARTHEST ? 1.0 / fronts[s] : 0.0;
+        found += nearest[s] < FARTHEST ? 1 : 0;
     }
-    return verdict(leaders, push.fewest, pairs, neighbours, squares / (side * side), cones, push.closed, push.expected);
+    return verdict(leaders, areas / float(found), push.fewest, pairs, neighbours, squares / (side * side), cones, push.closed, push.expected);
 }
 
 // Returns the first pixel of those that are left: numbers run down a column, then down the next.

@@ -90,7 +90,7 @@ impl Default for Settings {
             kernel: 7.0,
             sectors: 8.0,
             tiles: Looked::Needed,
-            threshold: 2.1,
+            threshold: 2.8,
             holes: 1.0,
             expected: 36.0,
             sparsest_px: 0.0,
@@ -517,7 +517,7 @@ impl<'s> Judged<'s> {
 
     /// Judges points by every level, from the finest on.
     fn points(&mut self, g: &mut Graph, depth: &Image, round: u32) {
-        let pyramid = Pyramid::of(g, depth, self.settings);
+        let pyramid = Pyramid::of(g, self.view, depth, self.settings);
         let lists = self.assign(g, &pyramid, Subject::Points, round);
         self.looked_at.get_or_insert_with(|| lists[1].alias());
         self.candidates = zeros(g, "led", 2 * self.count());
@@ -699,8 +699,9 @@ fn fewest(settings: &Settings, subject: Subject) -> i32 {
     }
 }
 
-/// Returns the number of points in front without which no pixel is open. Few points cover the
-/// largest share of neighbours if they lie in a corner of the kernel.
+/// Returns the number of points in front without which no pixel is open, as long as cells have one
+/// point each; with fewer, coarser levels judge. Few points cover the largest share of neighbours if
+/// they lie in a corner of the kernel.
 pub fn fewest_around_openings(settings: &Settings) -> i32 {
     const SHARES: [f64; 4] = [0.0, 2.0 / 8.0, 6.0 / 13.0, 12.0 / 21.0];
     let area = PI * (settings.kernel / 2.0).powi(2);
@@ -753,7 +754,7 @@ struct Pyramid {
 }
 
 impl Pyramid {
-    fn of(g: &mut Graph, picture: &Image, settings: &Settings) -> Pyramid {
+    fn of(g: &mut Graph, view: &View, picture: &Image, settings: &Settings) -> Pyramid {
         let (size, levels) = (picture.desc.size, settings.levels as u32);
         let level_size = |level: u32| size.map(|side| side.div_ceil(1 << level));
         let [first, second] = [1, 2].map(level_size);
@@ -765,14 +766,29 @@ impl Pyramid {
         g.discard(&mut image);
         for level in (1..=levels).filter(|_| levels > 1) {
             let [width, height] = level_size(level);
-            let push = depth_pyramid::Push { size, level: level as i32 };
-            let spec = depth_pyramid::Spec { first: level == 1 };
+            let push = depth_pyramid::Push {
+                size,
+                level: level as i32,
+                reach: reach(view, level as usize),
+            };
+            let perspective = view.camera.projection == Projection::Perspective;
+            let spec = depth_pyramid::Spec { first: level == 1, perspective };
             g.run(
                 shader::DepthPyramid { depth: picture, pyramid: &mut image, push, spec },
                 Dispatch::Groups([width.div_ceil(64), height, 1]),
             );
         }
         Pyramid { image }
+    }
+}
+
+/// Returns how far the surface of a cell's nearest point may reach behind that: a cell's width, with
+/// [`STEEPEST`]. A factor with perspective, otherwise a distance `[m]`.
+pub fn reach(view: &View, level: usize) -> f32 {
+    let side = STEEPEST * (1u64 << level) as f64 / view.focal_px();
+    match view.camera.projection {
+        Projection::Perspective => (1.0 + side) as f32,
+        Projection::Orthographic => side as f32,
     }
 }
 

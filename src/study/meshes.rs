@@ -34,7 +34,12 @@ const STYLES: [(&str, &[&str]); 4] = [
     ("median", &["visibility=auto", "fill=auto,method=median", "shape=off", "edl=off"]),
     (
         "single",
-        &["visibility=auto,levels=1,kernel=9", "fill=auto,method=median", "shape=off", "edl=off"],
+        &[
+            "visibility=auto,levels=1,kernel=9,threshold=2.1",
+            "fill=auto,method=median",
+            "shape=off",
+            "edl=off",
+        ],
     ),
 ];
 

@@ -28,7 +28,12 @@ const STYLES: [(&str, &[&str]); 4] = [
     ("splat", &["visibility=off", "fill=auto,method=splat", "shape=off", "edl=off"]),
     (
         "single",
-        &["visibility=auto,levels=1,kernel=9", "fill=auto,method=median", "shape=off", "edl=off"],
+        &[
+            "visibility=auto,levels=1,kernel=9,threshold=2.1",
+            "fill=auto,method=median",
+            "shape=off",
+            "edl=off",
+        ],
     ),
 ];
 

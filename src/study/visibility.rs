@@ -59,12 +59,12 @@ impl Experiment for Visibility {
     const REFERENCE: &'static [&'static str] =
         &["visibility=off", "fill=off", "shape=off", "edl=off"];
     const AFTER: &'static [&'static str] = &["resolve"];
-    const METHOD: &'static str = "Every row changes one setting of the default, which is <em>auto</em>. A single level has a kernel of 9 pixels, except in rows that change it. Filling is off.";
+    const METHOD: &'static str = "Every row changes one setting of the default, which is <em>auto</em>. A single level has a kernel of 9 pixels and a threshold of 2.1 sr, except in rows that change it. Filling is off.";
     /// Depth as projected.
     type Reference = Vec<f32>;
 
     fn configurations(_case: &Case) -> Vec<Configuration> {
-        let single = "levels=1,kernel=9";
+        let single = "levels=1,kernel=9,threshold=2.1";
         let own = |parameter: &'static str, value: &str| {
             let setting = match parameter.strip_prefix("single ") {
                 _ if parameter == AUTO => "visibility=on".into(),

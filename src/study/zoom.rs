@@ -29,7 +29,7 @@ pub const SUMMARY: &str = "change from frame to frame while the picture grows";
 /// Name and settings. For `fixed` nothing depends on the point spacing on the screen.
 const STYLES: [(&str, &[&str]); 3] = [
     ("auto", &["visibility=auto", "fill=auto"]),
-    ("fixed", &["visibility=auto,levels=1,kernel=15", "fill=auto,method=pullpush"]),
+    ("fixed", &["visibility=auto,levels=1,kernel=15,threshold=2.1", "fill=auto,method=pullpush"]),
     ("points", &["visibility=off", "fill=off", "shape=off"]),
 ];
 

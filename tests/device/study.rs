@@ -550,7 +550,7 @@ fn the_visibility_study_keeps_its_promises() {
     for scene in ["all scenes", "sphere", "torus"] {
         // A higher threshold hides more.
         let along = |metric: &str| {
-            ["0.5", "1.5", "2.5", "4"].map(|threshold| of(&thresholds, scene, metric, threshold))
+            ["0.5", "1.5", "2.5", "5"].map(|threshold| of(&thresholds, scene, metric, threshold))
         };
         assert!(
             along("shown_hidden").is_sorted_by(|a, b| a >= b),

@@ -7,7 +7,7 @@
 
 use super::visibility::{Verdict, sector};
 use crate::passes::visibility::{
-    SPARSEST, STEEPEST, Settings, fewest_around_openings, least_density,
+    SPARSEST, STEEPEST, Settings, fewest_around_openings, least_density, reach,
 };
 use crate::view::{Projection, View};
 use std::f64::consts::{PI, TAU};
@@ -26,6 +26,8 @@ struct Cell {
     point: Option<(f64, [f64; 2])>,
     /// Number of pixels with a point.
     points: u32,
+    /// Number of those whose point is of the nearest surface.
+    front: u32,
     /// True if the kernels certainly have the same.
     sure: bool,
 }
@@ -40,8 +42,14 @@ impl Level {
         self.cells[(y * self.size[0] + x) as usize]
     }
 
-    /// Returns the next coarser level.
-    fn coarser(&self) -> Level {
+    /// Returns the next coarser level, whose number is `number`. Depths are compared as the kernel
+    /// does, in f32.
+    fn coarser(&self, view: &View, number: usize) -> Level {
+        let reach = reach(view, number);
+        let farthest = |nearest: f64| match view.camera.projection {
+            Projection::Perspective => nearest as f32 * reach,
+            Projection::Orthographic => nearest as f32 + reach,
+        };
         let size = self.size.map(|side| (side + 1) / 2);
         let cell = |i: i64| {
             let (x, y) = (i % size[0], i / size[0]);
@@ -50,8 +58,8 @@ impl Level {
                 .into_iter()
                 .filter(|&(x, y)| x < self.size[0] && y < self.size[1])
                 .map(|(x, y)| self.at(x, y));
-            let none = Cell { point: None, points: 0, sure: true };
-            inside.fold(none, |nearest, cell| {
+            let none = Cell { point: None, points: 0, front: 0, sure: true };
+            let mut nearest = inside.clone().fold(none, |nearest, cell| {
                 let nearer = match (nearest.point, cell.point) {
                     (Some((a, _)), Some((b, _))) => b < a,
                     (before, after) => before.is_none() && after.is_some(),
@@ -59,9 +67,16 @@ impl Level {
                 Cell {
                     point: if nearer { cell.point } else { nearest.point },
                     points: nearest.points + cell.points,
+                    front: 0,
                     sure: nearest.sure && cell.sure,
                 }
-            })
+            });
+            let of_nearest = |cell: &Cell| match (nearest.point, cell.point) {
+                (Some((least, _)), Some((z, _))) => z as f32 <= farthest(least),
+                _ => false,
+            };
+            nearest.front = inside.filter(of_nearest).map(|cell| cell.front).sum();
+            nearest
         };
         Level { size, cells: (0..size[0] * size[1]).map(cell).collect() }
     }
@@ -98,16 +113,17 @@ pub fn verdicts(
     let cell = |(i, z): (usize, &f32)| Cell {
         point: z.is_finite().then(|| (*z as f64, place(i))),
         points: z.is_finite() as u32,
+        front: z.is_finite() as u32,
         sure: true,
     };
     let mut picture: Vec<Cell> = depth.iter().enumerate().map(cell).collect();
     let spacings = Spacings::of(view, spacing_m, depth);
-    let projected = Pyramid::of(size, crossed, picture.clone(), settings);
+    let projected = Pyramid::of(view, crossed, picture.clone(), settings);
     let mut verdicts = vec![Verdict::Visible; depth.len()];
     // Pixels without leading points at first are not judged again.
     let mut candidates = vec![true; depth.len()];
     for _ in 0..2 {
-        let pyramid = Pyramid::of(size, crossed, picture.clone(), settings);
+        let pyramid = Pyramid::of(view, crossed, picture.clone(), settings);
         for i in (0..depth.len())
             .filter(|&i| picture[i].point.is_some() && std::mem::take(&mut candidates[i]))
             .collect::<Vec<_>>()
@@ -117,10 +133,10 @@ pub fn verdicts(
             match said {
                 Said::Closed => {
                     (verdicts[i], picture[i]) =
-                        (Verdict::Invisible, Cell { point: None, points: 0, sure: true })
+                        (Verdict::Invisible, Cell { point: None, points: 0, front: 0, sure: true })
                 }
                 Said::Either => {
-                    let unsure = Cell { point: None, points: 0, sure: false };
+                    let unsure = Cell { point: None, points: 0, front: 0, sure: false };
                     (verdicts[i], picture[i]) = (Verdict::InBand, unsure)
                 }
                 _ => {}
@@ -246,10 +262,10 @@ struct Pyramid {
 }
 
 impl Pyramid {
-    fn of(size: [i64; 2], crossed: [bool; 4], cells: Vec<Cell>, settings: &Settings) -> Pyramid {
-        let mut levels = vec![Level { size, cells }];
+    fn of(view: &View, crossed: [bool; 4], cells: Vec<Cell>, settings: &Settings) -> Pyramid {
+        let mut levels = vec![Level { size: view.size.map(i64::from), cells }];
         while levels.len() <= settings.levels as usize {
-            levels.push(levels[levels.len() - 1].coarser());
+            levels.push(levels[levels.len() - 1].coarser(view, levels.len()));
         }
         Pyramid { levels, crossed }
     }
@@ -309,7 +325,8 @@ impl Pyramid {
         let (side, radius) = (1i64 << number, settings.kernel as i64 / 2);
         let rim = (radius as f64 + 0.5) * side as f64;
         let (mut most, mut nearest) = ([None::<f64>; SECTORS], [rim; SECTORS]);
-        let mut around_empty: [Option<(f64, [i64; 2])>; SECTORS] = [None; SECTORS];
+        // Squared distances of the nearest, their cells, and pixels of the nearest surface there.
+        let mut closest: [Option<(f64, [i64; 2], u32)>; SECTORS] = [None; SECTORS];
         let mut leads = std::collections::HashSet::new();
         for (dx, dy) in (-radius..=radius).flat_map(|dy| (-radius..=radius).map(move |dx| (dx, dy)))
         {
@@ -325,7 +342,7 @@ impl Pyramid {
             if number > 0 && [before, after].concat().contains(&true) {
                 continue;
             }
-            let Cell { point, sure, .. } = level.at(inside[0], inside[1]);
+            let Cell { point, front, sure, .. } = level.at(inside[0], inside[1]);
             if !sure {
                 return Said::Either;
             }
@@ -349,20 +366,25 @@ impl Pyramid {
                 if z < z0 && (along - STEEPEST * across).abs() <= error {
                     return Said::Either;
                 }
-                if z >= z0 || along <= STEEPEST * across {
+                if distance == 0.0 {
                     continue;
                 }
                 ratio = along / across;
             }
-            leads.insert((dx, dy));
             // In half pixels, which are integers.
             let [to_x, to_y] = offset.map(|along| (2.0 * along) as i64);
             let sector = sector(to_x, to_y, SECTORS);
-            most[sector] = Some(most[sector].map_or(ratio, |most| most.max(ratio)));
+            let leading = own.is_none_or(|(z0, _)| z < z0 && ratio > STEEPEST);
+            let lean = if leading { ratio } else { ratio.min(0.0) };
+            most[sector] = Some(most[sector].map_or(lean, |most| most.max(lean)));
+            if !leading {
+                continue;
+            }
+            leads.insert((dx, dy));
             nearest[sector] = nearest[sector].min(distance);
             let square = offset[0] * offset[0] + offset[1] * offset[1];
-            if around_empty[sector].is_none_or(|(before, _)| square < before) {
-                around_empty[sector] = Some((square, inside));
+            if closest[sector].is_none_or(|(before, ..)| square < before) {
+                closest[sector] = Some((square, inside, front));
             }
         }
         let closed =
@@ -372,9 +394,9 @@ impl Pyramid {
             return Said::TooFew;
         }
         let near = |a: f64, b: f64| (a - b).abs() <= BAND * a.abs().max(b.abs());
+        let found: Vec<_> = closest.into_iter().flatten().collect();
         if subject == Subject::Empty {
             let coarser = &self.levels[number + 1];
-            let found: Vec<_> = around_empty.into_iter().flatten().collect();
             let density = |[x, y]: [i64; 2]| {
                 let inside = [(x, 0), (y, 1)].map(|(cell, axis)| {
                     (2 * side).min(view.size[axis] as i64 - cell / 2 * 2 * side)
@@ -382,12 +404,12 @@ impl Pyramid {
                 let share = coarser.at(x / 2, y / 2).points as f64 / (inside[0] * inside[1]) as f64;
                 share.min(MOST_SHARE) / (1.0 - share.min(MOST_SHARE)).sqrt()
             };
-            let mut densities: Vec<f64> = found.iter().map(|(_, cell)| density(*cell)).collect();
+            let mut densities: Vec<f64> = found.iter().map(|(_, cell, _)| density(*cell)).collect();
             densities.sort_by(f64::total_cmp);
             let highest = densities.get(2).map_or(f64::MAX, |third| AT_EDGE * third);
             let expected: Vec<f64> = found
                 .iter()
-                .map(|(square, cell)| {
+                .map(|(square, cell, _)| {
                     density(*cell).min(highest).max(least_density(settings)) * PI / 8.0 * square
                 })
                 .collect();
@@ -414,7 +436,9 @@ impl Pyramid {
             .fold((0, 0), |(count, leading), at| (count + 1, leading + leads.contains(&at) as u32));
         let share = (leading as f64 / count.max(1) as f64).min(MOST_SHARE);
         let area = nearest.iter().map(|d| PI / 8.0 * d * d).sum::<f64>() / (side * side) as f64;
-        let (there, needed) = (share * area, settings.expected * (1.0 - share).sqrt());
+        let areas = found.iter().map(|(.., front)| 1.0 / *front as f64).sum::<f64>();
+        let density = (1.0 / (1.0 - share).sqrt()).max(found.len() as f64 / areas);
+        let (there, needed) = (share * area * density, settings.expected);
         let cone = |most: &Option<f64>| match (most, own) {
             (None, _) => 1.0,
             (Some(_), None) => 0.0,

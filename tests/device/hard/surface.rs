@@ -234,7 +234,9 @@ fn hard_07_a_surface_is_not_hidden_by_its_own_slope() {
                     .draw(
                         &view,
                         &keys(&depths),
-                        &effects(&[&format!("visibility=on,levels=1,kernel=13,lead={lead}")]),
+                        &effects(&[&format!(
+                            "visibility=on,levels=1,kernel=13,threshold=2.1,lead={lead}"
+                        )]),
                     )
                     .seen;
                 let inside = |i: &usize| (16..45).contains(&(i / 127)) && depths[*i].is_some();
