@@ -13,13 +13,13 @@
 //            few leading points for either, cones are not computed.
 //
 // For a pixel with a point, lambda is the number of leading points per cell, from the share p of
-// the neighbours of leading cells that lead, too: -ln(1 - p), or nearly p / sqrt(1 - p); or p / a if
-// that is more, where a is the mean area of the pixels with a point of the nearest surface in the
-// cells of the sectors' nearest points. It is the density of the surface in front alone, whatever
-// shows behind it. A is made of eight sectors, each up to its nearest leading point or to the rim
-// of the kernel. So a dense surface is judged at a fine level, and its openings stay open at any
-// size; a sparse one at a coarser level, where its points are about a cell apart. What looks out
-// between dense posts is open at a coarse level, too, since a is small there.
+// the neighbours of leading cells that lead, too: -ln(1 - p), or nearly p / sqrt(1 - p); or p / a
+// if that is more. Here a is the mean, over the sectors' nearest points, of the area for each pixel
+// with a point of the nearest surface in their cells. Lambda is the density of the surface in front
+// alone, whatever shows behind it. A is made of eight sectors, each up to its nearest leading point
+// or to the rim of the kernel. So a dense surface is judged at a fine level, and its openings stay
+// open at any size; a sparse one at a coarser level, where its points are about a cell apart. What
+// looks out between dense posts is open at a coarse level, too, since a is small there.
 //
 // A cone is open beyond the hemisphere if all points of its sector lie beyond the plane across the
 // ray. So a plane leaves 2 pi, however it is tilted, and a straight edge in front of it pi.

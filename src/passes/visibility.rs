@@ -700,8 +700,8 @@ fn fewest(settings: &Settings, subject: Subject) -> i32 {
 }
 
 /// Returns the number of points in front without which no pixel is open, as long as cells have one
-/// point each; with fewer, coarser levels judge. Few points cover the largest share of neighbours if
-/// they lie in a corner of the kernel.
+/// point each; with fewer, coarser levels judge. Few points cover the largest share of neighbours
+/// if they lie in a corner of the kernel.
 pub fn fewest_around_openings(settings: &Settings) -> i32 {
     const SHARES: [f64; 4] = [0.0, 2.0 / 8.0, 6.0 / 13.0, 12.0 / 21.0];
     let area = PI * (settings.kernel / 2.0).powi(2);
@@ -782,8 +782,8 @@ impl Pyramid {
     }
 }
 
-/// Returns how far the surface of a cell's nearest point may reach behind that: a cell's width, with
-/// [`STEEPEST`]. A factor with perspective, otherwise a distance `[m]`.
+/// Returns how far the surface of a cell's nearest point may reach behind that: a cell's width,
+/// with [`STEEPEST`]. A factor with perspective, otherwise a distance `[m]`.
 pub fn reach(view: &View, level: usize) -> f32 {
     let side = STEEPEST * (1u64 << level) as f64 / view.focal_px();
     match view.camera.projection {

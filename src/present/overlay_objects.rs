@@ -123,7 +123,7 @@ unsafe extern "system" fn create_graphics_pipelines(
     made: *mut vk::Pipeline,
 ) -> vk::Result {
     let create = with(device, |own| own.device.fp_v1_0().create_graphics_pipelines);
-    // SAFETY: as the caller ensures. A call that fails may write nothing, so that pipelines are null.
+    // SAFETY: as the caller ensures. A call that fails may write nothing, so pipelines are null.
     unsafe {
         std::ptr::write_bytes(made, 0, count as usize);
         let result = create(device, cache, count, infos, callbacks, made);
