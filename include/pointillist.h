@@ -45,13 +45,13 @@ typedef enum PointillistCloudState {
 
 // Where a camera looks from.
 typedef enum PointillistPreset {
-  // From above, north up, without perspective.
+  // View from above, north up, without perspective.
   POINTILLIST_PRESET_TOP = 0,
-  // From the south, without perspective.
+  // View from the south, without perspective.
   POINTILLIST_PRESET_FRONT = 1,
-  // From the east, without perspective.
+  // View from the east, without perspective.
   POINTILLIST_PRESET_SIDE = 2,
-  // From a corner, without perspective.
+  // View from a corner, without perspective.
   POINTILLIST_PRESET_ISO = 3,
   // Oblique, with perspective, near enough to fill the picture.
   POINTILLIST_PRESET_FIT = 4,

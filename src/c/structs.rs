@@ -228,13 +228,13 @@ pub enum PointillistCloudState {
 #[repr(C)]
 #[derive(Clone, Copy)]
 pub enum PointillistPreset {
-    /// From above, north up, without perspective.
+    /// View from above, north up, without perspective.
     Top = 0,
-    /// From the south, without perspective.
+    /// View from the south, without perspective.
     Front = 1,
-    /// From the east, without perspective.
+    /// View from the east, without perspective.
     Side = 2,
-    /// From a corner, without perspective.
+    /// View from a corner, without perspective.
     Iso = 3,
     /// Oblique, with perspective, near enough to fill the picture.
     Fit = 4,

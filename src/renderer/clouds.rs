@@ -54,7 +54,7 @@ struct Loaded {
     notes: Vec<String>,
 }
 
-/// What the renderer's settings say of clouds when they are added.
+/// Settings of the renderer that hold for clouds added from then on.
 #[derive(Clone, Default)]
 pub(super) struct Reading {
     /// True if points can be drawn as strokes.

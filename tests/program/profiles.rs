@@ -35,8 +35,8 @@ const NAMES: [&str; 5] = [
     "VP_KHR_roadmap_2022",
 ];
 
-/// What is simulated, and what a device has of features that a profile does not name: none, or its
-/// own.
+/// Capabilities that are simulated, and features of a device that a profile does not name: none, or
+/// its own.
 const SIMULATED: [(&str, &str); 3] = [
     (
         "SIMULATE_API_VERSION_BIT,SIMULATE_FEATURES_BIT,SIMULATE_PROPERTIES_BIT,\

@@ -1,4 +1,4 @@
-//! What a scene file says of clouds, with filters and limits, is drawn as `render --scene` does.
+//! Filters and limits of clouds, as a scene file has them: hosts draw what `render --scene` does.
 
 use super::*;
 use crate::png_file::read_png;
