@@ -59,6 +59,8 @@
 struct Readme;
 
 pub use error::{Error, Result};
+/// The crate whose vectors positions and directions are.
+pub use glam;
 pub use gpu::DeviceOptions;
 pub use output::image_io::write_png;
 pub use renderer::{

@@ -148,6 +148,7 @@ fn end(error: &clap::Error) -> ! {
 }
 
 fn main() -> ExitCode {
+    pointillist::cloud::catch_panic::hide_caught_panics();
     // Errors only if there is a logger already, which there is not.
     if log::set_logger(&Logger).is_ok() {
         log::set_max_level(log::LevelFilter::Error);

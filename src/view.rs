@@ -17,10 +17,13 @@ use std::f64::consts::TAU;
 use std::path::Path;
 use strum::{EnumString, IntoStaticStr, VariantArray};
 
+/// How depth becomes size.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Projection {
+    /// What is farther is smaller.
     Perspective,
+    /// What is farther is as large.
     Orthographic,
 }
 
@@ -28,13 +31,17 @@ pub enum Projection {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Camera {
+    /// Position, world.
     pub eye: DVec3,
+    /// Position that is looked at, in the middle of the picture, world.
     pub target: DVec3,
+    /// Direction that points up in the picture, world; need not be of length 1.
     #[serde(default = "z_up")]
     pub up: DVec3,
     /// Vertical field of view of a perspective camera `[degrees]`.
     #[serde(default = "default_fov_y")]
     pub fov_y: f64,
+    /// Perspective unless it is said.
     #[serde(default = "perspective")]
     pub projection: Projection,
     /// Height of the picture in the world of an orthographic camera `[m]`.
@@ -54,7 +61,7 @@ fn perspective() -> Projection {
     Projection::Perspective
 }
 
-/// An orthonormal camera basis: right, up, forward, in world coordinates.
+/// A camera basis, in world coordinates: right, up, forward; that of a camera is orthonormal.
 #[derive(Clone, Copy, Debug)]
 pub struct Basis {
     pub right: DVec3,
@@ -111,7 +118,12 @@ pub struct View {
     pub whole: [u32; 2],
     /// Top left pixel of the window in the whole picture.
     pub corner: [i32; 2],
+    /// Axes in the world by which points are projected: right and up times `stretch`. Right is on
+    /// the other side in mirrored pictures.
     pub basis: Basis,
+    /// Pixels across and along the picture for the same length, as shares of those of `focal_px`;
+    /// both 1 but for a host's matrices.
+    pub stretch: [f64; 2],
     /// Principal point from the middle of the whole picture `[px]`, for off-centre projections.
     pub shift: [f64; 2],
 }
@@ -136,7 +148,8 @@ impl View {
             }
         }
         let basis = camera.basis()?;
-        Ok(View { camera, size, whole: size, corner: [0, 0], basis, shift: [0.0, 0.0] })
+        let (stretch, shift) = ([1.0, 1.0], [0.0, 0.0]);
+        Ok(View { camera, size, whole: size, corner: [0, 0], basis, stretch, shift })
     }
 
     /// Returns a window of the whole picture, which may extend beyond it. Depths and pixels are
@@ -175,12 +188,25 @@ impl View {
     /// world. The direction's component along `basis.forward` is 1, so the ray parameter **is**
     /// planar depth.
     pub fn ray(&self, x_px: f64, y_px: f64) -> (DVec3, DVec3) {
-        let (f, [x, y]) = (self.focal_px(), self.centre());
-        let aside = self.basis.right * ((x_px - x) / f) - self.basis.up * ((y_px - y) / f);
+        let (f, [x, y], [right, up, _]) = (self.focal_px(), self.centre(), self.normal_axes());
+        let aside = right * ((x_px - x) / f) - up * ((y_px - y) / f);
         match self.camera.projection {
             Projection::Perspective => (self.camera.eye, self.basis.forward + aside),
             Projection::Orthographic => (self.camera.eye + aside, self.basis.forward),
         }
+    }
+
+    /// Returns the axes by which normals are projected, so that a normal and a vector have the same
+    /// product before and after.
+    pub fn normal_axes(&self) -> [DVec3; 3] {
+        let ([across, along], Basis { right, up, forward }) = (self.stretch, self.basis);
+        [right / (across * across), up / (along * along), forward]
+    }
+
+    /// Tests whether pictures are mirrored, or their pixels are not square.
+    pub fn is_distorted(&self) -> bool {
+        let Basis { right, up, forward } = self.basis;
+        self.stretch != [1.0, 1.0] || right.cross(forward).dot(up) < 0.0
     }
 
     /// Projects a point to pixels; `None` if it is behind the camera.

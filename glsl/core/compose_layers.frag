@@ -8,6 +8,9 @@ layout(set = 1, r32ui) readonly uniform uimage2D index;
 layout(set = 1, rgba32f) readonly uniform image2D normal;
 layout(set = 1, r32f) readonly uniform image2D depth;
 
+// True if normals may be longer than 1.
+layout(constant_id = 2) const bool DISTORTED = false;
+
 layout(push_constant, scalar) uniform Push {
     ivec2 corner; // of the picture in the target [px]
     vec2 form;    // a and b
@@ -27,6 +30,7 @@ void main() {
     if (!is_known(z)) discard;
     id = uvec2(imageLoad(index, pixel).r, push.cloud);
     vec3 n = imageLoad(normal, pixel).xyz;
-    direction = vec4(push.x * n.x + push.y * n.y + push.z * n.z, 0.0);
+    vec3 world = push.x * n.x + push.y * n.y + push.z * n.z;
+    direction = vec4(DISTORTED && world != vec3(0.0) ? normalize(world) : world, 0.0);
     if (DEPTH != 0) gl_FragDepth = host_depth(z, push.form, push.far);
 }

@@ -30,6 +30,8 @@ layout(r32f) readonly uniform image2D depth;
 layout(r32f) readonly uniform image2D projected_depth;
 // Source of each pixel's depth (depth_source.glsl), four rows per texel; unread if each is its own.
 layout(rgba32f) readonly uniform image2D source;
+// Planar depth of a host's geometry, infinite where nothing is; unread without.
+layout(r32f) readonly uniform image2D occluder;
 // Composite of the layers in front: the same image as the one below; unread for the first.
 layout(rgba32f) readonly uniform image2D front_before;
 layout(rgba32f) writeonly uniform image2D front;
@@ -50,6 +52,8 @@ layout(constant_id = 2) const bool LAST = false;
 layout(constant_id = 3) const bool TEXELS = true;
 // True if depths were taken from other pixels.
 layout(constant_id = 4) const bool TAKEN = false;
+// True if a host's geometry hides what is behind it.
+layout(constant_id = 5) const bool OCCLUDED = false;
 
 layout(push_constant, scalar) uniform Push {
     uvec2 size;    // pixels of this strip
@@ -86,15 +90,16 @@ void add(ivec2 at) {
     vec4 c = imageLoad(color, pixel);
     if (HAS_SHADING) c.rgb *= imageLoad(shading, pixel).r;
     vec4 sum = FIRST ? vec4(0.0) : imageLoad(front_before, pixel);
-    sum += c * (1.0 - sum.a);
-    imageStore(front, pixel, sum);
-
     float shown = imageLoad(depth, pixel).r;
     // Loads are outside of conditions: in a branch lavapipe loads lane by lane.
     float projected = imageLoad(projected_depth, pixel).r;
     // Unknown pixels count as behind the point that was there.
     uint bits = floatBitsToUint(mix(projected, shown, shown > 0.0));
-    bool goes_on = bits < INFINITY_BITS && 1.0 - sum.a >= LEAST_LIGHT;
+    bool hidden = OCCLUDED && uintBitsToFloat(bits) > imageLoad(occluder, pixel).r;
+    if (!hidden) sum += c * (1.0 - sum.a);
+    imageStore(front, pixel, sum);
+
+    bool goes_on = bits < INFINITY_BITS && !hidden && 1.0 - sum.a >= LEAST_LIGHT;
     // One write is enough: an atomic per pixel would dominate this pass.
     bool is_first = imageLoad(any_left, 0).r == 0u;
     if (goes_on && is_first) atomicOr(left.any[0], 1u);

@@ -560,6 +560,7 @@ pub unsafe extern "C" fn pointillist_record(
                 },
                 depth: optional(frame.depth, "depth")?,
                 writes_depth: flag(frame.writes_depth, "writes_depth")?,
+                copies_depth: flag(frame.copies_depth, "copies_depth")?,
                 ids: optional(frame.ids, "ids")?,
                 normals: optional(frame.normals, "normals")?,
             };
@@ -579,6 +580,20 @@ pub unsafe extern "C" fn pointillist_record(
             own.report = found;
         }
         Ok(())
+    })
+}
+
+/// Takes back the last recorded frame, which the host neither has submitted nor will. The next
+/// frame, of a greater number, uploads again what this one did, and answers its picks.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn pointillist_drop_frame(
+    renderer: *mut PointillistRenderer,
+    number: u64,
+    error: *mut PointillistError,
+) -> PointillistResult {
+    guarded(error, || {
+        // SAFETY: as the caller ensures.
+        unsafe { self::renderer(renderer)? }.renderer.drop_frame(number)
     })
 }
 
@@ -614,7 +629,8 @@ pub unsafe extern "C" fn pointillist_explain(
     })
 }
 
-/// Requests the point in a pixel of the next frame.
+/// Requests the point in a pixel of the next frame. Clouds are asked, and not the host's geometry
+/// in front of them; the host compares depths.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn pointillist_pick(
     renderer: *mut PointillistRenderer,
@@ -666,6 +682,7 @@ pub unsafe extern "C" fn pointillist_picked(
                 },
                 color: point.color.map_or([0; 4], |[r, g, b]| [r, g, b, 255]),
                 value: point.value.unwrap_or(f64::NAN),
+                depth: point.depth,
                 ..PointillistPicked::default()
             },
         };

@@ -108,7 +108,7 @@ pub struct PointillistView {
     pub view: [f64; 16],
     /// From the view to clip space.
     pub projection: [f64; 16],
-    /// Left pixel of the area, which may lie outside of the targets.
+    /// Left pixel of the area, which lies within the targets.
     pub x: i32,
     /// Top pixel of the area.
     pub y: i32,
@@ -145,6 +145,10 @@ pub struct PointillistFrame {
     pub ids: *const PointillistTarget,
     /// Normals of the visible surface, world; null if not wanted.
     pub normals: *const PointillistTarget,
+    /// 1 if the depth image has the usages of a source and a destination of transfers. Then the
+    /// host's geometry hides each layer of translucent points by itself, and several clouds hide
+    /// each other even if their depth is not written.
+    pub copies_depth: u8,
 }
 
 /// What a frame shows.
@@ -157,8 +161,8 @@ pub struct PointillistReport {
     pub points: u64,
     /// Nodes that are missing, or coarser than the views call for.
     pub missing: u64,
-    /// Data of clouds that has come to the device since the last frame, in bytes: of each cloud at
-    /// most 32 MiB.
+    /// Data of clouds that has come to the device since the last frame, in bytes: at most
+    /// 32 MiB of files and points, and as much of indexes.
     pub streamed: u64,
     /// Number of clouds or nodes that could not be drawn.
     pub errors: u64,
@@ -272,6 +276,9 @@ pub struct PointillistPicked {
     /// Number that it is coloured by: its intensity, class or source as in the file; its elevation
     /// `[m]`, time `[s]` or scalar within 1/65,535 of the cloud's range. NaN if there is none.
     pub value: f64,
+    /// Planar depth `[m]`: in the cloud's units, or in the world's if its transform is no
+    /// similarity.
+    pub depth: f64,
 }
 
 pub(super) const ACCESS: PointillistAccess =
@@ -406,6 +413,7 @@ impl Default for PointillistFrame {
             view_count: 0,
             ids: std::ptr::null(),
             normals: std::ptr::null(),
+            copies_depth: 0,
         }
     }
 }
@@ -471,6 +479,7 @@ impl Default for PointillistPicked {
             station: [0; 256],
             color: [0; 4],
             value: f64::NAN,
+            depth: f64::NAN,
         }
     }
 }

@@ -1,28 +1,28 @@
 //! Panic isolation for decoding libraries.
 //!
 //! Third-party decoders index, divide and unwrap on untrusted bytes. A bad file must not end the
-//! program, nor print a backtrace over the progress bar.
+//! program, nor print a backtrace over the progress bar. In another application the hook for panics
+//! is the application's.
 
 use std::cell::Cell;
 use std::panic::{self, AssertUnwindSafe};
-use std::sync::Once;
 
 thread_local! {
     static SILENT: Cell<bool> = const { Cell::new(false) };
 }
 
-static HOOK: Once = Once::new();
+/// Has the process print nothing of panics that are caught here; for programs of our own, once.
+pub fn hide_caught_panics() {
+    let outer = panic::take_hook();
+    panic::set_hook(Box::new(move |info| {
+        if !SILENT.get() {
+            outer(info);
+        }
+    }));
+}
 
-/// Runs `call`. A panic inside it prints nothing and is returned as its message.
+/// Runs `call`. A panic inside it is returned as its message.
 pub fn catch_panic<T>(call: impl FnOnce() -> T) -> Result<T, String> {
-    HOOK.call_once(|| {
-        let outer = panic::take_hook();
-        panic::set_hook(Box::new(move |info| {
-            if !SILENT.get() {
-                outer(info);
-            }
-        }));
-    });
     let before = SILENT.replace(true);
     let result = panic::catch_unwind(AssertUnwindSafe(call));
     SILENT.set(before);

@@ -9,7 +9,7 @@
 
 pub mod attribute;
 mod axis;
-mod catch_panic;
+pub mod catch_panic;
 pub mod color_scale;
 pub mod colormap;
 pub(crate) mod column_file;

@@ -16,9 +16,12 @@ use std::sync::Mutex;
 pub struct DeviceOptions {
     /// Part of the device's name (case-insensitive), or its index in the loader's order.
     pub device: Option<String>,
+    /// Has Khronos' validation layers check each call.
     pub validate: bool,
     /// Enables window surfaces and swapchains.
     pub window: bool,
+    /// What tests pretend.
+    #[doc(hidden)]
     pub overrides: TestOverrides,
 }
 
@@ -354,6 +357,9 @@ fn open_instance(
         if validate { vec![VALIDATION_LAYER.as_ptr()] } else { vec![] };
     let mut extension_names: Vec<*const c_char> =
         if has_debug { vec![ext::debug_utils::NAME.as_ptr()] } else { vec![] };
+    // Devices on top of another interface, such as Metal, are listed to those who ask for them.
+    let has_portability = offers(khr::portability_enumeration::NAME);
+    extension_names.extend(has_portability.then_some(khr::portability_enumeration::NAME.as_ptr()));
     if options.window {
         if !offers(khr::surface::NAME) {
             return Err(Error::Device("the Vulkan loader supports no window system".to_string()));
@@ -368,6 +374,9 @@ fn open_instance(
         .application_info(&app)
         .enabled_layer_names(&layer_names)
         .enabled_extension_names(&extension_names);
+    if has_portability {
+        info = info.flags(vk::InstanceCreateFlags::ENUMERATE_PORTABILITY_KHR);
+    }
     if validate {
         info = info.push_next(&mut features);
     }

@@ -136,15 +136,19 @@ impl Gpu {
         self.host.as_ref().expect("a device of a host").commands
     }
 
-    /// Ends a frame of the host, whose number is that of the last submission from now on.
-    pub(crate) fn end_host_frame(&mut self) {
+    /// Ends a frame of the host, whose number is that of the last submission from now on. Returns
+    /// the number of the one before.
+    pub(crate) fn end_host_frame(&mut self) -> u64 {
         let host = self.host.as_mut().expect("a device of a host");
-        (host.commands, self.submitted) = (vk::CommandBuffer::null(), host.frame);
+        host.commands = vk::CommandBuffer::null();
+        std::mem::replace(&mut self.submitted, host.frame)
     }
 
-    /// Ends a frame of the host whose commands are never submitted.
-    pub(crate) fn drop_host_frame(&mut self) {
+    /// Ends a frame of the host whose commands are never submitted; `last` is the number of the
+    /// last submission.
+    pub(crate) fn drop_host_frame(&mut self, last: u64) {
         self.host.as_mut().expect("a device of a host").commands = vk::CommandBuffer::null();
+        self.submitted = last;
         // Their contents may be those of the frame.
         self.memory.invalidate_all();
     }

@@ -10,6 +10,7 @@ pub mod encode;
 pub mod exposure;
 pub mod fill;
 pub mod luminance;
+pub mod occluder;
 pub mod phong;
 pub mod picked;
 pub mod predicate;
@@ -52,6 +53,8 @@ pub struct GBuffer {
     /// Linear colour, premultiplied by alpha. Alpha is the opacity of the surface, 0 for
     /// background.
     pub color: Image,
+    /// Planar depth of a host's geometry `[m]`, which hides layers behind it; None without.
+    pub occluder: Option<Image>,
     /// Transparent layers up to this one, composited.
     pub accumulation: Option<transparency::Accumulation>,
     /// Address of the page with the normals of each node's points, by node number, if points have

@@ -194,18 +194,18 @@ pub fn facing(g: &mut Graph, view: &View, gbuffer: &GBuffer) -> Option<Image> {
     let (facings, map) = gbuffer.normal_pages.as_ref()?;
     let mut facing = g.image("facing", view.size, Kind::Rgba32f);
     let axis = |axis: DVec3| map.pulled_by_normals(axis).as_vec3().to_array();
-    let basis = &view.basis;
+    let [right, up, forward] = view.normal_axes();
     let push = point_normals::Push {
         size: view.size,
         centre: view.centre().map(|at| at as f32),
         px_per_unit: view.focal_px() as f32,
-        right: axis(basis.right),
-        down: axis(-basis.up),
-        forward: axis(basis.forward),
+        right: axis(right),
+        down: axis(-up),
+        forward: axis(forward),
     };
     let spec = point_normals::Spec {
         perspective: view.camera.projection == Projection::Perspective,
-        mapped: !map.is_identity(),
+        mapped: !map.is_identity() || view.is_distorted(),
     };
     g.run(
         shader::PointNormals { index: &gbuffer.index, facings, facing: &mut facing, push, spec },

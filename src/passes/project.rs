@@ -438,6 +438,7 @@ fn record_of(
     // x and y are pixels times the depth; without perspective all view rays are parallel.
     let (across, along) =
         if view.camera.projection == Projection::Perspective { (1.0, f) } else { (0.0, 1.0) };
+    let [right, up, forward] = view.normal_axes();
     let of_normals = |axis: DVec3| node.map.pulled_by_normals(axis).as_vec3().to_array();
     Node {
         row_x: row(basis.right * f),
@@ -450,9 +451,9 @@ fn record_of(
         shown_word: (node.first_page + node.planes) % PAGES_PER_BLOCK * POINTS_PER_PAGE,
         first_kind: kind.map_or(0, first_word),
         first_normal: normal.map_or(0, first_word),
-        right: of_normals(basis.right * across),
-        down: of_normals(-basis.up * across),
-        forward: of_normals(basis.forward * along),
+        right: of_normals(right * across),
+        down: of_normals(-up * across),
+        forward: of_normals(forward * along),
         boxes: [0; 3],
     }
 }

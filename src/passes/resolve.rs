@@ -203,6 +203,7 @@ impl Resolved {
             index,
             projected_index,
             color,
+            occluder: None,
             accumulation: None,
             normal_pages,
             light_visibility: None,

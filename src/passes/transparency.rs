@@ -106,6 +106,8 @@ pub struct Accumulation {
     pub next: Vec<Buffer>,
     /// Not 0 if a pixel is unfinished.
     pub left: Buffer,
+    /// Planar depth of a host's geometry, which hides the layers behind it; None without.
+    occluder: Option<Image>,
     /// Number of layers so far.
     pub layers: u32,
 }
@@ -122,13 +124,16 @@ pub fn record(
     let before = gbuffer
         .accumulation
         .take()
-        .map(|front| (front.color, front.peeled, front.next, front.layers));
-    let (mut front, mut peeled, mut next, number) = before.unwrap_or_else(|| {
+        .map(|front| (front.color, front.peeled, front.next, front.occluder, front.layers));
+    let (mut front, mut peeled, mut next, occluder, number) = before.unwrap_or_else(|| {
+        let occluder = gbuffer.occluder.take();
         let next = strips
             .iter()
             .map(|strip| g.buffer("next keys", project::KEY_BEHIND_BYTES * strip.pixels()))
             .collect();
-        (g.image("front", size, Kind::Rgba32f), g.image("peeled", size, Kind::R32f), next, 0)
+        let (front, peeled) =
+            (g.image("front", size, Kind::Rgba32f), g.image("peeled", size, Kind::R32f));
+        (front, peeled, next, occluder, 0)
     });
     let mut left = g.buffer("left", 4);
     g.fill(&mut left, 0);
@@ -153,6 +158,7 @@ pub fn record(
         last,
         texels: g.gpu.device.has_large_texel_buffers,
         taken: gbuffer.depth_source.is_some(),
+        occluded: occluder.is_some(),
     };
     let [slant, uphill] = if settings.layer == 0.0 { [SLANT, UPHILL] } else { [0.0; 2] };
     let layer = context.layer_m(settings.layer) as f32;
@@ -177,6 +183,7 @@ pub fn record(
                 depth,
                 projected_depth,
                 source,
+                occluder: occluder.as_ref().unwrap_or(depth),
                 front_before: &front_before,
                 front: &mut front,
                 keys,
@@ -191,7 +198,14 @@ pub fn record(
         );
     }
     GBuffer {
-        accumulation: Some(Accumulation { color: front, peeled, next, left, layers: number + 1 }),
+        accumulation: Some(Accumulation {
+            color: front,
+            peeled,
+            next,
+            left,
+            occluder,
+            layers: number + 1,
+        }),
         ..gbuffer
     }
 }

@@ -56,6 +56,7 @@ mod python {
 
     #[pymodule_init]
     fn init(module: &Bound<'_, PyModule>) -> PyResult<()> {
+        pointillist::cloud::catch_panic::hide_caught_panics();
         module.add("Error", module.py().get_type::<super::PointillistError>())
     }
 }

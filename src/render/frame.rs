@@ -33,6 +33,17 @@ pub fn record(
     resident: &Resident,
     config: &FrameConfig,
 ) -> Result<Outcome> {
+    record_behind(g, view, resident, config, None)
+}
+
+/// Records a frame whose layers a host's geometry hides, by its planar depth, each by itself.
+pub fn record_behind(
+    g: &mut Graph,
+    view: &View,
+    resident: &Resident,
+    config: &FrameConfig,
+    occluder: Option<Image>,
+) -> Result<Outcome> {
     let key_bytes =
         if config.layers() > 1 { project::KEY_BEHIND_BYTES } else { project::KEY_BYTES };
     let strips = project::strips(view.size, key_bytes, g.gathered_limit());
@@ -77,7 +88,7 @@ pub fn record(
                 &context,
                 &config.effects,
                 &config.decisions,
-                GBuffer { light_visibility, ..nearest },
+                GBuffer { light_visibility, occluder, ..nearest },
             ),
             strokes,
         ))

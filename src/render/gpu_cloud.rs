@@ -24,8 +24,21 @@ pub enum PreparedCloud {
     Index(Arc<Index>, Box<DisplayAttribute>),
 }
 
-/// Longest upload step: half of a frame of 33 ms.
+/// Longest upload of a frame: half of 33 ms.
 const STEP: Duration = Duration::from_millis(16);
+
+/// What a frame may still upload, of all clouds together.
+pub struct Allowance {
+    pub bytes: u64,
+    until: Instant,
+}
+
+impl Allowance {
+    /// Returns that of a frame that begins.
+    pub fn of_frame() -> Allowance {
+        Allowance { bytes: UPLOAD_BYTES, until: Instant::now() + STEP }
+    }
+}
 
 impl PreparedCloud {
     pub fn points(&self) -> u64 {
@@ -35,20 +48,26 @@ impl PreparedCloud {
         }
     }
 
-    /// Uploads some of it, at most [`UPLOAD_BYTES`] of pages. Returns whether more remains, and how
-    /// much was uploaded `[bytes]`.
-    pub fn step(&mut self, gpu: &mut Gpu, progress: &dyn Progress) -> Result<(bool, u64)> {
+    /// Uploads some of it, as far as is allowed. Returns whether more remains, and how much was
+    /// uploaded `[bytes]`.
+    pub fn step(
+        &mut self,
+        gpu: &mut Gpu,
+        allowance: &mut Allowance,
+        progress: &dyn Progress,
+    ) -> Result<(bool, u64)> {
         let PreparedCloud::Files(upload) = self else { return Ok((false, 0)) };
-        let (began, mut before, mut room) = (Instant::now(), upload.uploaded(), UPLOAD_BYTES);
+        let (mut before, room_before) = (upload.uploaded(), allowance.bytes);
         let mut remains = true;
-        while remains && began.elapsed() < STEP {
-            remains = upload.upload_nodes(gpu, gpu.workers.count(), &mut room, progress)?;
+        while remains && Instant::now() < allowance.until {
+            let room = &mut allowance.bytes;
+            remains = upload.upload_nodes(gpu, gpu.workers.count(), room, progress)?;
             // Without progress, room comes with a later frame.
             if std::mem::replace(&mut before, upload.uploaded()) == upload.uploaded() {
                 break;
             }
         }
-        Ok((remains, UPLOAD_BYTES - room))
+        Ok((remains, room_before - allowance.bytes))
     }
 
     /// Returns the pages of what is uploaded so far.

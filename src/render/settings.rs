@@ -113,10 +113,13 @@ impl std::fmt::Display for Background {
 /// The user's settings, independent of cloud and view.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RenderSettings {
+    /// Effects, each with its switch and settings.
     pub effects: Effects,
+    /// Light that shades and casts shadows, world.
     pub light: Light,
     /// Background, sRGB.
     pub background: [u8; 3],
+    /// Precision of depth.
     pub precision: Precision,
     /// Layer distance: nearer surfaces count as one. 0: derived from the spacing of points and
     /// pixels.

@@ -10,8 +10,8 @@ use crate::error::{Error, Result};
 use crate::gpu::memory::RawBuffer;
 use crate::graph::Gpu;
 use crate::index::attributes::strokes::StrokeCache;
-use crate::progress::Progress;
-use crate::render::gpu_cloud::{GpuCloud, PreparedCloud};
+use crate::progress::{Progress, Silent};
+use crate::render::gpu_cloud::{Allowance, GpuCloud, PreparedCloud};
 use crate::render::source::{OpenOptions, Source};
 use crate::resident::Resident;
 use crate::resident::pool::Pool;
@@ -156,11 +156,14 @@ impl Loading {
 }
 
 impl Loading {
-    /// Copies points, and filters and prepares them on a thread.
-    fn of_points(points: &Points, reading: &Reading, workers: &Workers) -> Result<Loading> {
-        let mut cloud = workers.run(|| Cloud::of_points(points))?;
+    /// Takes points, filters and prepares them on a thread.
+    fn of_cloud(
+        cloud: impl FnOnce() -> Result<Cloud> + Send + 'static,
+        reading: &Reading,
+    ) -> Result<Loading> {
         let Reading { strokes, filter, .. } = reading.clone();
         Loading::start(move |progress: &dyn Progress| {
+            let mut cloud = cloud()?;
             cloud.filter(&filter)?;
             prepare(Source::Files(cloud), None, strokes, progress)
         })
@@ -280,7 +283,8 @@ impl Entry {
         reading: Reading,
         workers: &Workers,
     ) -> Result<Entry> {
-        let stage = Stage::Loading(Loading::of_points(points, &reading, workers)?);
+        let cloud = workers.run(|| Cloud::of_points(points))?;
+        let stage = Stage::Loading(Loading::of_cloud(|| Ok(cloud), &reading)?);
         Ok(Entry::new(id, Origin::Device, stage, reading))
     }
 
@@ -329,7 +333,12 @@ impl Entry {
     }
 
     /// Uploads some of what is loaded. A cloud fails by itself; errors only if the device is lost.
-    pub fn advance(&mut self, gpu: &mut Gpu, memory_budget: u64) -> Result<()> {
+    pub fn advance(
+        &mut self,
+        gpu: &mut Gpu,
+        memory_budget: u64,
+        allowance: &mut Allowance,
+    ) -> Result<()> {
         self.streamed = 0;
         let mut lost = None;
         let mut failed = |error: Error| {
@@ -346,10 +355,8 @@ impl Entry {
             Stage::Copying(points, copy, frame)
                 if gpu.completed().is_ok_and(|safe| safe >= frame) =>
             {
-                let read =
-                    |points: &Points| Loading::of_points(points, &self.reading, &gpu.workers);
-                let loading = points.read(&copy, read);
-                loading.map_or_else(&mut failed, Stage::Loading)
+                let cloud = move || points.read(&copy, Cloud::of_points);
+                Loading::of_cloud(cloud, &self.reading).map_or_else(&mut failed, Stage::Loading)
             }
             Stage::Loading(loading) => match loading.loaded.try_recv() {
                 Ok(Ok(loaded)) => {
@@ -364,7 +371,7 @@ impl Entry {
             },
             stage => stage,
         };
-        if let Err(error) = self.upload(gpu, memory_budget, &crate::progress::Silent) {
+        if let Err(error) = self.upload(gpu, memory_budget, allowance, &Silent) {
             self.stage = failed(error);
         }
         lost.map_or(Ok(()), Err)
@@ -375,10 +382,11 @@ impl Entry {
         &mut self,
         gpu: &mut Gpu,
         memory_budget: u64,
+        allowance: &mut Allowance,
         progress: &dyn Progress,
     ) -> Result<bool> {
         let Stage::Uploading(prepared) = &mut self.stage else { return Ok(false) };
-        let (remains, bytes) = prepared.step(gpu, progress)?;
+        let (remains, bytes) = prepared.step(gpu, allowance, progress)?;
         self.streamed += bytes;
         if remains {
             return Ok(true);
@@ -405,12 +413,19 @@ impl Entry {
         }
     }
 
-    /// Loads what views call for, one cut for all of them. Returns what could not be read.
+    /// Tests whether nodes come and go.
+    pub fn is_index(&self) -> bool {
+        matches!(&self.stage, Stage::Ready(GpuCloud::Parts(_)))
+    }
+
+    /// Loads what views call for, one cut for all of them; at most this many bytes are on their way
+    /// at a time, unless one node is larger. Returns what could not be read.
     pub fn update(
         &mut self,
         gpu: &mut Gpu,
         views: &[View],
         limits: &impl Fn([u32; 2]) -> LodOptions,
+        most_in_flight: u64,
     ) -> Result<Vec<String>> {
         let Stage::Ready(GpuCloud::Parts(residency)) = &mut self.stage else {
             return Ok(Vec::new());
@@ -420,7 +435,7 @@ impl Entry {
         else {
             return Ok(Vec::new());
         };
-        let update = residency.update_views(gpu, views, &detail)?;
+        let update = residency.update_views(gpu, views, &detail, most_in_flight)?;
         self.missing = update.missing + update.coarse;
         self.streamed += update.bytes_read;
         Ok(update.errors)

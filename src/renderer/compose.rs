@@ -1,7 +1,7 @@
 //! Draws a finished picture into the host's images: a triangle for colour and depth, and one for
 //! ids and normals, with a depth test against what the host has drawn.
 
-use super::host::{Encoding, Target};
+use super::host::{Access, Encoding, Target};
 use super::projection::Depth;
 use crate::config::NO_POINT;
 use crate::error::{Error, Result};
@@ -60,6 +60,10 @@ pub struct Targets {
     pub depth: Option<Target>,
     /// True if points' depth is written.
     pub writes_depth: bool,
+    /// True if the depth image has the usages of a source and a destination of transfers. Then the
+    /// host's geometry hides each layer of translucent points by itself, and several clouds hide
+    /// each other even if their depth is not written. Without, the report names what is wrong.
+    pub copies_depth: bool,
     /// Ids of the points that are seen, `R32_UINT`, or `R32G32_UINT` with the id of the cloud as
     /// the second; the first is [`NO_POINT`] where nothing is, or no single point. Ids are those of
     /// one frame.
@@ -73,7 +77,15 @@ impl Targets {
     /// Returns targets of an image with encoded colours alone.
     pub fn of(color: Target) -> Targets {
         let (encoding, depth) = (Encoding::Srgb, None);
-        Targets { color, encoding, depth, writes_depth: true, ids: None, normals: None }
+        let (ids, normals) = (None, None);
+        Targets { color, encoding, depth, writes_depth: true, copies_depth: false, ids, normals }
+    }
+
+    /// Returns the area that all targets have.
+    pub(super) fn whole(&self) -> Area {
+        let sizes = self.all().map(|(_, target, _)| target.size);
+        let size = sizes.fold(self.color.size, |a, b| [0, 1].map(|axis| a[axis].min(b[axis])));
+        Area { corner: [0, 0], size }
     }
 
     /// Returns all targets with their names and their layouts while they are drawn into.
@@ -91,6 +103,11 @@ impl Targets {
     /// Errors if one of them cannot be drawn into.
     pub(super) fn check(&self) -> Result<()> {
         self.all().try_for_each(|(name, target, _)| target.check(name, name == "depth"))?;
+        if self.depth.is_some_and(|depth| depth.clear && !self.writes_depth) {
+            return Err(Error::Request(
+                "the depth target is cleared and not written; leave it out".into(),
+            ));
+        }
         let wrong = |name: &str, target: &Target, drawn: &str| {
             let format = target.vulkan_format();
             Err(Error::Request(format!(
@@ -154,8 +171,16 @@ fn encoding(target: &Target, encoding: Encoding) -> Result<u32> {
     }
 }
 
+/// How linear colours become codes.
+pub(super) struct ColorTable {
+    thresholds: Thresholds,
+    /// The same for shaders.
+    buckets: RawBuffer,
+}
+
 /// Where a picture goes.
 pub(super) struct Placement<'p> {
+    pub table: &'p ColorTable,
     pub area: Area,
     pub targets: &'p Targets,
     /// True if the area is cleared, as far as targets ask for it.
@@ -182,14 +207,26 @@ impl Drop for Descriptors {
     }
 }
 
-/// Makes the table that colours are encoded with.
-pub(super) fn buckets(gpu: &mut Gpu) -> Result<RawBuffer> {
-    let table = Thresholds::new().buckets();
-    let bytes: &[u8] = bytemuck::cast_slice(&table);
-    let desc = BufferDesc { bytes: bytes.len() as u64, place: Place::Upload };
-    let mut buffer = gpu.memory.buffer(&gpu.device, desc, "buckets")?;
-    buffer.bytes_mut()[..bytes.len()].copy_from_slice(bytes);
-    Ok(buffer)
+impl ColorTable {
+    pub fn new(gpu: &mut Gpu) -> Result<ColorTable> {
+        let thresholds = Thresholds::new();
+        let table = thresholds.buckets();
+        let bytes: &[u8] = bytemuck::cast_slice(&table);
+        let desc = BufferDesc { bytes: bytes.len() as u64, place: Place::Upload };
+        let mut buckets = gpu.memory.buffer(&gpu.device, desc, "buckets")?;
+        buckets.bytes_mut()[..bytes.len()].copy_from_slice(bytes);
+        Ok(ColorTable { thresholds, buckets })
+    }
+
+    /// Returns the value to clear with, in the encoding of the shader.
+    fn cleared(&self, linear: f32, code: u32) -> f32 {
+        let encoded = || self.thresholds.encode(linear);
+        match code {
+            0 => linear,
+            1 | 3 => encoded() as f32 / 255.0,
+            _ => crate::cloud::colormap::srgb_to_linear(encoded() as f64 / 255.0) as f32,
+        }
+    }
 }
 
 /// Records transitions of the targets, to drawing or back to the host.
@@ -210,6 +247,89 @@ pub(super) fn transition(
             &vk::DependencyInfo::default().image_memory_barriers(&images),
         )
     };
+}
+
+/// Returns a buffer for the depths of an area, row by row.
+fn room_for_depth(gpu: &mut Gpu, depth: &Target, area: Area) -> Result<RawBuffer> {
+    let [width, height] = area.size.map(u64::from);
+    let bytes = width * height * if depth.depth_bits() == 16 { 2 } else { 4 };
+    let desc = BufferDesc { bytes: bytes.next_multiple_of(4), place: Place::Device };
+    gpu.memory.buffer(&gpu.device, desc, "host depth")
+}
+
+/// Records a copy of the depths in an area, which is in its attachment layout, for compute passes
+/// and [`restore_depth`].
+pub(super) fn copy_depth(
+    gpu: &mut Gpu,
+    commands: vk::CommandBuffer,
+    depth: &Target,
+    area: Area,
+) -> Result<RawBuffer> {
+    let copy = room_for_depth(gpu, depth, area)?;
+    let raw = &gpu.device.raw;
+    let (image, layout) = (vk::Image::from_raw(depth.image), vk::ImageLayout::TRANSFER_SRC_OPTIMAL);
+    between_attachments(&gpu.device, commands, depth, layout, |region| {
+        // SAFETY: the host ensures that its image is alive; the copy is held with the frame.
+        unsafe { raw.cmd_copy_image_to_buffer(commands, image, layout, copy.raw, &[region(area)]) }
+    });
+    Ok(copy)
+}
+
+/// Records that depths in an area are again as they were when they were copied.
+pub(super) fn restore_depth(
+    device: &Device,
+    commands: vk::CommandBuffer,
+    depth: &Target,
+    area: Area,
+    copy: &RawBuffer,
+) {
+    let raw = &device.raw;
+    let (image, layout) = (vk::Image::from_raw(depth.image), vk::ImageLayout::TRANSFER_DST_OPTIMAL);
+    between_attachments(device, commands, depth, layout, |region| {
+        // SAFETY: as above.
+        unsafe { raw.cmd_copy_buffer_to_image(commands, copy.raw, image, layout, &[region(area)]) }
+    });
+}
+
+/// Records a transfer of a depth image, which is in its attachment layout before and after, with
+/// what returns the region of an area.
+fn between_attachments(
+    device: &Device,
+    commands: vk::CommandBuffer,
+    depth: &Target,
+    layout: vk::ImageLayout,
+    transfer: impl FnOnce(&dyn Fn(Area) -> vk::BufferImageCopy),
+) {
+    let attached = Target {
+        after: Access::any(layout.as_raw()),
+        before: Access::any(layout.as_raw()),
+        ..*depth
+    };
+    let barrier = |ends| {
+        let attachment = vk::ImageLayout::DEPTH_STENCIL_ATTACHMENT_OPTIMAL;
+        let images = [attached.barrier(device.family, attachment, ends)];
+        let all = [vk::MemoryBarrier2::default()
+            .src_stage_mask(vk::PipelineStageFlags2::ALL_COMMANDS)
+            .src_access_mask(vk::AccessFlags2::MEMORY_WRITE)
+            .dst_stage_mask(vk::PipelineStageFlags2::ALL_COMMANDS)
+            .dst_access_mask(vk::AccessFlags2::MEMORY_READ | vk::AccessFlags2::MEMORY_WRITE)];
+        let wait =
+            vk::DependencyInfo::default().image_memory_barriers(&images).memory_barriers(&all);
+        // SAFETY: recorded outside of rendering; the host ensures that the image is alive.
+        unsafe { device.raw.cmd_pipeline_barrier2(commands, &wait) };
+    };
+    barrier(true);
+    transfer(&|area: Area| vk::BufferImageCopy {
+        image_subresource: vk::ImageSubresourceLayers {
+            aspect_mask: vk::ImageAspectFlags::DEPTH,
+            layer_count: 1,
+            ..Default::default()
+        },
+        image_offset: vk::Offset3D { x: area.corner[0], y: area.corner[1], z: 0 },
+        image_extent: vk::Extent3D { width: area.size[0], height: area.size[1], depth: 1 },
+        ..Default::default()
+    });
+    barrier(false);
 }
 
 /// Clears an area in which nothing is drawn.
@@ -236,6 +356,8 @@ pub(super) struct Drawn<'d> {
     /// Descriptors of ids and normals, if the targets have them.
     pub layers: Option<&'d Descriptors>,
     pub form: Depth,
+    /// True if the view is distorted.
+    pub distorted: bool,
     pub opaque: bool,
     /// Id of the cloud, and the axes of its normals in the host's world.
     pub cloud: (u64, [DVec3; 3]),
@@ -250,7 +372,7 @@ pub(super) fn record(
     drawn: &Drawn,
 ) -> Result<()> {
     let (targets, corner) = (place.targets, place.area.corner);
-    let Drawn { picture, layers, form, opaque, cloud: (cloud, axes) } = *drawn;
+    let Drawn { picture, layers, form, distorted, opaque, cloud: (cloud, axes) } = *drawn;
     let code = encoding(&targets.color, targets.encoding)?;
     let depth = targets.depth.map_or(0, |_| if form.perspective { 1 } else { 2 });
     let (line, far) = ([form.a as f32, form.b as f32], form.far());
@@ -260,7 +382,7 @@ pub(super) fn record(
         let push = compose_layers::Push { corner, form: line, far, cloud, x, y, z };
         let triangle = Triangle {
             stages: &<shader::ComposeLayers as Raster>::STAGES,
-            constants: vec![(1, depth)],
+            constants: vec![(1, depth), (2, distorted as u32)],
             push: bytemuck::bytes_of(&push),
             colors: layers_of(targets),
             clears_depth: true,
@@ -286,7 +408,7 @@ pub(super) fn record(
 type Colors = Vec<(Option<Target>, vk::ClearColorValue)>;
 
 fn colors_of(place: &Placement, code: u32) -> Colors {
-    let [r, g, b] = place.background.map(|linear| cleared(linear, code));
+    let [r, g, b] = place.background.map(|linear| place.table.cleared(linear, code));
     vec![(Some(place.targets.color), vk::ClearColorValue { float32: [r, g, b, 1.0] })]
 }
 
@@ -422,18 +544,6 @@ fn begin(
     unsafe { device.raw.cmd_begin_rendering(commands, &rendering) };
 }
 
-/// Returns the value to clear with, in the encoding of the shader.
-fn cleared(linear: f32, code: u32) -> f32 {
-    match code {
-        0 => linear,
-        1 | 3 => Thresholds::new().encode(linear) as f32 / 255.0,
-        _ => {
-            let code = Thresholds::new().encode(linear) as f64 / 255.0;
-            crate::cloud::colormap::srgb_to_linear(code) as f32
-        }
-    }
-}
-
 /// What a binding of a fragment stage reads.
 pub(super) enum Bound<'b> {
     Image(RawImage),
@@ -443,13 +553,13 @@ pub(super) enum Bound<'b> {
 /// Makes the descriptors of a picture's colours.
 pub(super) fn of_colors(
     gpu: &Gpu,
-    buckets: &RawBuffer,
+    table: &ColorTable,
     [picture, depth]: [RawImage; 2],
 ) -> Result<Descriptors> {
     descriptors(gpu, &<shader::Compose as Raster>::STAGES[1], |name| match name {
         "picture" => Bound::Image(picture),
         "depth" => Bound::Image(depth),
-        _ => Bound::Table(buckets),
+        _ => Bound::Table(&table.buckets),
     })
 }
 

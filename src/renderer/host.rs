@@ -291,6 +291,16 @@ impl Target {
         }
     }
 
+    /// Returns the bits of its depths.
+    pub(super) fn depth_bits(&self) -> u32 {
+        use vk::Format as F;
+        match self.vulkan_format() {
+            F::D16_UNORM | F::D16_UNORM_S8_UINT => 16,
+            F::X8_D24_UNORM_PACK32 | F::D24_UNORM_S8_UINT => 24,
+            _ => 32,
+        }
+    }
+
     /// Errors if nothing can be drawn into it.
     pub(super) fn check(&self, name: &str, is_depth: bool) -> Result<()> {
         let wrong = |what: String| Err(Error::Request(format!("the {name} target {what}")));

@@ -51,16 +51,18 @@ pub use crate::tune::Limit;
 pub use crate::view::{Camera, Preset, Projection};
 
 use crate::cloud::filter::Filter;
+use crate::config::UPLOAD_BYTES;
 use crate::gpu::memory::{Block, RawBuffer, RawImage};
 use crate::gpu::{ImageDesc, TestOverrides};
 use crate::graph::Gpu;
 use crate::passes::Switch;
+use crate::render::gpu_cloud::Allowance;
 use crate::select::lod::LodOptions;
 use crate::tune::Governor;
 use crate::view::View;
 use ash::vk::{self, Handle as _};
 use clouds::{Entry, Reading};
-use compose::{Drawn, Placement};
+use compose::{ColorTable, Drawn, Placement};
 use glam::DVec3;
 use picture::{Drawing, Key, RecordedPicks, RecordedPicture};
 use projection::{Depth, Transform, view_of};
@@ -99,8 +101,8 @@ pub struct FrameReport {
     pub points: u64,
     /// Nodes of indexes that are missing, or coarser than the views call for.
     pub missing: usize,
-    /// Data of clouds that has come to the device since the last frame `[bytes]`: of each cloud at
-    /// most 32 MiB, for all views together.
+    /// Data of clouds that has come to the device since the last frame `[bytes]`: at most 32 MiB of
+    /// files and points, and as much of indexes, for all views together.
     pub streamed: u64,
     /// Decisions on each effect, and their reasons, for the first view of the first cloud.
     pub effects: Vec<EffectReport>,
@@ -193,8 +195,12 @@ struct HeldFrame {
     pictures: Vec<Arc<RecordedPicture>>,
     /// Place on the front that it was drawn with.
     place: usize,
-    /// True if its recording failed: it is never drawn.
+    /// True if its recording failed, or the host does not submit it: it is never drawn.
     is_dropped: bool,
+    /// Number of the last submission before it.
+    before: u64,
+    /// Picks that it answers, and their pixels in the targets.
+    wanted_picks: Vec<(PickId, [u32; 2])>,
     _removed: Vec<Entry>,
     blocks: Vec<Block>,
     copies: Vec<RawBuffer>,
@@ -254,7 +260,7 @@ pub struct Renderer {
     last_frame: u64,
     /// Problems of frames whose recording failed, for the next report.
     unreported: Vec<String>,
-    buckets: RawBuffer,
+    table: ColorTable,
     // Dropped last: everything else gives its memory back.
     pub(crate) gpu: Gpu,
 }
@@ -271,7 +277,7 @@ impl Renderer {
     }
 
     fn on(mut gpu: Gpu, options: RendererOptions) -> Result<Renderer> {
-        let buckets = compose::buckets(&mut gpu)?;
+        let table = ColorTable::new(&mut gpu)?;
         Ok(Renderer {
             settings: RenderSettings::default(),
             opacities: Opacities::default(),
@@ -294,7 +300,7 @@ impl Renderer {
             times: Vec::new(),
             last_frame: 0,
             unreported: Vec::new(),
-            buckets,
+            table,
             gpu,
         })
     }
@@ -422,7 +428,8 @@ impl Renderer {
         self.scale = scale;
     }
 
-    /// Requests the point in a pixel of the targets, of the next frame that is recorded.
+    /// Requests the point in a pixel of the targets, of the next frame that is recorded. Clouds are
+    /// asked, and not the host's geometry in front of them; the host compares depths.
     pub fn pick(&mut self, pixel: [u32; 2]) -> PickId {
         let pick = PickId(self.next_pick);
         self.next_pick += 1;
@@ -455,13 +462,13 @@ impl Renderer {
     /// # Errors
     /// If numbers do not grow, a target cannot be drawn into, memory is exhausted, or the device is
     /// lost. The command buffer must then be reset or freed, and neither be ended nor submitted.
-    /// The frame counts as not drawn: the next one, of a greater number, uploads again what this
-    /// one did, and answers its picks. A cloud that cannot be drawn is left out, and named in the
+    /// The frame counts as not drawn, as after [`Renderer::drop_frame`]. A cloud that cannot be drawn is left out, and named in the
     /// report.
     ///
     /// # Safety
     /// `commands` is a command buffer of the renderer's family that is being recorded, outside of
-    /// rendering. It is submitted before those of later frames, on one queue. The images are alive
+    /// rendering. It is submitted before those of later frames, on one queue, unless the frame is
+    /// dropped. The images are alive
     /// until then, and as their targets say. `frame.safe` has been completed by the device.
     pub unsafe fn record(&mut self, commands: u64, frame: &Frame) -> Result<FrameReport> {
         if self.gpu.host.is_none() {
@@ -488,6 +495,8 @@ impl Renderer {
             pictures: Vec::new(),
             place: self.governor.as_ref().map_or(0, Governor::place),
             is_dropped: false,
+            before: 0,
+            wanted_picks: Vec::new(),
             _removed: std::mem::take(&mut self.removed),
             blocks: Vec::new(),
             copies: Vec::new(),
@@ -500,16 +509,13 @@ impl Renderer {
         let recorded = self.record_frame(commands, frame, &mut held, &mut report);
         match recorded {
             Ok(()) => {
-                self.gpu.end_host_frame();
-                self.answer_unmet(&held);
+                held.before = self.gpu.end_host_frame();
+                self.answer_unmet(&mut held);
                 self.latest.clone_from(&held.pictures);
             }
             Err(_) => {
-                self.gpu.drop_host_frame();
-                held.is_dropped = true;
-                let copies =
-                    self.clouds.iter_mut().filter_map(|cloud| cloud.drop_frame(held.number));
-                held.copies.extend(copies);
+                let last = self.gpu.submitted;
+                self.undo(&mut held, last);
                 for error in std::mem::take(&mut report.errors) {
                     if !self.unreported.contains(&error) {
                         self.unreported.push(error);
@@ -521,6 +527,36 @@ impl Renderer {
         recorded.map(|()| report)
     }
 
+    /// Takes back the last recorded frame, which the host neither has submitted nor will, such as
+    /// after an image of a swapchain is lost. It counts as not drawn: the next frame, of a greater
+    /// number, uploads again what this one did, and answers its picks. Errors if the frame is not
+    /// the last one, or its recording failed.
+    pub fn drop_frame(&mut self, number: u64) -> Result<()> {
+        let Some(mut held) =
+            self.held.pop_back_if(|held| held.number == number && !held.is_dropped)
+        else {
+            let last = self.last_frame;
+            return Err(Error::Request(format!(
+                "frame {number} cannot be dropped; only the last recorded one can, which is {last} unless it failed"
+            )));
+        };
+        let last = held.before;
+        self.undo(&mut held, last);
+        self.latest.retain(|picture| picture.frame != number);
+        self.wanted_picks.append(&mut held.wanted_picks);
+        self.held.push_back(held);
+        Ok(())
+    }
+
+    /// Goes back to before a frame that is never drawn. `last` is the number of the last
+    /// submission.
+    fn undo(&mut self, held: &mut HeldFrame, last: u64) {
+        self.gpu.drop_host_frame(last);
+        held.is_dropped = true;
+        let copies = self.clouds.iter_mut().filter_map(|cloud| cloud.drop_frame(held.number));
+        held.copies.extend(copies);
+    }
+
     /// Records a frame, and what it holds. After an error nothing more is recorded.
     fn record_frame(
         &mut self,
@@ -529,9 +565,10 @@ impl Renderer {
         held: &mut HeldFrame,
         report: &mut FrameReport,
     ) -> Result<()> {
+        let mut allowance = Allowance::of_frame();
         for entry in &mut self.clouds {
             entry.copy_again(&mut self.gpu)?;
-            entry.advance(&mut self.gpu, self.options.memory_budget)?;
+            entry.advance(&mut self.gpu, self.options.memory_budget, &mut allowance)?;
             let map = entry.transform.map;
             if let Some(cloud) = entry.cloud_mut() {
                 cloud.set_filters(self.opacities.clone(), self.clips.clone());
@@ -542,9 +579,21 @@ impl Renderer {
         self.update_clouds(frame.views, report)?;
         let targets = self.with_depth(&frame.targets, held)?;
         compose::transition(&self.gpu.device, commands, &targets, false);
-        let frame = Frame { targets, ..*frame };
+        let kept = self.kept_depth(commands, &targets, report)?;
+        let writes_depth = targets.writes_depth || kept.is_some();
+        let frame = Frame { targets: Targets { writes_depth, ..targets }, ..*frame };
         for view in frame.views {
             self.record_view(commands, &frame, view, held, report)?;
+        }
+        if let (Some(copy), Some(depth)) = (&kept, &targets.depth) {
+            let whole = targets.whole();
+            compose::restore_depth(&self.gpu.device, commands, depth, whole, copy);
+        }
+        held.copies.extend(kept);
+        if frame.views.is_empty() {
+            let place =
+                placement(frame.targets.whole(), &frame.targets, &self.settings, &self.table);
+            compose::clear(&self.gpu, commands, &place, Depth::REVERSED)?;
         }
         compose::transition(&self.gpu.device, commands, &frame.targets, true);
         let waits = |cloud: &Entry| {
@@ -556,16 +605,20 @@ impl Renderer {
     }
 
     /// Answers the picks outside of all views and clouds of a recorded frame, which meet nothing.
-    fn answer_unmet(&mut self, held: &HeldFrame) {
-        let is_met = |pick: PickId| held.picks().any(|own| own == pick);
-        let picks = std::mem::take(&mut self.wanted_picks).into_iter().map(|(pick, _)| pick);
-        self.answers.extend(picks.filter(|pick| !is_met(*pick)).map(|pick| (pick, None)));
+    fn answer_unmet(&mut self, held: &mut HeldFrame) {
+        let picks = std::mem::take(&mut self.wanted_picks);
+        let (met, unmet): (Vec<_>, Vec<_>) =
+            picks.into_iter().partition(|(pick, _)| held.picks().any(|own| own == *pick));
+        self.answers.extend(unmet.into_iter().map(|(pick, _)| (pick, None)));
+        held.wanted_picks = met;
     }
 
     /// Loads what the views call for of each cloud, unless all of it is in pictures already.
     fn update_clouds(&mut self, views: &[FrameView], report: &mut FrameReport) -> Result<()> {
         let limits = self.limits();
         let Renderer { gpu, clouds, latest, revision, wanted_picks, .. } = self;
+        let indexes = clouds.iter().filter(|cloud| cloud.is_index()).count() as u64;
+        let most_in_flight = UPLOAD_BYTES / indexes.max(1);
         for cloud in clouds.iter_mut().filter(|cloud| cloud.shown().is_some()) {
             let is_shown = |view: &FrameView| {
                 let shows = |key: &Key| key.shows(cloud.id, view, *revision);
@@ -579,7 +632,7 @@ impl Renderer {
             };
             // Views that cannot be drawn are named when they are recorded.
             let views: Vec<View> = views.iter().filter_map(own).collect();
-            match cloud.update(gpu, &views, &limits) {
+            match cloud.update(gpu, &views, &limits, most_in_flight) {
                 Ok(errors) => report.errors.extend(errors),
                 Err(Error::Request(why)) => {
                     report.errors.push(format!("cloud {}: {why}", cloud.id.0));
@@ -619,7 +672,29 @@ impl Renderer {
             after: Access::any(attached.as_raw()),
             clear: true,
         };
-        Ok(Targets { depth: Some(target), writes_depth: true, ..*targets })
+        Ok(Targets { depth: Some(target), writes_depth: true, copies_depth: true, ..*targets })
+    }
+
+    /// Records a copy of the host's depth if clouds are to hide each other, and their depth is not
+    /// to be left there.
+    fn kept_depth(
+        &mut self,
+        commands: vk::CommandBuffer,
+        targets: &Targets,
+        report: &mut FrameReport,
+    ) -> Result<Option<RawBuffer>> {
+        let several = self.clouds.iter().filter(|cloud| cloud.shown().is_some()).count() > 1;
+        let Some(depth) = targets.depth.as_ref().filter(|_| several && !targets.writes_depth)
+        else {
+            return Ok(None);
+        };
+        if !targets.copies_depth {
+            report.errors.push(
+                "clouds lie over each other in their order: depth is not written, and the depth target cannot be copied (copies_depth)".into(),
+            );
+            return Ok(None);
+        }
+        compose::copy_depth(&mut self.gpu, commands, depth, targets.whole()).map(Some)
     }
 
     /// Records the clouds of a view, each over those before it.
@@ -632,16 +707,9 @@ impl Renderer {
         report: &mut FrameReport,
     ) -> Result<()> {
         let settings = &self.governed(view.area.size).0;
-        let Renderer { gpu, clouds, buckets, latest, revision, wanted_picks, .. } = self;
+        let Renderer { gpu, clouds, table, latest, revision, wanted_picks, .. } = self;
         let clears = frame.targets.color.clear;
-        let mut place = Placement {
-            area: view.area,
-            targets: &frame.targets,
-            first: true,
-            background: settings.background.map(|channel| {
-                crate::cloud::colormap::srgb_to_linear(channel as f64 / 255.0) as f32
-            }),
-        };
+        let mut place = placement(view.area, &frame.targets, settings, table);
         for cloud in clouds.iter() {
             let (id, transform, settled) = (cloud.id, cloud.transform, cloud.missing == 0);
             let Some(shown) = cloud.shown() else { continue };
@@ -654,6 +722,19 @@ impl Renderer {
                 revision: *revision,
             };
             let before = latest.iter().find(|before| before.key == key);
+            // Depth that something is in already.
+            let depth = frame.targets.depth.as_ref().filter(|depth| !(place.first && depth.clear));
+            if depth.is_some() && !frame.targets.copies_depth && shown.is_transparent() {
+                let why = format!(
+                    "cloud {}: its layers are hidden as one, since the depth target cannot be copied (copies_depth)",
+                    id.0
+                );
+                if !report.errors.contains(&why) {
+                    report.errors.push(why);
+                }
+            }
+            let occluding = depth.filter(|_| frame.targets.copies_depth);
+            let occluding = occluding.map(|depth| (depth, view.area));
             let drawing = view_of(&view.camera, &transform, view.area.size).map(|(own, form)| {
                 let (picks, frame) = (within(wanted_picks, view.area), frame.number);
                 Drawing {
@@ -665,7 +746,8 @@ impl Renderer {
                     picks,
                     settings,
                     settled,
-                    buckets,
+                    depth: occluding,
+                    table,
                 }
             });
             let recorded = drawing
@@ -684,6 +766,7 @@ impl Renderer {
                 picture: &picture.descriptors,
                 layers: picture.layers.as_ref(),
                 form: picture.form,
+                distorted: picture.view.is_distorted(),
                 opaque: picture.key.opaque,
                 cloud: (id.0, transform.axes()),
             };
@@ -789,6 +872,19 @@ impl Renderer {
             depth: depth as f64,
         })
     }
+}
+
+/// Returns where nothing is drawn yet.
+fn placement<'p>(
+    area: Area,
+    targets: &'p Targets,
+    settings: &RenderSettings,
+    table: &'p ColorTable,
+) -> Placement<'p> {
+    let linear =
+        |channel: u8| crate::cloud::colormap::srgb_to_linear(channel as f64 / 255.0) as f32;
+    let background = settings.background.map(linear);
+    Placement { area, targets, first: true, background, table }
 }
 
 /// Returns the picks within an area, and their pixels there.

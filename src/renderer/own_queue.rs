@@ -12,7 +12,7 @@ use crate::graph::{CompletedSubmission, Gpu, Graph, Pause};
 use crate::passes::{encode, tile_stats};
 use crate::progress::{Progress, Silent};
 use crate::render::frame::{self, Outcome};
-use crate::render::gpu_cloud::{GpuCloud, PreparedCloud, SelectionReport};
+use crate::render::gpu_cloud::{Allowance, GpuCloud, PreparedCloud, SelectionReport};
 use crate::render::scene::Scene;
 use crate::render::settings::FrameConfig;
 use crate::render::source::Source;
@@ -53,7 +53,8 @@ impl Renderer {
         }
         loop {
             let entry = &mut self.clouds[place];
-            entry.advance(&mut self.gpu, self.options.memory_budget)?;
+            let mut allowance = Allowance::of_frame();
+            entry.advance(&mut self.gpu, self.options.memory_budget, &mut allowance)?;
             match entry.state() {
                 CloudState::Ready => return Ok(()),
                 CloudState::Failed(why) => return Err(Error::Request(why)),
@@ -115,7 +116,8 @@ impl Renderer {
     /// cloud is removed.
     pub fn upload_step(&mut self, id: CloudId, progress: &dyn Progress) -> Result<bool> {
         let place = self.place(id)?;
-        let more = self.clouds[place].upload(&mut self.gpu, self.options.memory_budget, progress);
+        let (budget, mut allowance) = (self.options.memory_budget, Allowance::of_frame());
+        let more = self.clouds[place].upload(&mut self.gpu, budget, &mut allowance, progress);
         if more.is_err() {
             self.clouds.remove(place);
         }

@@ -2,14 +2,15 @@
 //! then.
 
 use super::clouds::CloudId;
-use super::compose::{self, Descriptors};
+use super::compose::{self, Area, ColorTable, Descriptors};
+use super::host::Target;
 use super::projection::{Depth, Transform, ViewCamera};
 use super::{EffectReport, FrameReport, FrameView, PickId};
 use crate::error::Result;
-use crate::gpu::memory::RawBuffer;
 use crate::graph::host::Answers;
 use crate::graph::record::Recorded;
 use crate::graph::{Buffer, Gpu, Graph, Handle};
+use crate::passes::occluder::{self, HostDepth};
 use crate::passes::picked::{self, Picked};
 use crate::passes::{Effect, Switch};
 use crate::render::frame;
@@ -75,6 +76,8 @@ pub(super) struct RecordedPicture {
     answers: Answers,
     /// True if the picture changes with answers of the device.
     pub waits: bool,
+    /// Copy of the host's depth that hides its layers, which another frame has another one of.
+    occluder: Option<HostDepth>,
 }
 
 /// Strokes follow from the neighbours of points, which are sought while a cloud is loaded.
@@ -82,13 +85,17 @@ const NO_STROKES: &str =
     "a cloud that was opened before the style was strokes is drawn as points; open it again";
 
 /// Directions and curvatures along which strokes are painted are those of the cloud as it is.
-const NO_MAPPED_STROKES: &str =
-    "a cloud whose transform is no similarity is drawn as points instead of strokes";
+const NO_MAPPED_STROKES: &str = "a cloud whose transform is no similarity, or whose view is mirrored or has pixels that are not square, is drawn as points instead of strokes";
 
 /// Returns why there are no strokes, though they are wanted.
-fn lacks_strokes(settings: &RenderSettings, resident: &Resident) -> Option<&'static str> {
+fn lacks_strokes(
+    settings: &RenderSettings,
+    view: &View,
+    resident: &Resident,
+) -> Option<&'static str> {
     let wanted = settings.effects.strokes.switch == Switch::On;
-    match (resident.shown.strokes(), resident.map().is_identity()) {
+    let as_it_is = resident.map().is_identity() && !view.is_distorted();
+    match (resident.shown.strokes(), as_it_is) {
         (None, _) if wanted => Some(NO_STROKES),
         (_, false) if wanted => Some(NO_MAPPED_STROKES),
         _ => None,
@@ -97,7 +104,7 @@ fn lacks_strokes(settings: &RenderSettings, resident: &Resident) -> Option<&'sta
 
 /// Returns the configuration of a picture. Points without strokes are drawn as points.
 pub(super) fn config(settings: &RenderSettings, view: &View, resident: &Resident) -> FrameConfig {
-    let Some(why) = lacks_strokes(settings, resident) else {
+    let Some(why) = lacks_strokes(settings, view, resident) else {
         return FrameConfig::new(settings, view, resident);
     };
     let mut without = settings.clone();
@@ -119,8 +126,10 @@ pub(super) struct Drawing<'d> {
     pub settings: &'d RenderSettings,
     /// True if everything that the view calls for is resident.
     pub settled: bool,
-    /// Table that colours are encoded with.
-    pub buckets: &'d RawBuffer,
+    /// Depth that hides layers by themselves, in its attachment layout, and the area of the view;
+    /// `None` if nothing is there yet, or it cannot be copied.
+    pub depth: Option<(&'d Target, Area)>,
+    pub table: &'d ColorTable,
 }
 
 impl Drawing<'_> {
@@ -133,7 +142,9 @@ impl Drawing<'_> {
         report: &mut FrameReport,
     ) -> Result<Option<RecordedPicture>> {
         let view = self.view;
-        let before = before.filter(|before| before.key == self.key && self.picks.is_empty());
+        let before = before.filter(|before| {
+            before.key == self.key && self.picks.is_empty() && before.occluder.is_none()
+        });
         if before.is_some_and(|before| before.settled) {
             return Ok(None);
         }
@@ -145,7 +156,7 @@ impl Drawing<'_> {
         if same.is_some_and(|same| if same.waits { same.frame > completed } else { !settled }) {
             return Ok(None);
         }
-        report.errors.extend(lacks_strokes(self.settings, resident).map(String::from));
+        report.errors.extend(lacks_strokes(self.settings, &view, resident).map(String::from));
         let mut answers = same.map(|same| same.answers.clone()).unwrap_or_default();
         let light = self.transform.light(self.settings.light);
         let settings = RenderSettings { light, ..self.settings.clone() };
@@ -154,8 +165,17 @@ impl Drawing<'_> {
             // Blended over what is there.
             config.background = [0.0; 3];
         }
+        let hides = self.depth.filter(|_| config.layers() > 1);
+        let host = |(depth, area): (&Target, Area)| {
+            let form = [self.form.a as f32, self.form.b as f32];
+            let (bits, far) = (depth.depth_bits(), self.form.far());
+            let copy = compose::copy_depth(gpu, gpu.host_commands(), depth, area)?;
+            Ok::<_, crate::error::Error>(HostDepth { copy, bits, form, far })
+        };
+        let host = hides.map(host).transpose()?;
         let mut g = Graph::new(gpu).with_answers(&mut answers);
-        let outcome = frame::record(&mut g, &view, resident, &config)?;
+        let occluder = host.as_ref().map(|host| occluder::record(&mut g, &view, host));
+        let outcome = frame::record_behind(&mut g, &view, resident, &config, occluder)?;
         let (depth, index) = (&outcome.gbuffer.depth, &outcome.gbuffer.index);
         let picks = match self.picks.is_empty() {
             true => None,
@@ -176,7 +196,7 @@ impl Drawing<'_> {
         let wanted: Vec<_> = shown.iter().map(|image| image.resource()).collect();
         let recorded = g.record_for_host(&wanted)?;
         let [picture, depth] = [images[0], images[1]].map(|image| recorded.image(image));
-        let descriptors = compose::of_colors(gpu, self.buckets, [picture, depth])?;
+        let descriptors = compose::of_colors(gpu, self.table, [picture, depth])?;
         let layers = match shown {
             [_, _, index, normal] => {
                 let [index, normal] = [index, normal].map(|image| recorded.image(image));
@@ -205,6 +225,7 @@ impl Drawing<'_> {
             settled: settled && !waits,
             answers,
             waits,
+            occluder: host,
         }))
     }
 }

@@ -9,9 +9,13 @@ use glam::{DMat3, DMat4, DVec3};
 /// A pair of matrices, each column by column: `clip = projection * view * (x, y, z, 1)`, in
 /// Vulkan's clip space, where y points down and depth is within 0 and 1.
 ///
-/// The view matrix is a rotation, a uniform scale and a translation. The projection is a
-/// perspective (also off-centre, infinite, or of reversed depth) or orthographic, with square
-/// pixels.
+/// The view matrix is a rotation, possibly mirrored, a uniform scale and a translation. The
+/// projection is a perspective, also off-centre, mirrored, infinite, or of reversed depth, or
+/// orthographic and not mirrored. Depth must not depend on x and y, as with oblique near planes.
+/// Pixels need not be square: lengths in space are then those of a world that is stretched as much.
+/// Points before the near plane and behind the far one are drawn, too, at the depth of the plane.
+///
+/// A host that draws with a viewport of negative height negates the second row of its projection.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Matrices {
     /// From the world to the view.
@@ -156,21 +160,17 @@ fn of_matrices(matrices: &Matrices, transform: DMat4, size: [u32; 2]) -> Result<
     }
     let [width, height] = size.map(f64::from);
     let [wide, high] = [at(0, 0).abs() * width / 2.0, at(1, 1).abs() * height / 2.0];
+    if !(wide > 0.0 && high > 0.0) {
+        return refused(format!("the projection flattens the picture: {wide} x {high} pixels"));
+    }
+    // Pixels count as square within what matrices in f32 say.
     let square = (wide / high - 1.0).abs() < TOLERANCE;
-    if !square {
-        return refused(format!(
-            "the projection has pixels that are not square: {wide} and {high} pixels per unit"
-        ));
-    }
+    let focal = if square { high } else { wide.max(high) };
+    let stretch = if square { [1.0, 1.0] } else { [wide / focal, high / focal] };
     let (right, up) = (x * at(0, 0).signum(), y * -at(1, 1).signum());
-    let across = -right.cross(up);
-    let sign = if perspective { at(3, 2).signum() } else { across.dot(z).signum() };
+    // Without perspective a picture that is not mirrored tells where it looks.
+    let sign = if perspective { at(3, 2).signum() } else { up.cross(right).dot(z).signum() };
     let forward = z * sign;
-    if across.dot(forward) < 0.0 {
-        return refused(
-            "the matrices mirror the picture; one of their axes has the wrong sign".into(),
-        );
-    }
     let (eye, depth, middle) = if perspective {
         let (a, b) = (sign * at(2, 2), at(2, 3) / scale);
         (eye, Depth { a, b, perspective, reversed: b > 0.0 }, [sign * at(0, 2), sign * at(1, 2)])
@@ -183,7 +183,7 @@ fn of_matrices(matrices: &Matrices, transform: DMat4, size: [u32; 2]) -> Result<
         let depth = Depth { a: a + b * moved, b, perspective, reversed };
         (eye + forward * moved, depth, [at(0, 3), at(1, 3)])
     };
-    let focal = if perspective { high } else { high * scale };
+    let focal = if perspective { focal } else { focal * scale };
     let camera = Camera {
         eye,
         target: eye + forward,
@@ -193,7 +193,8 @@ fn of_matrices(matrices: &Matrices, transform: DMat4, size: [u32; 2]) -> Result<
         ortho_height: (!perspective).then_some(height / focal),
     };
     let mut view = View::new(camera, size)?;
-    view.basis = Basis { right, up, forward };
+    view.basis = Basis { right: right * stretch[0], up: up * stretch[1], forward };
+    view.stretch = stretch;
     view.shift = [middle[0] * width / 2.0, middle[1] * height / 2.0];
     Ok((view, depth))
 }
@@ -362,6 +363,15 @@ mod tests {
                 glam::DQuat::from_rotation_z(0.5),
                 DVec3::new(10.0, 20.0, 30.0),
             );
+            // Pixels that are not square, and with perspective also mirrored.
+            let mut distorted = matrices;
+            (distorted.projection[5], distorted.projection[0]) =
+                (0.4 * matrices.projection[5], 1.3 * matrices.projection[0]);
+            agree(&distorted, DMat4::IDENTITY, size, &points);
+            if camera.projection == Projection::Perspective {
+                distorted.projection[0] *= -1.0;
+                agree(&distorted, DMat4::IDENTITY, size, &points);
+            }
             // Sheared and stretched, about the middle; mirrored.
             let (middle, mut sheared) = (DMat4::from_translation(camera.target), transform);
             (sheared.y_axis.x, sheared.z_axis) = (0.4, sheared.z_axis * -3.0);
@@ -383,8 +393,7 @@ mod tests {
             let camera = ViewCamera::Matrices(matrices);
             view_of(&camera, &Transform::default(), [640, 480]).unwrap_err().to_string()
         };
-        assert!(wrong(|m| m.projection[0] *= 2.0).contains("not square"));
-        assert!(wrong(|m| m.projection[0] *= -1.0).contains("mirror"));
+        assert!(wrong(|m| m.projection[0] = 0.0).contains("flattens"));
         assert!(wrong(|m| m.view[0] *= 3.0).contains("uniform scale"));
         assert!(wrong(|m| m.projection[4] = 0.1).contains("neither"));
         assert!(wrong(|m| m.view[12] = f64::NAN).contains("undefined"));

@@ -278,18 +278,19 @@ impl Residency {
 
     /// Updates what the next frame draws. Never waits.
     pub fn update(&mut self, gpu: &mut Gpu, view: &View, detail: &Detail) -> Result<Update> {
-        self.update_views(gpu, std::slice::from_ref(view), detail)
+        self.update_views(gpu, std::slice::from_ref(view), detail, UPLOAD_BYTES)
     }
 
-    /// Updates what the next frame draws of several views, which share one cut.
+    /// Updates what the next frame draws of several views, which share one cut. At most
+    /// `max_in_flight` bytes are loaded at a time, unless one node is larger.
     pub fn update_views(
         &mut self,
         gpu: &mut Gpu,
         views: &[View],
         detail: &Detail,
+        max_in_flight: u64,
     ) -> Result<Update> {
-        let policy = RequestPolicy { fall_back: true, max_in_flight: UPLOAD_BYTES };
-        self.step(gpu, views, detail, policy)
+        self.step(gpu, views, detail, RequestPolicy { fall_back: true, max_in_flight })
     }
 
     /// Updates for a moving picture with even frame times: on a software device, whose cores the

@@ -32,8 +32,11 @@ pub enum Keeps {
 /// One box, written `KIND:X0,Y0,Z0,X1,Y1,Z1`: two opposite corners, world `[m]`.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Clip {
+    /// Which points it leaves.
     pub keeps: Keeps,
+    /// Least coordinates.
     pub min: DVec3,
+    /// Greatest coordinates.
     pub max: DVec3,
 }
 

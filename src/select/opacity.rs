@@ -9,8 +9,11 @@ use serde::Serialize;
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum What {
+    /// All points.
     All,
+    /// Points of an ASPRS class.
     Class(u8),
+    /// Points of a number of return.
     Return(u8),
     /// A station: its name, `source N` (LAS point source id N of every file), or its number in the
     /// list of `info`, from 1.
@@ -22,6 +25,7 @@ pub enum What {
 /// One rule, written `[WHAT=]OPACITY`.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Rule {
+    /// Points that it applies to.
     pub what: What,
     /// Opacity from 0 (not drawn) to 1 (hides what is behind).
     pub opacity: f64,

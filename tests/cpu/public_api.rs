@@ -3,7 +3,37 @@
 
 use std::path::Path;
 
-/// Returns the public items of a source, and the variants of public enums.
+/// Types of other modules that the interface has, and their files.
+const ELSEWHERE: [(&str, &[&str]); 9] = [
+    ("cloud/color_scale.rs", &["ColorScale", "Ramp"]),
+    ("error.rs", &["Error", "Result"]),
+    ("gpu/device.rs", &["DeviceOptions"]),
+    ("render/settings.rs", &["RenderSettings", "Style"]),
+    ("select/clip.rs", &["Clips", "Clip"]),
+    ("select/opacity.rs", &["Opacities"]),
+    ("tune/front.rs", &["Limit"]),
+    ("view.rs", &["Camera", "Preset", "Projection"]),
+    ("view/light.rs", &["Light"]),
+];
+
+/// Returns the lines of these types alone.
+fn of_types(source: &str, types: &[&str]) -> String {
+    let (mut kept, mut is_own) = (String::new(), false);
+    for line in source.lines() {
+        if line.starts_with(|c: char| c.is_alphabetic()) {
+            let head = line.trim_start_matches("pub ").split_once(' ').map_or("", |(_, head)| head);
+            let name = head.split(|c: char| !c.is_alphanumeric()).next().unwrap();
+            is_own = types.contains(&name) && !line.contains(" for ");
+        }
+        if is_own {
+            kept += &format!("{line}\n");
+        }
+        is_own &= line != "}";
+    }
+    kept
+}
+
+/// Returns the public items of a source, the variants of public enums, and their fields.
 fn items(name: &str, source: &str) -> Vec<String> {
     let code = source.split("#[cfg(test)]").next().unwrap();
     let (mut found, mut within, mut is_own) = (Vec::new(), String::new(), false);
@@ -23,6 +53,9 @@ fn items(name: &str, source: &str) -> Vec<String> {
             within.clear();
         }
         let is_variant = !within.is_empty() && words.starts_with(|c: char| c.is_uppercase());
+        if !within.is_empty() && line.starts_with("        ") && !words.starts_with(['/', '#']) {
+            found.push(format!("{name}: {within}, {}", words.trim_end_matches(',')));
+        }
         if words.starts_with("pub ") || is_variant {
             // A signature may take several lines.
             let mut item = words.to_string();
@@ -62,6 +95,34 @@ fn every_change_to_the_interface_is_seen() {
     for path in sources {
         let name = path.strip_prefix(root.join("src")).unwrap().display().to_string();
         lines.extend(items(&name, &std::fs::read_to_string(&path).unwrap()));
+    }
+    for (name, types) in ELSEWHERE {
+        let source = std::fs::read_to_string(root.join("src").join(name)).unwrap();
+        let own = of_types(source.split("#[cfg(test)]").next().unwrap(), types);
+        let described = own.lines().fold((true, Vec::new()), |(was_described, mut bare), line| {
+            let words = line.trim();
+            let is_member = line.starts_with("    ")
+                && !line.starts_with("     ")
+                && (words.starts_with("pub ") || words.starts_with(|c: char| c.is_uppercase()));
+            if is_member && !was_described {
+                bare.push(words.to_string());
+            }
+            (words.starts_with("///") || words.starts_with("#[") && was_described, bare)
+        });
+        assert_eq!(described.1, Vec::<String>::new(), "{name}: not documented");
+        let found = items(name, &own);
+        let missing = types.iter().find(|of| !found.iter().any(|item| item.contains(*of)));
+        assert!(missing.is_none(), "{name} has no {}", missing.unwrap());
+        lines.extend(found);
+    }
+    // What the crate has at its top, and is not hidden.
+    let top = std::fs::read_to_string(root.join("src/lib.rs")).unwrap();
+    for item in top.split_inclusive(';').map(|item| item.trim().replace('\n', " ")) {
+        let is_hidden = item.contains("#[doc(hidden)]");
+        if let Some(at) = item.find("pub ").filter(|_| !is_hidden) {
+            let words: Vec<&str> = item[at..].split_whitespace().collect();
+            lines.push(format!("lib.rs: {}", words.join(" ")));
+        }
     }
     let found = lines.join("\n") + "\n";
     let path = root.join("tests/cpu/public_api.txt");

@@ -14,6 +14,7 @@ use pointillist::graph::Gpu;
 use pointillist::index::attributes::strokes::StrokeCache;
 use pointillist::index::cache::CacheLocation;
 use pointillist::progress::{Progress, Silent};
+use pointillist::render::gpu_cloud::Allowance;
 use pointillist::render::source::{OpenOptions, Source};
 use pointillist::resident::Resident;
 use pointillist::synth::SceneKind;
@@ -199,7 +200,7 @@ fn uploads_report_progress_once() {
     Resident::fill(&mut gpu, cloud, shown, &in_turns).unwrap();
     let (source, shown) = self::source(folder.path(), POINTS, None, further);
     let mut prepared = source.prepare(shown, &Arc::default(), &in_halves).unwrap();
-    while prepared.step(&mut gpu, &in_halves).unwrap().0 {}
+    while prepared.step(&mut gpu, &mut Allowance::of_frame(), &in_halves).unwrap().0 {}
     prepared.finish(&mut gpu, 0).unwrap();
     // Nodes that threads work on at a time may be reported in another order.
     let slack = rayon::current_num_threads() as u64 * POINTS_PER_PAGE as u64;

@@ -57,3 +57,24 @@ fn swiftshader_draws_the_same_bytes() {
         assert!(read("default") == read("swiftshader"), "the two drivers' {kind} files differ");
     }
 }
+
+/// A driver on top of another interface, such as MoltenVK on Metal, says so in its manifest. Loaders
+/// list it only to those who ask for such.
+#[test]
+fn a_driver_on_top_of_another_interface_is_found() {
+    let installed = std::fs::read_dir("/usr/share/vulkan/icd.d").into_iter().flatten().flatten();
+    let lavapipe = installed.map(|entry| entry.path()).find(|path| {
+        path.file_name().is_some_and(|name| name.to_string_lossy().starts_with("lvp_icd"))
+    });
+    let Some(lavapipe) = lavapipe else { return skip("no lavapipe in /usr/share/vulkan/icd.d") };
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name).to_str().unwrap().to_string();
+    let words = std::fs::read_to_string(lavapipe).unwrap();
+    let mut manifest: serde_json::Value = serde_json::from_str(&words).unwrap();
+    manifest["file_format_version"] = "1.0.1".into();
+    manifest["ICD"]["is_portability_driver"] = true.into();
+    std::fs::write(path("driver.json"), manifest.to_string()).unwrap();
+    run(&["synth", "sphere", "-o", &path("scan.las"), "--points", "1000"], None);
+    let render = ["render", &path("scan.las"), "-o", &path("a.png"), "--size", "64x64"];
+    run(&render, Some(&path("driver.json")));
+}

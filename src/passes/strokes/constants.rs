@@ -73,7 +73,7 @@ impl Painting<'_> {
         } = self.settings;
         let Bristles { size, amplitude, gamma, sigma_x, sigma_y, dev, gaussians } =
             Bristles::of(&self.settings);
-        let View { camera, size: pixels, whole, corner, basis: _, shift } = self.view;
+        let View { camera, size: pixels, whole, corner, basis: _, stretch: _, shift } = self.view;
         let Camera { eye, target, up, fov_y, projection, ortho_height } = camera;
         let numbers = [
             size,

@@ -256,6 +256,12 @@ fn depth_of_points_is_what_f64_says_in_every_form_and_format() {
         (projection[first], projection[first + 1]) = (0.2, -0.15);
         Matrices { projection, ..matrices }
     };
+    // Pixels that are not square, and a picture that is mirrored.
+    let scaled = |matrices: Matrices, x: f64, y: f64| {
+        let mut projection = matrices.projection;
+        (projection[0], projection[5]) = (x * projection[0], y * projection[5]);
+        Matrices { projection, ..matrices }
+    };
     let of = |camera: &Camera, near, far| Matrices::of(camera, SIZE, near, far).unwrap();
     let endless = of(&perspective, 0.01, f64::INFINITY);
     let (near, far) = (0.5, 50.0);
@@ -272,6 +278,11 @@ fn depth_of_points_is_what_f64_says_in_every_form_and_format() {
         ("orthographic", matrices(parallel)),
         ("orthographic, off-centre", matrices(shifted(parallel))),
         ("orthographic, forward", matrices(forwards(parallel))),
+        ("mirrored", matrices(scaled(endless, -1.0, 1.0))),
+        ("upside down", matrices(scaled(shifted(endless), 1.0, -1.0))),
+        ("narrow", matrices(scaled(shifted(finite), 0.7, 1.0))),
+        ("wide, mirrored", matrices(scaled(forwards(endless), -1.1, 0.8))),
+        ("orthographic, low", matrices(scaled(parallel, 1.0, 0.6))),
         ("our camera", (ours(perspective, near, far), finite)),
         ("our camera, orthographic", (ours(flat, -10.0, 100.0), parallel)),
     ];
@@ -301,7 +312,7 @@ fn depth_of_points_is_what_f64_says_in_every_form_and_format() {
 }
 
 /// Tests whether the device draws depth of a format.
-fn can_be_depth(format: vk::Format) -> bool {
+pub(super) fn can_be_depth(format: vk::Format) -> bool {
     let device = Device::open(&DeviceOptions::default()).unwrap();
     // SAFETY: a plain query.
     let found =
@@ -529,5 +540,60 @@ fn an_index_is_cut_where_an_affine_transform_draws_it() {
         let (off, all) = (off.count(), whole.depth.iter().filter(|depth| **depth > 0.0).count());
         println!("{map}: {off} of {all} pixels");
         assert!(off * 200 <= all && all > 5000, "{map}: {off} of {all} pixels");
+    }
+}
+
+/// Mirrored pictures are the others seen in a mirror, and normals do not depend on the pixels'
+/// shape.
+#[test]
+fn distorted_views_show_the_same_surface() {
+    let (points, _) = sphere(60_000);
+    let places = places(&points);
+    let points = Points::new(Positions::F64(&places));
+    let camera = camera_of(DMat4::IDENTITY, &by_id(&points).into_values().collect::<Vec<_>>());
+    let drawn = |x: f64, y: f64| {
+        let mut application = Application::new(COLOR);
+        let mut renderer = application.renderer();
+        renderer.add_points(&points).unwrap();
+        let mut matrices = Matrices::of(&camera, SIZE, 0.01, f64::INFINITY).unwrap();
+        (matrices.projection[0], matrices.projection[5]) =
+            (x * matrices.projection[0], y * matrices.projection[5]);
+        let view = FrameView { camera: ViewCamera::Matrices(matrices), area: WHOLE };
+        let targets = application.targets();
+        let (_, color, depth) = application.settle(&mut renderer, targets, &[view]);
+        let (ids, normals) = std::mem::take(&mut application.layers);
+        Picture { color, depth, ids: ids.iter().map(|id| id[0]).collect(), normals }
+    };
+    let (straight, mut mirrored) = (drawn(1.0, 1.0), drawn(-1.0, 1.0));
+    let width = SIZE[0] as usize;
+    mirrored.color = mirrored
+        .color
+        .chunks(4 * width)
+        .flat_map(|row| row.chunks(4).rev().flatten())
+        .copied()
+        .collect();
+    let share = differing(&straight, &mirrored, 2);
+    println!("{:.2} % of the pixels differ in a mirror", 100.0 * share);
+    assert!(share < 0.01, "{share}");
+    // Mean angle to the sphere's own normals [degrees].
+    let own = by_id(&points);
+    let off = |picture: &Picture| {
+        let pixels = picture.ids.iter().zip(&picture.normals).filter(|(id, _)| **id != NO_POINT);
+        let angles: Vec<f64> = pixels
+            .map(|(id, &[x, y, z, _])| {
+                let seen = DVec3::new(x as f64, y as f64, z as f64);
+                assert!((seen.length() - 1.0).abs() < 1e-3 || seen == DVec3::ZERO, "{seen}");
+                seen.angle_between(own[id] - MIDDLE).to_degrees()
+            })
+            .filter(|angle| !angle.is_nan())
+            .collect();
+        assert!(angles.len() > 5000, "{}", angles.len());
+        angles.iter().sum::<f64>() / angles.len() as f64
+    };
+    let straight = off(&straight);
+    for (x, y) in [(0.5, 1.0), (1.0, 0.6), (-0.7, 1.0)] {
+        let found = off(&drawn(x, y));
+        println!("normals are off by {found:.2} degrees, {straight:.2} of square pixels");
+        assert!(found < 1.5 * straight + 0.5, "{found} {straight}");
     }
 }

@@ -56,8 +56,16 @@ impl Application {
     }
 
     pub(super) fn with_depth(color: vk::Format, depth: vk::Format) -> Application {
-        let device =
-            Device::open(&DeviceOptions { validate: true, ..DeviceOptions::default() }).unwrap();
+        Application::made(color, depth, true)
+    }
+
+    /// Makes one whose calls are not validated, for times.
+    pub(super) fn unchecked() -> Application {
+        Application::made(COLOR, DEPTH, false)
+    }
+
+    fn made(color: vk::Format, depth: vk::Format, validate: bool) -> Application {
+        let device = Device::open(&DeviceOptions { validate, ..DeviceOptions::default() }).unwrap();
         // SAFETY: plain creations on a live device, destroyed in drop.
         unsafe {
             let raw = &device.raw;
@@ -173,7 +181,7 @@ impl Application {
         };
         let [ids, normals] = [&self.ids, &self.normals].map(|image| Some(target(image)));
         let depth = Some(target(&self.depth));
-        Targets { depth, ids, normals, ..Targets::of(target(&self.color)) }
+        Targets { depth, copies_depth: true, ids, normals, ..Targets::of(target(&self.color)) }
     }
 
     /// Draws a frame, about which the validation layers say nothing.
@@ -240,8 +248,8 @@ impl Application {
             if let Some((color, depth)) = before {
                 assert_eq!(color.len(), texel * PIXELS);
                 std::ptr::copy_nonoverlapping(color.as_ptr(), self.mapped, color.len());
-                let place = self.mapped.add(depth_at);
-                std::ptr::copy_nonoverlapping(depth.as_ptr().cast(), place, 4 * PIXELS);
+                let (place, texels) = (self.mapped.add(depth_at), self.depth.texels(depth));
+                std::ptr::copy_nonoverlapping(texels.as_ptr(), place, texels.len());
                 for (image, at) in [(&self.color, 0), (&self.depth, depth_at as u64)] {
                     image.transition(
                         raw,
@@ -381,6 +389,26 @@ impl Application {
         };
         self.device.take_validation_errors().unwrap();
         report
+    }
+
+    /// Records a frame, and drops it.
+    pub(super) fn drop_one(
+        &mut self,
+        renderer: &mut Renderer,
+        targets: Targets,
+        views: &[FrameView],
+    ) {
+        self.frame += 1;
+        let (raw, commands) = (&self.device.raw, self.commands);
+        let frame = Frame { number: self.frame, safe: self.safe, targets, views };
+        // SAFETY: every object is alive, and the command buffer is in no frame in flight.
+        unsafe {
+            raw.begin_command_buffer(commands, &Default::default()).unwrap();
+            renderer.record(commands.as_raw(), &frame).unwrap();
+            raw.reset_command_buffer(commands, Default::default()).unwrap();
+        }
+        renderer.drop_frame(self.frame).unwrap();
+        self.device.take_validation_errors().unwrap();
     }
 
     /// Draws until everything that the views call for is drawn.
@@ -526,6 +554,21 @@ impl HostImage {
                 layer_count: 1,
                 ..Default::default()
             })
+    }
+
+    /// Returns texels with these depths, as they are copied.
+    fn texels(&self, depths: &[f32]) -> Vec<u8> {
+        let code = |depth: f32, most: f64| (depth as f64 * most).round() as u32;
+        match depth_bits(self.format) {
+            Some(16) => depths
+                .iter()
+                .flat_map(|&depth| (code(depth, 65_535.0) as u16).to_ne_bytes())
+                .collect(),
+            Some(_) => {
+                depths.iter().flat_map(|&depth| code(depth, 16_777_215.0).to_ne_bytes()).collect()
+            }
+            None => depths.iter().flat_map(|depth| depth.to_ne_bytes()).collect(),
+        }
     }
 
     /// Returns the depths of texels as they are copied.

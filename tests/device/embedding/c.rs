@@ -295,6 +295,10 @@ fn calls_in_c_draw_what_those_in_rust_do() {
         let i = (0..places.len()).min_by(|i, k| apart(i).total_cmp(&apart(k))).unwrap();
         assert!(apart(&i) < 1e-4, "{position} is none of ours");
         assert_eq!(picked.class_code, classes[i] as i32);
+        let planar = (DVec3::from(picked.world) - camera.eye).dot(camera.basis().unwrap().forward);
+        assert!((picked.depth - planar).abs() < 1e-4, "{} {planar}", picked.depth);
+        let refused = called(|e| pointillist_drop_frame(r, 99_999, e)).unwrap_err();
+        assert!(refused.1.contains("cannot be dropped"), "{}", refused.1);
         called(|e| pointillist_set_visible(r, file, 1, e)).unwrap();
         called(|e| pointillist_remove(r, points, e)).unwrap();
         seen.push(own.settle(&mut application, &newer));

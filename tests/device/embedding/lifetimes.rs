@@ -213,10 +213,12 @@ fn views_share_what_is_read_and_a_frame_takes_no_more_than_its_share() {
     files::scan(&path, pointillist::synth::SceneKind::Street, 3_000_000);
     let index = indexed(&[&path], "");
     let settings = OpenSettings::default();
-    let of = |file: &PathBuf, count| {
+    let of = |files: &[&PathBuf], count| {
         let mut application = Application::new(COLOR);
         let mut renderer = application.renderer();
-        renderer.open(std::slice::from_ref(file), &settings).unwrap();
+        for &file in files {
+            renderer.open(std::slice::from_ref(file), &settings).unwrap();
+        }
         let targets = application.targets();
         let mut views = Vec::new();
         let (mut sum, mut largest, mut settled) = (0, 0, false);
@@ -235,15 +237,80 @@ fn views_share_what_is_read_and_a_frame_takes_no_more_than_its_share() {
         assert!(settled);
         (sum, largest)
     };
-    let (alone, largest) = of(&index, 1);
-    let (four, largest_of_four) = of(&index, 4);
+    let (alone, largest) = of(&[&index], 1);
+    let (four, largest_of_four) = of(&[&index], 4);
     println!("{alone} bytes, at most {largest} a frame; four views {four}, {largest_of_four}");
     let most = pointillist::config::UPLOAD_BYTES;
     assert!(alone > 1 << 20 && largest.max(largest_of_four) <= most);
     // A file is uploaded whole, in more than one frame.
-    let (whole, largest_of_file) = of(&path, 1);
+    let (whole, largest_of_file) = of(&[&path], 1);
     println!("of the file {whole} bytes, at most {largest_of_file} a frame");
     assert!(whole > most && largest_of_file <= most, "{whole} {largest_of_file}");
+    // Clouds share what a frame may take.
+    let (both, largest_of_both) = of(&[&index, &index], 1);
+    assert!(both >= alone && largest_of_both <= most, "{both} {largest_of_both}");
+    let (both, largest_of_both) = of(&[&path, &path], 1);
+    assert!(both >= whole && largest_of_both <= most, "{both} {largest_of_both}");
     // The budgets of the views add up, so that each has its points.
     assert!(four >= alone && four <= 2 * alone, "{four} {alone}");
+}
+
+/// Frames that are recorded and not submitted, such as after an image of a swapchain is lost, while
+/// points arrive and when all are there.
+#[test]
+fn a_frame_that_is_not_submitted_is_taken_back() {
+    let folder = tempfile::tempdir().unwrap();
+    let (path, camera) = scan(folder.path());
+    let index = indexed(&[&path], "");
+    let mut application = Application::new(COLOR);
+    let (targets, views) = (application.targets(), [view_of(camera)]);
+    let mut fresh = application.renderer();
+    fresh.open(std::slice::from_ref(&index), &OpenSettings::default()).unwrap();
+    let (_, expected, _) = application.settle(&mut fresh, targets, &views);
+    drop(fresh);
+    (application.frame, application.safe) = (0, 0);
+    let mut renderer = application.renderer();
+    renderer.open(std::slice::from_ref(&index), &OpenSettings::default()).unwrap();
+    let middle = SIZE.map(|side| side / 2);
+    let mut picks = Vec::new();
+    for round in 0..60 {
+        if round == 40 {
+            application.settle(&mut renderer, targets, &views);
+        }
+        picks.push(renderer.pick(middle));
+        application.drop_one(&mut renderer, targets, &views);
+        if round % 3 == 0 {
+            application.draw(&mut renderer, targets, &views, None);
+        }
+    }
+    assert!(renderer.drop_frame(1).unwrap_err().to_string().contains("cannot be dropped"));
+    let (_, settled, _) = application.settle(&mut renderer, targets, &views);
+    assert!(settled == expected);
+    application.draw(&mut renderer, targets, &views, None);
+    let last = renderer.pick(middle);
+    application.draw(&mut renderer, targets, &views, None);
+    application.draw(&mut renderer, targets, &views, None);
+    let Picked::Point(point) = renderer.picked(last) else { panic!("the pick is answered") };
+    for pick in picks {
+        // Before any point has arrived there is none.
+        match renderer.picked(pick) {
+            Picked::Point(own) => assert_eq!(own.cloud, point.cloud),
+            other => assert_eq!(other, Picked::Nothing),
+        }
+    }
+    drop(renderer);
+    assert_eq!(objects().alive, 0, "objects outlive the renderer");
+}
+
+/// A host has nothing to look at yet.
+#[test]
+fn targets_are_cleared_without_views() {
+    let mut application = Application::new(COLOR);
+    let mut renderer = application.renderer();
+    renderer.set("background", "#204060").unwrap();
+    let (_, color, depth) = application.draw(&mut renderer, application.targets(), &[], None);
+    assert!(color.chunks(4).all(|pixel| pixel == [0x20, 0x40, 0x60, 255]), "{:?}", &color[..4]);
+    assert!(depth.iter().all(|depth| *depth == 0.0));
+    let (ids, normals) = &application.layers;
+    assert!(ids.iter().all(|id| *id == [NO_POINT, 0]) && normals.iter().all(|n| *n == [0.0; 4]));
 }
