@@ -162,7 +162,7 @@ typedef struct PointillistView {
   double view[16];
   // From the view to clip space.
   double projection[16];
-  // Left pixel of the area, which may lie outside of the targets.
+  // Left pixel of the area, which lies within the targets.
   int32_t x;
   // Top pixel of the area.
   int32_t y;
@@ -236,6 +236,10 @@ typedef struct PointillistFrame {
   const struct PointillistTarget *ids;
   // Normals of the visible surface, world; null if not wanted.
   const struct PointillistTarget *normals;
+  // 1 if the depth image has the usages of a source and a destination of transfers. Then the
+  // host's geometry hides each layer of translucent points by itself, and several clouds hide
+  // each other even if their depth is not written.
+  uint8_t copies_depth;
 } PointillistFrame;
 
 // What a frame shows.
@@ -246,8 +250,8 @@ typedef struct PointillistReport {
   uint64_t points;
   // Nodes that are missing, or coarser than the views call for.
   uint64_t missing;
-  // Data of clouds that has come to the device since the last frame, in bytes: of each cloud at
-  // most 32 MiB.
+  // Data of clouds that has come to the device since the last frame, in bytes: at most
+  // 32 MiB of files and points, and as much of indexes.
   uint64_t streamed;
   // Number of clouds or nodes that could not be drawn.
   uint64_t errors;
@@ -285,6 +289,9 @@ typedef struct PointillistPicked {
   // Number that it is coloured by: its intensity, class or source as in the file; its elevation
   // `[m]`, time `[s]` or scalar within 1/65,535 of the cloud's range. NaN if there is none.
   double value;
+  // Planar depth `[m]`: in the cloud's units, or in the world's if its transform is no
+  // similarity.
+  double depth;
 } PointillistPicked;
 
 #ifdef __cplusplus
@@ -405,6 +412,12 @@ enum PointillistResult pointillist_record(struct PointillistRenderer *renderer,
                                           struct PointillistReport *report,
                                           struct PointillistError *error);
 
+// Takes back the last recorded frame, which the host neither has submitted nor will. The next
+// frame, of a greater number, uploads again what this one did, and answers its picks.
+enum PointillistResult pointillist_drop_frame(struct PointillistRenderer *renderer,
+                                              uint64_t number,
+                                              struct PointillistError *error);
+
 // Describes the last frame, line by line: how complete it is, the state of each cloud, which
 // effects run and why, device times of passes, errors. Writes as much of the text as `size` bytes
 // hold, which ends with 0, and to `length`, which may be NULL, the length of all of it.
@@ -414,7 +427,8 @@ enum PointillistResult pointillist_explain(struct PointillistRenderer *renderer,
                                            size_t *length,
                                            struct PointillistError *error);
 
-// Requests the point in a pixel of the next frame.
+// Requests the point in a pixel of the next frame. Clouds are asked, and not the host's geometry
+// in front of them; the host compares depths.
 enum PointillistResult pointillist_pick(struct PointillistRenderer *renderer,
                                         uint32_t x,
                                         uint32_t y,

@@ -14,6 +14,7 @@ pub enum Ramp {
     Grey,
     /// Blue, green, sand and white
     Terrain,
+    /// Dark blue, green and yellow
     Viridis,
     /// Alike for all kinds of colour vision
     Cividis,
@@ -99,6 +100,7 @@ pub fn number(text: &str) -> Result<f64, String> {
 }
 
 impl ColorScale {
+    /// Tests whether colours stay as they are.
     pub fn is_neutral(&self) -> bool {
         *self == ColorScale::default()
     }

@@ -23,7 +23,7 @@ mod store;
 #[path = "refused.rs"]
 mod object;
 
-pub use object::Object;
+pub use object::{Object, release};
 
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering::Relaxed};

@@ -1,7 +1,7 @@
 //! An object on a server, read as a file is.
 
 use super::blocks::{BLOCK, Blocks};
-use super::store::{Answer, Failure, Place, runtime};
+use super::store::{Answer, Client, Failure, Place};
 use super::{STOPPED, cache};
 use crate::error::{Error, Result};
 use crate::progress::{Progress, Silent};
@@ -40,6 +40,7 @@ pub struct Object {
     length: u64,
     tag: String,
     place: Place,
+    client: Arc<Client>,
     state: Mutex<State>,
     answered: Condvar,
     /// Files beside it or below it, requested ahead.
@@ -78,13 +79,21 @@ fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
+/// Lets go of objects that nothing uses, and of the threads if these were the last ones.
+pub fn release() {
+    let opened = lock(&OPENED).take();
+    // Outside of the lock, since threads may end.
+    drop(opened);
+}
+
 /// Waits for a future; errors if that makes no sense any more.
 fn wait<T: Send + 'static>(
+    client: &Client,
     future: impl Future<Output = T> + Send + 'static,
     look: &mut dyn FnMut() -> Result<()>,
 ) -> Result<T> {
     let (send, receive) = channel();
-    runtime()?.spawn(async move { drop(send.send(future.await)) });
+    client.spawn(async move { drop(send.send(future.await)) });
     loop {
         match receive.recv_timeout(LOOK) {
             Ok(value) => return Ok(value),
@@ -124,18 +133,20 @@ impl Object {
         let doing = format!("opening {}", super::without_query(path).display());
         progress.tick(&doing, 0, 0)?;
         let address = path.to_str().unwrap_or_default().to_string();
+        let client = Client::shared()?;
+        let own = client.clone();
         let first = async move {
-            let place = Place::of(&address).await?;
+            let place = Place::of(&own, &address).await?;
             let answer = place.get(0..BLOCK).await;
             Ok::<_, Failure>((place, answer))
         };
-        let outcome = match wait(first, &mut || progress.tick(&doing, 0, 0))? {
+        let outcome = match wait(&client, first, &mut || progress.tick(&doing, 0, 0))? {
             Ok((place, Ok(answer))) => {
                 let same =
                     before.filter(|own| (own.length, &own.tag) == (answer.length, &answer.tag));
-                Ok(same.unwrap_or_else(|| Object::begun(path, None, place, answer)))
+                Ok(same.unwrap_or_else(|| Object::begun(path, None, place, client, answer)))
             }
-            Ok((place, Err(Failure::NoRanges))) => Object::whole(path, place, progress)?,
+            Ok((place, Err(Failure::NoRanges))) => Object::whole(path, place, client, progress)?,
             Ok((_, Err(failure))) | Err(failure) => Err(failure),
         };
         let mut opened = lock(&OPENED);
@@ -145,7 +156,14 @@ impl Object {
         Ok(outcome)
     }
 
-    fn new(path: &Path, place: Place, disk: Option<Blocks>, length: u64, tag: String) -> Object {
+    fn new(
+        path: &Path,
+        place: Place,
+        client: Arc<Client>,
+        disk: Option<Blocks>,
+        length: u64,
+        tag: String,
+    ) -> Object {
         let state = State {
             disk,
             recent: HashMap::new(),
@@ -158,6 +176,7 @@ impl Object {
             length,
             tag,
             place,
+            client,
             state: Mutex::new(state),
             answered: Condvar::new(),
             members: Mutex::default(),
@@ -165,11 +184,17 @@ impl Object {
     }
 
     /// Returns the object whose first bytes are these.
-    fn begun(path: &Path, key: Option<&str>, place: Place, answer: Answer) -> Arc<Object> {
+    fn begun(
+        path: &Path,
+        key: Option<&str>,
+        place: Place,
+        client: Arc<Client>,
+        answer: Answer,
+    ) -> Arc<Object> {
         let Answer { bytes, length, tag } = answer;
         let own = key.map_or_else(|| key_of(path), str::to_string);
         let disk = Blocks::create(&own, length, &tag).ok();
-        let object = Object::new(path, place, disk, length, tag);
+        let object = Object::new(path, place, client, disk, length, tag);
         object.keep(&mut lock(&object.state), 0, &bytes);
         Arc::new(object)
     }
@@ -178,6 +203,7 @@ impl Object {
     fn whole(
         path: &Path,
         place: Place,
+        client: Arc<Client>,
         progress: &dyn Progress,
     ) -> Result<std::result::Result<Arc<Object>, Failure>> {
         let name = super::without_query(path).display().to_string();
@@ -186,6 +212,7 @@ impl Object {
         let doing = format!("fetching {name}");
         let done = Arc::new(Mutex::new([0u64; 2]));
         let (own, count) = (path.to_owned(), done.clone());
+        let waiting = client.clone();
         let fetched = async move {
             let (from, key) = (place.clone(), key_of(&own));
             let begin = |length: u64, tag: String| {
@@ -208,9 +235,9 @@ impl Object {
                 Ok(())
             };
             let (disk, length, tag, ..) = from.get_all(begin, take).await?;
-            Ok(Arc::new(Object::new(&own, place, Some(disk), length, tag)))
+            Ok(Arc::new(Object::new(&own, place, client, Some(disk), length, tag)))
         };
-        wait(fetched, &mut || {
+        wait(&waiting, fetched, &mut || {
             let [done, total] = *lock(&done);
             progress.tick(&doing, done.min(total), total)
         })
@@ -306,7 +333,7 @@ impl Object {
         let request = Arc::new(Request { blocks: blocks.clone(), outcome: OnceLock::new() });
         blocks.clone().for_each(|block| drop(state.coming.insert(block, request.clone())));
         let (object, own) = (self.clone(), request.clone());
-        runtime().expect("it opened the object").spawn(async move {
+        self.client.spawn(async move {
             let range = blocks.start * BLOCK..(blocks.end * BLOCK).min(object.length);
             let answer = object.place.get(range).await;
             object.take(&own, answer);
@@ -404,14 +431,22 @@ impl Object {
             let coming = Arc::<Coming>::default();
             members.insert(path.clone(), coming.clone());
             let (path, key) = (path.clone(), format!("{} {}", key_of(path), self.tag));
-            runtime().expect("it opened the object").spawn(async move {
+            let client = self.client.clone();
+            self.client.spawn(async move {
                 let opened = async {
-                    let place = Place::of(path.to_str().unwrap_or_default()).await?;
+                    let place = Place::of(&client, path.to_str().unwrap_or_default()).await?;
                     if let Some((disk, length, tag)) = Blocks::find(&key) {
-                        return Ok(Arc::new(Object::new(&path, place, Some(disk), length, tag)));
+                        return Ok(Arc::new(Object::new(
+                            &path,
+                            place,
+                            client.clone(),
+                            Some(disk),
+                            length,
+                            tag,
+                        )));
                     }
                     let answer = place.get(0..LONGEST * BLOCK).await?;
-                    Ok(Object::begun(&path, Some(&key), place, answer))
+                    Ok(Object::begun(&path, Some(&key), place, client.clone(), answer))
                 };
                 let _ = coming.outcome.set(opened.await);
             });

@@ -17,7 +17,7 @@ use object_store::{
 use std::collections::HashMap;
 use std::ops::Range;
 use std::sync::atomic::Ordering::Relaxed;
-use std::sync::{Arc, Mutex, OnceLock, PoisonError};
+use std::sync::{Arc, Mutex, PoisonError, Weak};
 use std::time::Duration;
 use tokio::runtime::Runtime;
 use tokio::sync::Semaphore;
@@ -37,25 +37,56 @@ const RETRYING: Duration = Duration::from_secs(15);
 
 static AT_A_TIME: Semaphore = Semaphore::const_new(AT_ONCE);
 
-/// Returns the threads that wait for servers. They end with the process.
-pub fn runtime() -> Result<&'static Runtime, Error> {
-    static RUNTIME: OnceLock<std::io::Result<Runtime>> = OnceLock::new();
-    let started = RUNTIME.get_or_init(|| {
+/// Threads that wait for servers, and these. They end with the last object.
+pub struct Client {
+    runtime: Option<Runtime>,
+    /// Servers by the beginnings of addresses, so that connections to each are used again.
+    servers: Mutex<HashMap<String, Arc<dyn ObjectStore>>>,
+}
+
+static CLIENT: Mutex<Weak<Client>> = Mutex::new(Weak::new());
+
+/// Longest wait for threads to end.
+const END: Duration = Duration::from_millis(500);
+
+impl Client {
+    /// Returns the process's only one, which it starts if there is none.
+    pub fn shared() -> Result<Arc<Client>, Error> {
+        let mut shared = CLIENT.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(client) = shared.upgrade() {
+            return Ok(client);
+        }
         // An error means that there is one already.
         let _ = rustls::crypto::ring::default_provider().install_default();
-        tokio::runtime::Builder::new_multi_thread()
+        let runtime = tokio::runtime::Builder::new_multi_thread()
             .worker_threads(2)
             .thread_name("network")
             .enable_all()
             .build()
-    });
-    started.as_ref().map_err(|error| {
-        Error::Request(format!("cannot start threads that wait for servers: {error}"))
-    })
+            .map_err(|error| {
+                Error::Request(format!("cannot start threads that wait for servers: {error}"))
+            })?;
+        let client = Arc::new(Client { runtime: Some(runtime), servers: Mutex::default() });
+        *shared = Arc::downgrade(&client);
+        Ok(client)
+    }
+
+    /// Runs a future on the threads.
+    pub fn spawn(&self, future: impl Future<Output = ()> + Send + 'static) {
+        self.runtime.as_ref().expect("taken by the end only").spawn(future);
+    }
 }
 
-/// Servers by the beginnings of addresses, so that connections to each are used again.
-static SERVERS: Mutex<Option<HashMap<String, Arc<dyn ObjectStore>>>> = Mutex::new(None);
+impl Drop for Client {
+    fn drop(&mut self) {
+        let Some(runtime) = self.runtime.take() else { return };
+        // One of its own threads, which holds the last object, cannot wait for itself.
+        match tokio::runtime::Handle::try_current() {
+            Ok(_) => runtime.shutdown_background(),
+            Err(_) => runtime.shutdown_timeout(END),
+        }
+    }
+}
 
 /// An object on a server.
 #[derive(Clone)]
@@ -95,7 +126,7 @@ impl std::fmt::Display for Failure {
 
 impl Place {
     /// Finds the server of an address. It is asked nothing yet, except for a bucket's region.
-    pub async fn of(address: &str) -> Result<Place, Failure> {
+    pub async fn of(client: &Client, address: &str) -> Result<Place, Failure> {
         let wrong =
             |what: String| Failure::Wrong(format!("is no address that can be read: {what}"));
         let url = Url::parse(address).map_err(|error| wrong(error.to_string()))?;
@@ -104,12 +135,12 @@ impl Place {
         let mut base = url.clone();
         base.set_path("");
         base.set_fragment(None);
-        let lock = || SERVERS.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some(server) = lock().as_ref().and_then(|servers| servers.get(base.as_str())) {
+        let lock = || client.servers.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(server) = lock().get(base.as_str()) {
             return Ok(Place { server: server.clone(), location });
         }
         let server = server(&base).await.map_err(|error| wrong(last_cause(&error)))?;
-        lock().get_or_insert_default().insert(base.into(), server.clone());
+        lock().insert(base.into(), server.clone());
         Ok(Place { server, location })
     }
 

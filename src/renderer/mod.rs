@@ -265,6 +265,16 @@ pub struct Renderer {
     pub(crate) gpu: Gpu,
 }
 
+impl Drop for Renderer {
+    /// Ends all threads; those that wait for servers unless something else uses them.
+    fn drop(&mut self) {
+        self.clouds.clear();
+        self.removed.clear();
+        self.held.clear();
+        crate::network::release();
+    }
+}
+
 impl Renderer {
     /// Creates a renderer on the host's device. Errors name what the device lacks.
     ///

@@ -12,6 +12,34 @@ fn own_threads() -> Vec<String> {
     names.filter(is_own).collect()
 }
 
+/// Threads that wait for servers end with the last renderer that uses them.
+#[test]
+fn no_thread_that_waits_for_a_server_outlives_its_renderers() {
+    let network = || {
+        let tasks = std::fs::read_dir("/proc/self/task").unwrap();
+        let names =
+            tasks.filter_map(|task| std::fs::read_to_string(task.ok()?.path().join("comm")).ok());
+        names.filter(|name| name.trim() == "network").count()
+    };
+    let application = Application::new(COLOR);
+    let mut both = [application.renderer(), application.renderer()];
+    for renderer in &mut both {
+        // Nothing listens there.
+        let address = PathBuf::from("http://127.0.0.1:9/scan.copc.laz");
+        renderer.open(&[address], &OpenSettings::default()).unwrap();
+    }
+    let began = std::time::Instant::now();
+    while network() == 0 {
+        assert!(began.elapsed().as_secs() < 10, "no thread is started");
+        std::thread::sleep(std::time::Duration::from_millis(5));
+    }
+    let [one, other] = both;
+    drop(one);
+    assert!(network() > 0, "the other renderer still waits");
+    drop(other);
+    assert_eq!(network(), 0);
+}
+
 /// A renderer ends its threads, also while it reads files and an index: those that read, and those
 /// that the work is divided among.
 #[test]
