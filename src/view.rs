@@ -128,20 +128,31 @@ pub struct View {
     pub shift: [f64; 2],
 }
 
+/// Least field of view `[degrees]`: a metre at a distance of 57,000 km. Less would make pixels
+/// infinite.
+const LEAST_FOV_Y: f64 = 1e-6;
+
+/// Heights of a picture without perspective `[m]`. Their squares are finite and no zeros.
+const ORTHO_HEIGHTS: std::ops::RangeInclusive<f64> = 1e-150..=1e150;
+
 impl View {
     pub fn new(camera: Camera, size: [u32; 2]) -> Result<View> {
         let needs = |what: &str| Err(Error::Request(format!("the camera needs {what}")));
         match (camera.projection, camera.ortho_height) {
-            (Projection::Perspective, _) if camera.fov_y > 0.0 && camera.fov_y < 180.0 => {}
+            (Projection::Perspective, _) if camera.fov_y >= LEAST_FOV_Y && camera.fov_y < 180.0 => {
+            }
             (Projection::Perspective, _) => {
                 return needs(&format!(
-                    "a fov_y above 0 and below 180 degrees; it has {}",
+                    "a fov_y of at least {LEAST_FOV_Y} and below 180 degrees; it has {}",
                     camera.fov_y
                 ));
             }
-            (Projection::Orthographic, Some(height)) if height > 0.0 && height.is_finite() => {}
+            (Projection::Orthographic, Some(height)) if ORTHO_HEIGHTS.contains(&height) => {}
             (Projection::Orthographic, Some(height)) => {
-                return needs(&format!("an ortho_height above 0 metres; it has {height}"));
+                let (least, most) = (ORTHO_HEIGHTS.start(), ORTHO_HEIGHTS.end());
+                return needs(&format!(
+                    "an ortho_height from {least:e} to {most:e} metres; it has {height}"
+                ));
             }
             (Projection::Orthographic, None) => {
                 return needs("an ortho_height, metres, as it is orthographic; it has none");

@@ -232,8 +232,8 @@ fn above() -> Camera {
 
 /// Returns a plane across the view, this far above its middle.
 fn across(height: f64) -> Vec<[f64; 3]> {
-    let place = |i: u32| [i % 500, i / 500].map(|k| k as f64 / 200.0 - 1.25);
-    (0..250_000).map(place).map(|[x, y]| [x, y, height]).collect()
+    let place = |i: u32| [i % 250, i / 250].map(|k| k as f64 / 100.0 - 1.25);
+    (0..62_500).map(place).map(|[x, y]| [x, y, height]).collect()
 }
 
 const RED: [u8; 3] = [250, 20, 20];
@@ -318,7 +318,7 @@ fn clouds_hide_each_other_though_their_depth_is_not_written() {
         let mut application = Application::with_depth(COLOR, format);
         let mut renderer = application.renderer();
         for (height, color) in [(0.5, RED), (-0.5, BLUE)] {
-            let (places, colors) = (across(height), vec![color; 250_000]);
+            let (places, colors) = (across(height), vec![color; 62_500]);
             let points = Points { colors: Some(&colors), ..Points::new(Positions::F64(&places)) };
             renderer.add_points(&points).unwrap();
         }
@@ -354,7 +354,7 @@ fn surfaces_and_strokes_do_not_bleed_over_the_host() {
         let mut renderer = application.renderer();
         renderer.set("style", style).unwrap();
         // Sparse, so that pixels are filled.
-        let places: Vec<_> = across(0.5).into_iter().step_by(37).collect();
+        let places: Vec<_> = across(0.5).into_iter().step_by(7).collect();
         let colors = vec![RED; places.len()];
         let points = Points { colors: Some(&colors), ..Points::new(Positions::F64(&places)) };
         renderer.add_points(&points).unwrap();
