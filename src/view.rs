@@ -41,7 +41,7 @@ pub struct Camera {
     /// Vertical field of view of a perspective camera `[degrees]`.
     #[serde(default = "default_fov_y")]
     pub fov_y: f64,
-    /// Perspective unless it is said.
+    /// Perspective if a file has none.
     #[serde(default = "perspective")]
     pub projection: Projection,
     /// Height of the picture in the world of an orthographic camera `[m]`.

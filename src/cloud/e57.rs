@@ -13,7 +13,7 @@ use super::from_floats::ReadPart;
 use super::input::{Input, Meter};
 use super::rgb_range::By;
 use super::scalar::{Scalar, Scalars};
-use super::{Header, ReadOptions};
+use super::{Header, ReadOptions, xml};
 use crate::error::Result;
 use crate::progress::Progress;
 use e57::{E57Reader, PointCloud, RecordDataType, RecordName, RecordValue};
@@ -27,10 +27,16 @@ pub fn read(
     progress: &dyn Progress,
     notes: &mut Vec<String>,
 ) -> Result<Vec<ReadPart>> {
-    let mut reader =
-        catch_panic(|| E57Reader::from_file(&input.path).map_err(|error| line(&error)))
-            .flatten()
-            .map_err(|what| input.wrong(format!("cannot be read as E57: {what}")))?;
+    let open = || {
+        // Errors of what cannot be found are the reader's.
+        let file = File::open(&input.path).ok();
+        let text = file.and_then(|file| E57Reader::raw_xml(BufReader::new(file)).ok());
+        text.map_or(Ok(()), |text| xml::check(&text))?;
+        E57Reader::from_file(&input.path).map_err(|error| line(&error))
+    };
+    let mut reader = catch_panic(open)
+        .flatten()
+        .map_err(|what| input.wrong(format!("cannot be read as E57: {what}")))?;
     let scans = reader.pointclouds();
     if scans.is_empty() {
         notes.push(format!("{}: holds no scan", input.name()));

@@ -43,6 +43,7 @@ pub mod stream;
 pub mod table;
 mod text;
 pub mod up;
+mod xml;
 pub mod xyz;
 
 use crate::error::{Error, Result};

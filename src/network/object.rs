@@ -75,6 +75,10 @@ type Opened = HashMap<PathBuf, (Instant, std::result::Result<Arc<Object>, Failur
 
 static OPENED: Mutex<Option<Opened>> = Mutex::new(None);
 
+fn ended() -> Failure {
+    Failure::Wrong("is no longer needed".into())
+}
+
 fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
@@ -134,9 +138,9 @@ impl Object {
         progress.tick(&doing, 0, 0)?;
         let address = path.to_str().unwrap_or_default().to_string();
         let client = Client::shared()?;
-        let own = client.clone();
+        let servers = client.servers.clone();
         let first = async move {
-            let place = Place::of(&own, &address).await?;
+            let place = Place::of(&servers, &address).await?;
             let answer = place.get(0..BLOCK).await;
             Ok::<_, Failure>((place, answer))
         };
@@ -212,7 +216,7 @@ impl Object {
         let doing = format!("fetching {name}");
         let done = Arc::new(Mutex::new([0u64; 2]));
         let (own, count) = (path.to_owned(), done.clone());
-        let waiting = client.clone();
+        let weak = Arc::downgrade(&client);
         let fetched = async move {
             let (from, key) = (place.clone(), key_of(&own));
             let begin = |length: u64, tag: String| {
@@ -235,9 +239,10 @@ impl Object {
                 Ok(())
             };
             let (disk, length, tag, ..) = from.get_all(begin, take).await?;
+            let client = weak.upgrade().ok_or_else(ended)?;
             Ok(Arc::new(Object::new(&own, place, client, Some(disk), length, tag)))
         };
-        wait(&waiting, fetched, &mut || {
+        wait(&client, fetched, &mut || {
             let [done, total] = *lock(&done);
             progress.tick(&doing, done.min(total), total)
         })
@@ -332,11 +337,13 @@ impl Object {
     fn request(self: &Arc<Object>, state: &mut State, blocks: Range<u64>) -> Arc<Request> {
         let request = Arc::new(Request { blocks: blocks.clone(), outcome: OnceLock::new() });
         blocks.clone().for_each(|block| drop(state.coming.insert(block, request.clone())));
-        let (object, own) = (self.clone(), request.clone());
+        let (object, place, own) = (Arc::downgrade(self), self.place.clone(), request.clone());
+        let range = blocks.start * BLOCK..(blocks.end * BLOCK).min(self.length);
         self.client.spawn(async move {
-            let range = blocks.start * BLOCK..(blocks.end * BLOCK).min(object.length);
-            let answer = object.place.get(range).await;
-            object.take(&own, answer);
+            let answer = place.get(range).await;
+            if let Some(object) = object.upgrade() {
+                object.take(&own, answer);
+            }
         });
         request
     }
@@ -431,22 +438,17 @@ impl Object {
             let coming = Arc::<Coming>::default();
             members.insert(path.clone(), coming.clone());
             let (path, key) = (path.clone(), format!("{} {}", key_of(path), self.tag));
-            let client = self.client.clone();
+            let (servers, weak) = (self.client.servers.clone(), Arc::downgrade(&self.client));
             self.client.spawn(async move {
                 let opened = async {
-                    let place = Place::of(&client, path.to_str().unwrap_or_default()).await?;
+                    let place = Place::of(&servers, path.to_str().unwrap_or_default()).await?;
+                    let client = || weak.upgrade().ok_or_else(ended);
                     if let Some((disk, length, tag)) = Blocks::find(&key) {
-                        return Ok(Arc::new(Object::new(
-                            &path,
-                            place,
-                            client.clone(),
-                            Some(disk),
-                            length,
-                            tag,
-                        )));
+                        let object = Object::new(&path, place, client()?, Some(disk), length, tag);
+                        return Ok(Arc::new(object));
                     }
                     let answer = place.get(0..LONGEST * BLOCK).await?;
-                    Ok(Object::begun(&path, Some(&key), place, client.clone(), answer))
+                    Ok(Object::begun(&path, Some(&key), place, client()?, answer))
                 };
                 let _ = coming.outcome.set(opened.await);
             });

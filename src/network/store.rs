@@ -37,11 +37,15 @@ const RETRYING: Duration = Duration::from_secs(15);
 
 static AT_A_TIME: Semaphore = Semaphore::const_new(AT_ONCE);
 
-/// Threads that wait for servers, and these. They end with the last object.
+/// Servers by the beginnings of addresses, so that connections to each are used again.
+#[derive(Clone, Default)]
+pub struct Servers(Arc<Mutex<HashMap<String, Arc<dyn ObjectStore>>>>);
+
+/// Threads that wait for servers, and these. They end with the last object: what they run holds
+/// neither it nor this.
 pub struct Client {
     runtime: Option<Runtime>,
-    /// Servers by the beginnings of addresses, so that connections to each are used again.
-    servers: Mutex<HashMap<String, Arc<dyn ObjectStore>>>,
+    pub servers: Servers,
 }
 
 static CLIENT: Mutex<Weak<Client>> = Mutex::new(Weak::new());
@@ -66,7 +70,7 @@ impl Client {
             .map_err(|error| {
                 Error::Request(format!("cannot start threads that wait for servers: {error}"))
             })?;
-        let client = Arc::new(Client { runtime: Some(runtime), servers: Mutex::default() });
+        let client = Arc::new(Client { runtime: Some(runtime), servers: Servers::default() });
         *shared = Arc::downgrade(&client);
         Ok(client)
     }
@@ -126,7 +130,7 @@ impl std::fmt::Display for Failure {
 
 impl Place {
     /// Finds the server of an address. It is asked nothing yet, except for a bucket's region.
-    pub async fn of(client: &Client, address: &str) -> Result<Place, Failure> {
+    pub async fn of(servers: &Servers, address: &str) -> Result<Place, Failure> {
         let wrong =
             |what: String| Failure::Wrong(format!("is no address that can be read: {what}"));
         let url = Url::parse(address).map_err(|error| wrong(error.to_string()))?;
@@ -135,7 +139,7 @@ impl Place {
         let mut base = url.clone();
         base.set_path("");
         base.set_fragment(None);
-        let lock = || client.servers.lock().unwrap_or_else(PoisonError::into_inner);
+        let lock = || servers.0.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some(server) = lock().get(base.as_str()) {
             return Ok(Place { server: server.clone(), location });
         }

@@ -472,8 +472,8 @@ impl Renderer {
     /// # Errors
     /// If numbers do not grow, a target cannot be drawn into, memory is exhausted, or the device is
     /// lost. The command buffer must then be reset or freed, and neither be ended nor submitted.
-    /// The frame counts as not drawn, as after [`Renderer::drop_frame`]. A cloud that cannot be drawn is left out, and named in the
-    /// report.
+    /// The frame counts as not drawn, as after [`Renderer::drop_frame`]. A cloud that cannot
+    /// be drawn is left out, and named in the report.
     ///
     /// # Safety
     /// `commands` is a command buffer of the renderer's family that is being recorded, outside of

@@ -29,8 +29,8 @@ const EDGES: &[(&str, &[&str])] = &[
     (
         "renderer",
         &[
-            "cloud", "gpu", "graph", "index", "passes", "render", "resident", "select", "shader",
-            "tune", "view",
+            "cloud", "gpu", "graph", "index", "network", "passes", "render", "resident", "select",
+            "shader", "tune", "view",
         ],
     ),
     ("c", &["gpu", "renderer"]),

@@ -58,8 +58,8 @@ fn swiftshader_draws_the_same_bytes() {
     }
 }
 
-/// A driver on top of another interface, such as MoltenVK on Metal, says so in its manifest. Loaders
-/// list it only to those who ask for such.
+/// A driver on top of another interface, such as MoltenVK on Metal, says so in its manifest.
+/// Loaders list it only to those who ask for such.
 #[test]
 fn a_driver_on_top_of_another_interface_is_found() {
     let installed = std::fs::read_dir("/usr/share/vulkan/icd.d").into_iter().flatten().flatten();
