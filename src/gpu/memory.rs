@@ -182,7 +182,11 @@ impl LifetimeGuard {
             .as_ref()
             .map(|parent| parent.read().unwrap_or_else(PoisonError::into_inner));
         let own = self.own.read().unwrap_or_else(PoisonError::into_inner);
-        if *own && parent.is_none_or(|parent| *parent) { work() } else { Ok(otherwise) }
+        // Both stay locked until the work is done.
+        match *own && parent.as_ref().is_none_or(|parent| **parent) {
+            true => work(),
+            false => Ok(otherwise),
+        }
     }
 
     /// Waits for running work, then runs `last` if this is the first call and the parent is alive.
@@ -192,7 +196,7 @@ impl LifetimeGuard {
             .as_ref()
             .map(|parent| parent.read().unwrap_or_else(PoisonError::into_inner));
         let mut own = self.own.write().unwrap_or_else(PoisonError::into_inner);
-        if std::mem::take(&mut *own) && parent.is_none_or(|parent| *parent) {
+        if std::mem::take(&mut *own) && parent.as_ref().is_none_or(|parent| **parent) {
             last();
         }
     }
@@ -842,5 +846,35 @@ fn requirements(device: &Device, needs: vk::MemoryRequirements) -> MemoryRequire
         bytes: needs.size.next_multiple_of(align),
         align,
         types: needs.memory_type_bits,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::sync::atomic::{AtomicBool, Ordering::SeqCst};
+    use std::sync::mpsc::channel;
+    use std::time::Duration;
+
+    #[test]
+    fn the_end_waits_for_work_that_needs_it() {
+        let device = LifetimeGuard::new();
+        let pool = device.child();
+        let (done, (begun, has_begun)) = (AtomicBool::new(false), channel());
+        std::thread::scope(|scope| {
+            scope.spawn(|| {
+                let work = || {
+                    begun.send(()).unwrap();
+                    std::thread::sleep(Duration::from_millis(50));
+                    done.store(true, SeqCst);
+                    Ok(true)
+                };
+                assert!(pool.with_alive(false, work).unwrap());
+            });
+            has_begun.recv().unwrap();
+            device.close(|| assert!(done.load(SeqCst), "the work goes on"));
+        });
+        assert!(!pool.with_alive(false, || Ok(true)).unwrap());
+        pool.close(|| panic!("its parent is gone"));
     }
 }
