@@ -3,7 +3,7 @@
 
 use clap::{Arg, ArgAction, Command as Clap, CommandFactory, FromArgMatches, Parser};
 use pointillist::cli::{
-    bench, export, guide, index, info, profile, raster, renamed, render, shadows, study,
+    bench, export, guide, index, info, profile, raster, renamed, render, shadows, streams, study,
     suggestions, synth, terminal::Terminal, tune, view,
 };
 use pointillist::error::Error;
@@ -65,7 +65,7 @@ enum Command {
 
 /// Prints to standard error; a closed standard error does not change the exit code.
 fn say(what: &str) {
-    drop(writeln!(std::io::stderr(), "pointillist: {what}"));
+    streams::say(format_args!("pointillist: {what}"));
 }
 
 /// Prints what the library logs and cannot return: errors of objects that are being dropped.

@@ -9,7 +9,7 @@ pub mod linear_map;
 pub mod map;
 
 use crate::error::{Error, Result};
-use crate::small_file::read_text;
+use crate::small_file::{ONE_PICTURE, read_text};
 use glam::{DMat3, DVec3};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -72,7 +72,7 @@ pub struct Basis {
 impl Camera {
     /// Reads a camera file.
     pub fn read(path: &Path) -> Result<Camera> {
-        let text = read_text(path)?;
+        let text = read_text(path, ONE_PICTURE)?;
         serde_json::from_str(&text).map_err(|error| {
             Error::format(
                 path,
@@ -143,7 +143,7 @@ impl View {
             }
             (Projection::Perspective, _) => {
                 return needs(&format!(
-                    "a fov_y of at least {LEAST_FOV_Y} and below 180 degrees; it has {}",
+                    "a fov_y of at least {LEAST_FOV_Y} and below 180 degrees; it has {:e}",
                     camera.fov_y
                 ));
             }

@@ -18,7 +18,7 @@ pub mod raster;
 pub mod renamed;
 pub mod render;
 pub mod shadows;
-mod streams;
+pub mod streams;
 pub mod study;
 pub mod suggestions;
 pub mod synth;

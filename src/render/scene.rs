@@ -6,16 +6,17 @@
 use crate::atomic_file::write_atomically;
 use crate::cloud::attribute::Attribute;
 use crate::cloud::color_scale::ColorScale;
-use crate::cloud::filter::{Condition, Filter};
+use crate::cloud::filter::Filter;
 use crate::cloud::length::Length;
 use crate::error::{Error, Result};
+use crate::names::parse_list;
 use crate::passes::Effects;
 use crate::render::annotations::Annotations;
 use crate::render::settings::{Background, RenderSettings};
-use crate::select::clip::{Clip, Clips};
+use crate::select::clip::Clips;
 use crate::select::lod::LodOptions;
-use crate::select::opacity::{Opacities, Rule};
-use crate::small_file::read_text;
+use crate::select::opacity::Opacities;
+use crate::small_file::{ONE_PICTURE, read_text};
 use crate::view::Camera;
 use crate::view::light::Light;
 use serde::{Deserialize, Serialize};
@@ -115,7 +116,7 @@ impl Scene {
     }
 
     pub fn read(path: &Path) -> Result<Scene> {
-        let text = read_text(path)?;
+        let text = read_text(path, ONE_PICTURE)?;
         let words: Words = serde_json::from_str(&text)
             .map_err(|error| Error::format(path, format!("not a scene file: {error}")))?;
         Scene::of(words).map_err(|why| Error::format(path, why))
@@ -144,23 +145,9 @@ impl Scene {
             }
         }
         let color = words.color.as_deref().map(str::parse::<Attribute>);
-        let rules = words
-            .opacity
-            .iter()
-            .map(|rule| rule.parse::<Rule>())
-            .collect::<std::result::Result<_, _>>()?;
-        let conditions = |words: &[String]| {
-            words
-                .iter()
-                .map(|word| word.parse::<Condition>())
-                .collect::<std::result::Result<_, _>>()
-        };
-        let filter = Filter { only: conditions(&words.only)?, not: conditions(&words.not)? };
-        let clips = words
-            .clip
-            .iter()
-            .map(|clip| clip.parse::<Clip>())
-            .collect::<std::result::Result<_, _>>()?;
+        let rules = parse_list(&words.opacity)?;
+        let filter = Filter { only: parse_list(&words.only)?, not: parse_list(&words.not)? };
+        let clips = parse_list(&words.clip)?;
         if words.lod.is_some_and(|lod| !(lod.is_finite() && lod >= 0.0)) {
             return Err("lod must be a number of pixels, at least 0".into());
         }

@@ -2,13 +2,12 @@
 
 use super::{Error, Limit, Renderer, Result};
 use crate::cloud::color_scale::{ColorScale, Ramp, number, range};
-use crate::cloud::filter::Condition;
 use crate::cloud::length::Length;
-use crate::names::Named;
+use crate::names::{Named, parse_list};
 use crate::passes::Effects;
 use crate::render::settings::{Background, Style};
-use crate::select::clip::{Clip, Clips};
-use crate::select::opacity::{Opacities, Rule};
+use crate::select::clip::Clips;
+use crate::select::opacity::Opacities;
 use crate::view::light::Light;
 
 /// Returns a scale with one of its values replaced.
@@ -79,25 +78,10 @@ impl Renderer {
                 }
                 self.settings.layer = layer;
             }
-            "opacity" => {
-                let rules: std::result::Result<Vec<Rule>, String> =
-                    items().map(str::parse).collect();
-                self.opacities = Opacities(rules.map_err(refused)?);
-            }
-            "clip" => {
-                let boxes: std::result::Result<Vec<Clip>, String> =
-                    items().map(str::parse).collect();
-                self.clips = Clips(boxes.map_err(refused)?);
-            }
-            "only" | "not" => {
-                let conditions: std::result::Result<Vec<Condition>, String> =
-                    items().map(str::parse).collect();
-                let conditions = conditions.map_err(refused)?;
-                match name {
-                    "only" => self.filter.only = conditions,
-                    _ => self.filter.not = conditions,
-                }
-            }
+            "opacity" => self.opacities = Opacities(parse_list(items()).map_err(refused)?),
+            "clip" => self.clips = Clips(parse_list(items()).map_err(refused)?),
+            "only" => self.filter.only = parse_list(items()).map_err(refused)?,
+            "not" => self.filter.not = parse_list(items()).map_err(refused)?,
             "lod" | "budget" if value == "auto" => match name {
                 "lod" => self.lod.lod_px = None,
                 _ => self.lod.budget = None,

@@ -7,7 +7,7 @@
 
 use crate::atomic_file::write_atomically;
 use crate::error::{Error, Result};
-use crate::small_file::read_text;
+use crate::small_file::{MANY_PICTURES, read_text};
 use crate::view::{Camera, Projection, View};
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
@@ -49,7 +49,7 @@ impl Default for CameraPath {
 
 impl CameraPath {
     pub fn read(path: &Path) -> Result<CameraPath> {
-        let text = read_text(path)?;
+        let text = read_text(path, MANY_PICTURES)?;
         let words = "it needs at least {\"keys\": [{\"time\": 0, \"camera\": {\"eye\": [x,y,z], \"target\": [x,y,z]}}]}";
         let read: CameraPath = serde_json::from_str(&text)
             .map_err(|error| Error::format(path, format!("not a camera path: {error}; {words}")))?;

@@ -161,6 +161,24 @@ fn pipes_and_devices_are_no_cameras_scenes_or_paths() {
 }
 
 #[test]
+fn long_scenes_are_refused_in_short_lines() {
+    let place = Place::new();
+    let camera = std::fs::read_to_string(place.at("camera.json")).unwrap();
+    let refused = |rest: &str, why: &str| {
+        let scene = format!(r#"{{"camera": {camera}, {rest}}}"#);
+        std::fs::write(place.at("scene.json"), scene).unwrap();
+        let cost = watch(place.command("--scene scene.json -o p.png"), Duration::from_secs(20));
+        let said = failed(&cost.output, 1);
+        assert!(said.contains(why) && said.len() < 5000, "{} bytes, {said:.300}", said.len());
+    };
+    let clips = vec![r#""outside:0,0,0,1,1,1""#; 1001].join(",");
+    refused(&format!(r#""clip": [{clips}]"#), "at most 1000 are allowed");
+    let long = "x".repeat(900_000);
+    refused(&format!(r#""color": "{long}""#), "more characters)");
+    refused(&format!(r#""color": "{long}{long}""#), "larger than 1 MiB");
+}
+
+#[test]
 fn a_reader_that_goes_away_does_not_cost_the_picture() {
     let place = Place::new();
     // Nothing reads what is printed.

@@ -27,7 +27,7 @@ use crate::error::{Error, Result};
 use crate::index::format::samples::{Cell, DerivedPlanes};
 use crate::index::format::{Contents, morton};
 use crate::progress::Progress;
-use crate::small_file::read_text;
+use crate::small_file::{MANY_PICTURES, read_text};
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
@@ -324,7 +324,7 @@ impl PlannedTree {
 impl Plan {
     /// Reads a plan. Errors if it is damaged, or of another version.
     pub fn read(path: &Path) -> Result<Plan> {
-        let text = read_text(path)?;
+        let text = read_text(path, MANY_PICTURES)?;
         let wrong = |error: String| {
             Error::format(
                 path,
