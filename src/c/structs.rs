@@ -23,7 +23,7 @@ pub struct PointillistHost {
     pub has_int64_atomics: u8,
     /// 1 if the instance has VK_EXT_debug_utils.
     pub has_debug_utils: u8,
-    /// Device memory for the nodes of each index, in bytes; 0 is the default.
+    /// Device memory for nodes of indexes, which share it equally, in bytes; 0 is the default.
     pub memory_budget: u64,
     /// Most points drawn of an index; 0 is automatic.
     pub point_budget: u64,

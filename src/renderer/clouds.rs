@@ -418,6 +418,15 @@ impl Entry {
         matches!(&self.stage, Stage::Ready(GpuCloud::Parts(_)))
     }
 
+    /// Sets the device memory of nodes that come and go `[bytes]`. Returns whether the cloud is to be
+    /// updated.
+    pub fn set_memory(&mut self, gpu: &Gpu, bytes: u64) -> Result<bool> {
+        match &mut self.stage {
+            Stage::Ready(GpuCloud::Parts(residency)) => residency.set_pool_bytes(gpu, bytes),
+            _ => Ok(false),
+        }
+    }
+
     /// Loads what views call for, one cut for all of them; at most this many bytes are on their way
     /// at a time, unless one node is larger. Returns what could not be read.
     pub fn update(

@@ -57,6 +57,7 @@ use crate::gpu::{ImageDesc, TestOverrides};
 use crate::graph::Gpu;
 use crate::passes::Switch;
 use crate::render::gpu_cloud::Allowance;
+use crate::resident::pages::BLOCK_BYTES;
 use crate::select::lod::LodOptions;
 use crate::tune::Governor;
 use crate::view::View;
@@ -170,7 +171,7 @@ pub enum Picked {
 /// Options of a renderer.
 #[derive(Clone, Copy, Debug)]
 pub struct RendererOptions {
-    /// Device memory for the nodes of each index `[bytes]`.
+    /// Device memory for nodes of indexes, which share it equally `[bytes]`.
     pub memory_budget: u64,
     /// Most points drawn of an index; by the size of the view if `None`.
     pub point_budget: Option<u64>,
@@ -586,6 +587,7 @@ impl Renderer {
                 cloud.set_map(map);
             }
         }
+        self.share_memory()?;
         self.update_clouds(frame.views, report)?;
         let targets = self.with_depth(&frame.targets, held)?;
         compose::transition(&self.gpu.device, commands, &targets, false);
@@ -621,6 +623,23 @@ impl Renderer {
             picks.into_iter().partition(|(pick, _)| held.picks().any(|own| own == *pick));
         self.answers.extend(unmet.into_iter().map(|(pick, _)| (pick, None)));
         held.wanted_picks = met;
+    }
+
+    /// Divides the memory budget among indexes.
+    fn share_memory(&mut self) -> Result<()> {
+        let indexes = self.clouds.iter().filter(|cloud| cloud.is_index()).count() as u64;
+        let share = match self.options.memory_budget {
+            all if indexes < 2 => all,
+            // In whole blocks, of which more may come later.
+            all if all / indexes >= BLOCK_BYTES => all / indexes / BLOCK_BYTES * BLOCK_BYTES,
+            all => all / indexes,
+        };
+        for cloud in &mut self.clouds {
+            if cloud.set_memory(&self.gpu, share)? {
+                self.revision += 1;
+            }
+        }
+        Ok(())
     }
 
     /// Loads what the views call for of each cloud, unless all of it is in pictures already.

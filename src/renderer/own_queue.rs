@@ -86,7 +86,7 @@ impl Renderer {
 /// What the programs ask for besides: layers, parts of pictures, reports, progress.
 #[doc(hidden)]
 impl Renderer {
-    /// Sets the device memory for the nodes of each index that is added later `[bytes]`.
+    /// Sets the device memory for nodes of indexes `[bytes]`.
     pub fn set_memory_budget(&mut self, bytes: u64) {
         self.options.memory_budget = bytes;
     }
@@ -158,6 +158,7 @@ impl Renderer {
         detail: &Detail,
         progress: &dyn Progress,
     ) -> Result<Option<SelectionReport>> {
+        self.share_memory()?;
         let (gpu, cloud) = self.cloud(id)?;
         cloud.wait_until_resident(gpu, view, detail, progress)
     }

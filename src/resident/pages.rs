@@ -4,6 +4,8 @@ use crate::config::{PAGES_PER_BLOCK, POINTS_PER_PAGE};
 
 /// Size of a page `[bytes]`.
 pub const PAGE_BYTES: u64 = 4 * POINTS_PER_PAGE as u64;
+/// Size of the memory that is allocated at a time `[bytes]`.
+pub const BLOCK_BYTES: u64 = PAGE_BYTES * PAGES_PER_BLOCK as u64;
 
 /// Occupancy of pages, without memory.
 #[derive(Clone, Debug)]
@@ -47,6 +49,11 @@ impl Pages {
             }
         }
         None
+    }
+
+    /// Tests whether no page from this one on is taken.
+    pub fn is_free_from(&self, page: u32) -> bool {
+        self.taken.iter().skip(page as usize).all(|taken| !taken)
     }
 
     pub fn give(&mut self, first: u32, count: u32) {

@@ -6,7 +6,7 @@
 //! allocated first fit, lowest page first, so that their places depend only on the order of
 //! requests. Blocks are allocated when a run first falls into them.
 
-use super::pages::{PAGE_BYTES, Pages};
+use super::pages::{BLOCK_BYTES, PAGE_BYTES, Pages};
 use super::staging_ring::StagingRing;
 use crate::config::{PAGES_PER_BLOCK, POINTS_PER_PAGE};
 use crate::error::Result;
@@ -57,6 +57,24 @@ impl Pool {
             }
         }
         Ok(Some(first))
+    }
+
+    /// Sets the budget `[pages]`. A last block that is smaller than others does not grow.
+    pub fn set_budget(&mut self, budget: u32) {
+        let is_whole = |block: &RawBuffer| block.desc.bytes == BLOCK_BYTES;
+        let grows = self.blocks.last().is_none_or(is_whole);
+        self.pages.budget = if grows { budget } else { budget.min(self.allocated()) };
+    }
+
+    /// Frees blocks beyond the budget of which no page is taken.
+    pub fn free_unused(&mut self) {
+        while let Some(last) = self.blocks.len().checked_sub(1) {
+            let first = last as u32 * PAGES_PER_BLOCK;
+            if first < self.pages.budget || !self.pages.is_free_from(first) {
+                break;
+            }
+            self.blocks.pop().into_iter().for_each(RawBuffer::destroy);
+        }
     }
 
     /// Returns the number of pages with memory.

@@ -16,6 +16,9 @@
 //! later. So is one left that has not come in time, which is drawn once it comes. A loader that has
 //! ended is replaced.
 //!
+//! What fits an empty pool may not fit among pages in unfavourable places. If nothing else can come,
+//! all but the roots is evicted once, and comes again in the order of requests.
+//!
 //! [`Residency::wait_until_resident`] repeats that until the cut is complete: the picture then
 //! depends on view, detail and pool alone, not on earlier frames.
 //!
@@ -73,6 +76,15 @@ struct Entry {
     read_by: u64,
 }
 
+/// Coarser nodes that are requested besides the cut: the missing ancestors of missing nodes, so that
+/// a missing node does not coarsen all of a root, and the roots.
+#[derive(Clone, Copy, PartialEq)]
+enum Fallback {
+    None,
+    Roots,
+    Ancestors,
+}
+
 /// Request policy of a step.
 #[derive(Clone, Copy)]
 struct RequestPolicy {
@@ -122,6 +134,8 @@ pub struct Residency {
     loader: Loader,
     resident: Resident,
     index: Arc<Index>,
+    /// Most pages, of which the device may refuse some.
+    budget: u32,
     /// Answers published, and number of those taken.
     published: Arc<Published>,
     received: u64,
@@ -133,6 +147,10 @@ pub struct Residency {
     again: VecDeque<(Instant, usize)>,
     /// Pages that a submission may still read.
     retired: Vec<(Run, u64)>,
+    /// Last submission when it was first seen that a node has no room and none is coming.
+    stuck_since: Option<u64>,
+    /// Nodes of the cut for which the pool was packed.
+    packed_for: Vec<usize>,
     /// Node numbers of `resident.nodes`.
     drawn: Vec<usize>,
     pages_coming: u32,
@@ -141,6 +159,12 @@ pub struct Residency {
     pub bytes_read: u64,
     pub evictions: u64,
     unreported: Update,
+}
+
+/// Returns how many pages an index may have: point ids allow for so many nodes, and each has two or
+/// more.
+fn pages_of(pool_bytes: u64) -> u32 {
+    (pool_bytes / PAGE_BYTES).min(2 * super::MOST_NODES) as u32
 }
 
 /// Counter of the loader's answers.
@@ -190,8 +214,7 @@ impl Residency {
         let timeline = Timeline::new(&gpu.device, &gpu.memory.alive, "loaded")?;
         let published = Arc::new(Published { count: AtomicU64::new(0), timeline });
         let loader = published.loader(&index, shown)?;
-        // Point ids allow this many nodes, and each has two pages or more.
-        let budget = (pool_bytes / PAGE_BYTES).min(2 * super::MOST_NODES) as u32;
+        let budget = pages_of(pool_bytes);
         gpu.residents += 1;
         let resident = Resident {
             serial: gpu.residents,
@@ -227,6 +250,7 @@ impl Residency {
             resident,
             index,
             loader,
+            budget,
             published,
             received: 0,
             stalled: None,
@@ -234,6 +258,8 @@ impl Residency {
             unreadable: HashSet::new(),
             again: VecDeque::new(),
             retired: Vec::new(),
+            stuck_since: None,
+            packed_for: Vec::new(),
             drawn: Vec::new(),
             pages_coming: 0,
             updates: 0,
@@ -269,6 +295,25 @@ impl Residency {
     pub fn pool_bytes(&self) -> [u64; 2] {
         [self.resident.pool.pages.budget, self.resident.pool.pages.used]
             .map(|pages| PAGE_BYTES * pages as u64)
+    }
+
+    /// Sets the most bytes of device memory. Nodes in pages beyond are evicted, and that memory is
+    /// freed once the device has completed what reads it. Returns whether the next update may draw
+    /// other nodes; nothing is drawn until then if any were evicted.
+    pub fn set_pool_bytes(&mut self, gpu: &Gpu, bytes: u64) -> Result<bool> {
+        let budget = pages_of(bytes);
+        let changes = std::mem::replace(&mut self.budget, budget) != budget;
+        if changes {
+            self.resident.pool.set_budget(budget);
+        }
+        let budget = self.resident.pool.pages.budget;
+        let before = self.evictions;
+        if !self.resident.pool.pages.is_free_from(budget) {
+            self.note_readers(gpu);
+            self.evict(gpu, |_, run| run.first_page + run.pages > budget)?;
+        }
+        self.resident.pool.free_unused();
+        Ok(changes || self.evictions > before)
     }
 
     /// Returns the processor time of the loader ([`Loader::worked`]).
@@ -355,7 +400,7 @@ impl Residency {
                     pool >> 20
                 )));
             }
-            self.evict_all(gpu)?;
+            self.evict(gpu, |_, _| true)?;
         }
     }
 
@@ -367,10 +412,7 @@ impl Residency {
         policy: RequestPolicy,
     ) -> Result<Update> {
         self.updates += 1;
-        for node in &self.drawn {
-            self.entries.get_mut(node).expect("what is drawn is resident").read_by =
-                gpu.last_reader();
-        }
+        self.note_readers(gpu);
         self.receive_answers()?;
         self.resident.pool.submit_copies(gpu)?;
         self.reclaim(gpu)?;
@@ -384,7 +426,17 @@ impl Residency {
         }
         let (cut, budget) = self.fitting(views, detail, policy.fall_back);
         let mut update = Update { cut, budget, ..std::mem::take(&mut self.unreported) };
-        let wants = self.wants(views, detail, &update.cut, policy.fall_back);
+        let is_packing = !self.packed_for.is_empty()
+            && self.packed_for.iter().eq(update.cut.nodes.iter().map(|wanted| &wanted.node));
+        if !is_packing {
+            self.packed_for.clear();
+        }
+        let fall_back = match policy.fall_back {
+            true if is_packing => Fallback::Roots,
+            true => Fallback::Ancestors,
+            false => Fallback::None,
+        };
+        let wants = self.wants(views, detail, &update.cut, fall_back);
         self.request(gpu, &wants, policy.max_in_flight, &mut update)?;
         for want in wants.iter().filter(|want| want.needed) {
             match self.here(want.node) {
@@ -392,8 +444,43 @@ impl Residency {
                 Some(run) => update.coarse += (run.planes < want.planes) as usize,
             }
         }
+        if policy.fall_back && !is_packing {
+            self.pack_if_stuck(gpu, &update)?;
+        }
         update.holes = self.draw(views, &update.cut);
         Ok(update)
+    }
+
+    /// Notes that the last submission may read what is drawn.
+    fn note_readers(&mut self, gpu: &Gpu) {
+        for node in &self.drawn {
+            self.entries.get_mut(node).expect("what is drawn is resident").read_by =
+                gpu.last_reader();
+        }
+    }
+
+    /// Evicts all but the roots if nodes are missing and none can come.
+    fn pack_if_stuck(&mut self, gpu: &Gpu, update: &Update) -> Result<()> {
+        let is_stuck = !update.is_complete()
+            && self.pages_coming == 0
+            && self.retired.is_empty()
+            && !self.resident.pool.has_pending_copies();
+        if !is_stuck {
+            self.stuck_since = None;
+            return Ok(());
+        }
+        // Nodes that frames in flight read cannot be evicted yet.
+        let since = *self.stuck_since.get_or_insert(gpu.last_reader());
+        if gpu.completed()? < since {
+            return Ok(());
+        }
+        self.stuck_since = None;
+        self.packed_for = update.cut.nodes.iter().map(|wanted| wanted.node).collect();
+        // Roots are the first that come.
+        let roots = self.index.directory.roots as usize;
+        let pages_of = |root| self.here(root).map_or(0, |run| run.pages);
+        let root_pages: u32 = (0..roots).map(pages_of).sum();
+        self.evict(gpu, |node, run| node >= roots || run.first_page + run.pages > root_pages)
     }
 
     fn here(&self, node: usize) -> Option<Run> {
@@ -509,6 +596,7 @@ impl Residency {
             );
             let mut pages = Pages::new(self.resident.pool.pages.budget);
             // Fallback nodes give way, except the roots.
+            let fall_back = if fall_back { Fallback::Roots } else { Fallback::None };
             let wants = self.wants(views, &detail, &cut, fall_back);
             let stay = wants.iter().filter(|want| want.needed || self.is_root(want.node));
             if detail.budget == 0
@@ -522,29 +610,30 @@ impl Residency {
         }
     }
 
-    /// Lists the wanted nodes in order of requests. Fallbacks are the roots and the missing
-    /// ancestors of missing nodes, so that a missing node does not coarsen all of a root.
+    /// Lists the wanted nodes in order of requests.
     fn wants(
         &self,
         views: &[View],
         detail: &Detail,
         cut: &Cut,
-        fall_back: bool,
+        fall_back: Fallback,
     ) -> Vec<WantedNode> {
         let mut above = BTreeSet::new();
-        if fall_back {
+        if fall_back != Fallback::None {
             above.extend(
                 (0..self.index.directory.roots as usize)
                     .filter(|root| !self.unreadable.contains(root)),
             );
+        }
+        if fall_back == Fallback::Ancestors {
             for wanted in cut.nodes.iter().filter(|wanted| self.here(wanted.node).is_none()) {
                 let missing =
                     self.ancestors(wanted.node).take_while(|&node| self.here(node).is_none());
                 above.extend(missing.filter(|node| !self.unreadable.contains(node)));
             }
-            for wanted in &cut.nodes {
-                above.remove(&wanted.node);
-            }
+        }
+        for wanted in &cut.nodes {
+            above.remove(&wanted.node);
         }
         let above = above.into_iter().map(|node| WantedNode { node, planes: 1, needed: false });
         let needed = cut.nodes.iter().map(|wanted| {
@@ -653,7 +742,8 @@ impl Residency {
                 Err(error) if self.resident.pool.allocated() == 0 => return Err(error),
                 Err(error) => {
                     // The device has less memory than the budget: the pool keeps what it got.
-                    self.resident.pool.pages.budget = self.resident.pool.allocated();
+                    let pool = &mut self.resident.pool;
+                    pool.pages.budget = pool.pages.budget.min(pool.allocated());
                     update.errors.push(format!(
                         "GPU memory for nodes is limited to {} MiB: {error}",
                         self.pool_bytes()[0] >> 20
@@ -688,14 +778,18 @@ impl Residency {
         }
     }
 
-    /// Evicts everything, so that the next pages are the first.
-    fn evict_all(&mut self, gpu: &Gpu) -> Result<()> {
-        self.drawn.clear();
-        self.resident.nodes.clear();
-        for entry in self.entries.values_mut() {
-            let run = entry.here.take().map(|run| (run, entry.read_by));
-            self.evictions += run.is_some() as u64;
-            self.retired.extend(run);
+    /// Evicts resident nodes. Nothing is drawn until the next choice if there are any.
+    fn evict(&mut self, gpu: &Gpu, goes: impl Fn(usize, &Run) -> bool) -> Result<()> {
+        let before = self.evictions;
+        for (&node, entry) in &mut self.entries {
+            if let Some(run) = entry.here.take_if(|run| goes(node, run)) {
+                self.retired.push((run, entry.read_by));
+                self.evictions += 1;
+            }
+        }
+        if self.evictions > before {
+            self.drawn.clear();
+            self.resident.nodes.clear();
         }
         self.reclaim(gpu)
     }

@@ -426,7 +426,8 @@ impl Application {
             }
             std::thread::sleep(std::time::Duration::from_millis(5));
         }
-        panic!("the picture never settles");
+        let (report, ..) = self.draw(renderer, targets, views, None);
+        panic!("the picture never settles: {report:?}");
     }
 }
 

@@ -241,3 +241,63 @@ fn a_device_whose_memory_is_not_mapped_draws_the_same() {
         assert!(pictures[0] == pictures[1], "{}", file.display());
     }
 }
+
+/// An index that is added takes its share of the memory of the one before, which has all of it again
+/// when the other is removed. Memory is that of the host, and so counted.
+#[test]
+fn indexes_share_the_memory_of_nodes() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("torus.las");
+    crate::files::scan(&path, pointillist::synth::SceneKind::Torus, 7_000_000);
+    let index = crate::index_file::indexed(&[&path], "");
+    let (_, camera) = scan(folder.path());
+    let mut application = Application::new(COLOR);
+    device_memory::of(&application.device);
+    let allocate = device_memory::allocate as vk::PFN_vkAllocateMemory;
+    let free = device_memory::free as vk::PFN_vkFreeMemory;
+    let host = Host {
+        allocate_memory: allocate as *const std::ffi::c_void,
+        free_memory: free as *const std::ffi::c_void,
+        ..application.host()
+    };
+    const BLOCK: u64 = 64 << 20;
+    let blocks = || {
+        let held = device_memory::HELD.lock().unwrap();
+        held.iter().flat_map(|held| held.values()).filter(|&&bytes| bytes >= BLOCK).count()
+    };
+    let options = RendererOptions { memory_budget: 3 * BLOCK, ..RendererOptions::default() };
+    // SAFETY: the renderer is dropped before the application.
+    let mut renderer = unsafe { Renderer::new(&host, options) }.unwrap();
+    // All points are called for.
+    renderer.set("lod", "0").unwrap();
+    renderer.set("budget", "100000000").unwrap();
+    let settings = OpenSettings::default();
+    let first = renderer.open(std::slice::from_ref(&index), &settings).unwrap();
+    let targets = application.targets();
+    let views = [view_of(camera)];
+    let (report, alone, _) = application.settle(&mut renderer, targets, &views);
+    let all = blocks();
+    assert!(report.points == 7_000_000 && all >= 3, "{} points, {all} blocks", report.points);
+    let second = renderer.open(std::slice::from_ref(&index), &settings).unwrap();
+    let (report, ..) = application.settle(&mut renderer, targets, &views);
+    println!("{} points of two", report.points);
+    assert!(report.points < 14_000_000 && report.errors.is_empty(), "{report:?}");
+    // What is given back is freed once no frame may read it.
+    for _ in 0..3 {
+        application.draw(&mut renderer, targets, &views, None);
+    }
+    // A block each.
+    assert_eq!(blocks(), all - 1);
+    renderer.remove(first).unwrap();
+    let (report, color, _) = application.settle(&mut renderer, targets, &views);
+    assert!(report.points == 7_000_000 && color == alone);
+    for _ in 0..3 {
+        application.draw(&mut renderer, targets, &views, None);
+    }
+    assert_eq!(blocks(), all);
+    renderer.remove(second).unwrap();
+    for _ in 0..3 {
+        application.draw(&mut renderer, targets, &views, None);
+    }
+    assert_eq!(blocks(), all - 3);
+}
