@@ -98,7 +98,7 @@ typedef struct PointillistHost {
   uint8_t has_int64_atomics;
   // 1 if the instance has VK_EXT_debug_utils.
   uint8_t has_debug_utils;
-  // Device memory for the nodes of each index, in bytes; 0 is the default.
+  // Device memory for nodes of indexes, which share it equally, in bytes; 0 is the default.
   uint64_t memory_budget;
   // Most points drawn of an index; 0 is automatic.
   uint64_t point_budget;

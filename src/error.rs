@@ -44,12 +44,12 @@ pub enum Error {
     Device(String),
 
     /// A Vulkan call failed; `during` names the call or the running pass.
-    #[error("Vulkan failed with {code:?} during {during}")]
+    #[error("Vulkan failed with {:?} during {during}", vk::Result::from_raw(*code))]
     Vulkan {
         /// Name of the call or of the running pass.
         during: String,
-        /// Result of the call.
-        code: vk::Result,
+        /// Result of the call, a `VkResult`.
+        code: i32,
     },
 
     /// The validation layers, enabled by `--validate` and every test, reported an error.
@@ -64,7 +64,8 @@ pub enum Error {
 impl Error {
     /// Tests whether the device is lost, and another one may be opened.
     pub fn is_lost_device(&self) -> bool {
-        matches!(self, Error::Vulkan { code: vk::Result::ERROR_DEVICE_LOST, .. })
+        const LOST: i32 = vk::Result::ERROR_DEVICE_LOST.as_raw();
+        matches!(self, Error::Vulkan { code: LOST, .. })
     }
 
     /// Returns the file that the error is about, if any.

@@ -85,6 +85,7 @@ impl Camera {
 
     /// Returns the camera's axes. An `up` parallel to the view direction is replaced by the world
     /// axis farthest from it. Errors if eye and target coincide.
+    #[doc(hidden)]
     pub fn basis(&self) -> Result<Basis> {
         let Some(forward) =
             (self.target - self.eye).try_normalize().filter(|forward| forward.is_finite())
@@ -380,7 +381,7 @@ impl Camera {
 
     /// Returns the camera after a turn around an axis through a point, anticlockwise seen from
     /// above `[rad]`.
-    pub fn turned(&self, axis: DVec3, through: DVec3, angle: f64) -> Camera {
+    pub(crate) fn turned(&self, axis: DVec3, through: DVec3, angle: f64) -> Camera {
         let turn = DMat3::from_axis_angle(axis, angle);
         let turned = |place: DVec3| through + turn * (place - through);
         Camera { eye: turned(self.eye), target: turned(self.target), up: turn * self.up, ..*self }
@@ -388,7 +389,7 @@ impl Camera {
 
     /// Returns the places of points during a turn around an axis through the middle of their box,
     /// and this middle: a camera that frames them shows all points while it turns.
-    pub fn swept(points: &[DVec3], axis: DVec3) -> (Vec<DVec3>, DVec3) {
+    pub(crate) fn swept(points: &[DVec3], axis: DVec3) -> (Vec<DVec3>, DVec3) {
         /// Places of a turn: between them a point leaves their hull by less than a margin.
         const PLACES: u32 = 24;
         let bounds = points.iter().map(|&p| (p, p));
@@ -403,6 +404,7 @@ impl Camera {
 
     /// Returns the camera as [`Camera::framing`] for a picture of which a part is covered, of
     /// points whose y or z axis points `up`.
+    #[doc(hidden)]
     pub fn framing_beside(
         preset: Preset,
         points: &[DVec3],

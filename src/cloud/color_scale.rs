@@ -27,7 +27,7 @@ const DARKEST: f64 = 0.2;
 
 impl Ramp {
     /// Returns the colour at a place in 0..=1, sRGB.
-    pub fn color(self, t: f64) -> [f64; 3] {
+    pub(crate) fn color(self, t: f64) -> [f64; 3] {
         // The colours at every 15th of 255 steps; between them the error is at most 11 / 255.
         const VIRIDIS: [u32; 18] = [
             0x440154, 0x481769, 0x472a7a, 0x433d84, 0x3d4e8a, 0x355e8d, 0x2e6d8e, 0x297b8e,
@@ -101,12 +101,12 @@ pub fn number(text: &str) -> Result<f64, String> {
 
 impl ColorScale {
     /// Tests whether colours stay as they are.
-    pub fn is_neutral(&self) -> bool {
+    pub(crate) fn is_neutral(&self) -> bool {
         *self == ColorScale::default()
     }
 
     /// Returns the scale if its numbers have a meaning; otherwise says which has none.
-    pub fn checked(self) -> Result<ColorScale, String> {
+    pub(crate) fn checked(self) -> Result<ColorScale, String> {
         let ColorScale { range, brightness, contrast, gamma, .. } = self;
         match () {
             () if !(-1.0..=1.0).contains(&brightness) => {
@@ -124,7 +124,7 @@ impl ColorScale {
     }
 
     /// Applies gamma, contrast and brightness to a place in 0..=1.
-    pub fn toned(&self, t: f64) -> f64 {
+    pub(crate) fn toned(&self, t: f64) -> f64 {
         let ColorScale { brightness, contrast, gamma, .. } = *self;
         if (brightness, contrast, gamma) == (0.0, 1.0, 1.0) {
             return t;

@@ -39,6 +39,6 @@ impl Breadcrumbs {
             Some(pass) => format!("pass {}", self.names[pass]),
             None => "submission".to_string(),
         };
-        Error::Vulkan { during, code }
+        Error::Vulkan { during, code: code.as_raw() }
     }
 }

@@ -27,5 +27,5 @@ use ash::vk;
 
 /// Converts a `vk::Result` to an error: `call.map_err(failed("vkQueueSubmit2"))`.
 pub fn failed(during: &str) -> impl FnOnce(vk::Result) -> Error + '_ {
-    move |code| Error::Vulkan { during: during.to_string(), code }
+    move |code| Error::Vulkan { during: during.to_string(), code: code.as_raw() }
 }

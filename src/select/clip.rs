@@ -94,7 +94,7 @@ impl std::fmt::Display for Clip {
 
 impl Clip {
     /// Returns six boxes that together remove everything outside a box in the world.
-    pub fn around(core: &RobustBounds) -> [Clip; 6] {
+    pub(crate) fn around(core: &RobustBounds) -> [Clip; 6] {
         let all = Clip { keeps: Keeps::Outside, min: DVec3::NEG_INFINITY, max: DVec3::INFINITY };
         std::array::from_fn(|side| {
             let (mut clip, axis) = (all, side % 3);
@@ -162,11 +162,12 @@ impl Clips {
     }
 
     /// Returns the number of boxes that are not switched off.
-    pub fn active(&self) -> usize {
+    pub(crate) fn active(&self) -> usize {
         self.0.iter().filter(|clip| clip.keeps != Keeps::Off).count()
     }
 
     /// Tests whether a point is kept.
+    #[doc(hidden)]
     pub fn keep(&self, p: DVec3) -> bool {
         let mut kept = self.of(Keeps::Box).peekable();
         (kept.peek().is_none() || kept.any(|clip| clip.has(p)))
@@ -174,6 +175,7 @@ impl Clips {
     }
 
     /// Returns the corners of the keeping boxes, as far as these lie between two corners.
+    #[doc(hidden)]
     pub fn corners(&self, (min, max): (DVec3, DVec3)) -> Vec<DVec3> {
         let clips = self.of(Keeps::Box).filter(|clip| clip.meets((min, max)));
         clips
@@ -187,6 +189,7 @@ impl Clips {
     }
 
     /// Returns what the boxes leave of the points between two corners.
+    #[doc(hidden)]
     pub fn left(&self, bounds: (DVec3, DVec3)) -> Left {
         let mut kept = self.of(Keeps::Box).peekable();
         let (all, some) = match kept.peek() {
@@ -208,7 +211,7 @@ impl Clips {
 
     /// Returns the corners around what the boxes leave of the space between two corners; None if
     /// nothing. Removing boxes that remove a part of it change nothing.
-    pub fn cut(&self, bounds: (DVec3, DVec3)) -> Option<(DVec3, DVec3)> {
+    pub(crate) fn cut(&self, bounds: (DVec3, DVec3)) -> Option<(DVec3, DVec3)> {
         match self.left(bounds) {
             Left::Nothing => None,
             Left::Everything => Some(bounds),
@@ -223,6 +226,7 @@ impl Clips {
     /// Returns, for a node with [`Left::Some`], its cells within each keeping box (a point must lie
     /// in one of them) and within each removing box (a point must lie in none). Missing planes
     /// count cells on a face as inside.
+    #[doc(hidden)]
     pub fn within(
         &self,
         lattice: &Lattice,
@@ -240,6 +244,7 @@ impl Clips {
     }
 
     /// Returns numbers that are equal for boxes that keep the same points.
+    #[doc(hidden)]
     pub fn identity(&self) -> impl Iterator<Item = u64> + '_ {
         let clip = |clip: &Clip| {
             [

@@ -157,26 +157,26 @@ fn file_of(station: &Station) -> &str {
 
 impl Opacities {
     /// Tests whether some points let light through.
-    pub fn is_transparent(&self, known: &Known) -> bool {
+    pub(crate) fn is_transparent(&self, known: &Known) -> bool {
         self.0
             .iter()
             .any(|rule| rule.opacity > 0.0 && rule.opacity < 1.0 && rule.what.is_of_some(known))
     }
 
     /// Tests whether some points are not drawn at all.
-    pub fn hides(&self, known: &Known) -> bool {
+    pub(crate) fn hides(&self, known: &Known) -> bool {
         self.0.iter().any(|rule| rule.opacity == 0.0 && rule.what.is_of_some(known))
     }
 
     /// Tests whether no point is drawn.
-    pub fn hides_all(&self, known: &Known) -> bool {
+    pub(crate) fn hides_all(&self, known: &Known) -> bool {
         let table = self.table(known.stations);
         table[..CLASSES].iter().all(|factor| *factor == 0.0)
             || table[CLASSES + RETURNS..].iter().all(|factor| *factor == 0.0)
     }
 
     /// Returns a message for each rule that matches no point.
-    pub fn idle(&self, known: &Known) -> Vec<String> {
+    pub(crate) fn idle(&self, known: &Known) -> Vec<String> {
         let list = |kinds: &[(u8, u64)]| {
             let numbers: Vec<_> = kinds.iter().take(16).map(|(kind, _)| kind.to_string()).collect();
             if numbers.is_empty() {
@@ -198,23 +198,24 @@ impl Opacities {
     }
 
     /// Returns the numbers of stations with points that may be drawn.
-    pub fn drawn_stations(&self, stations: &[Station]) -> Vec<u32> {
+    pub(crate) fn drawn_stations(&self, stations: &[Station]) -> Vec<u32> {
         let factors = self.table(stations).into_iter().skip(CLASSES + RETURNS).take(stations.len());
         (0..).zip(factors).filter(|&(_, factor)| factor > 0.0).map(|(number, _)| number).collect()
     }
 
     /// Tests whether opacity depends on a point's kind.
+    #[doc(hidden)]
     pub fn needs_kinds(&self) -> bool {
         self.0.iter().any(|rule| rule.what != What::All)
     }
 
     /// Tests whether some rule names a station or a file.
-    pub fn name_stations(&self) -> bool {
+    pub(crate) fn name_stations(&self) -> bool {
         self.0.iter().any(|rule| rule.what.names_stations())
     }
 
     /// Returns a message for the first rule whose station does not exist.
-    pub fn lost(&self, stations: &[Station]) -> Option<String> {
+    pub(crate) fn lost(&self, stations: &[Station]) -> Option<String> {
         let known = Known { stations, points: 0, counts: None };
         let is_lost = |rule: &&Rule| rule.what.names_stations() && !rule.what.is_of_some(&known);
         let (kind, name, mut names): (_, _, Vec<&str>) = match &self.0.iter().find(is_lost)?.what {
@@ -233,7 +234,7 @@ impl Opacities {
     /// Returns the factors: 256 for classes, 16 for return numbers, one per station, and 0 for
     /// points that a filter leaves out ([`station_left_out`]). A point's opacity is the product of
     /// its three (`glsl/lib/point_kind.glsl`).
-    pub fn table(&self, stations: &[Station]) -> Vec<f32> {
+    pub(crate) fn table(&self, stations: &[Station]) -> Vec<f32> {
         let mut table = vec![1.0; CLASSES + RETURNS + station_left_out(stations.len()) as usize];
         table.push(0.0);
         let (classes, others) = table.split_at_mut(CLASSES);

@@ -18,7 +18,7 @@ pub enum Light {
 
 impl Light {
     /// Tests whether both are the same light, whatever the length of a direction.
-    pub fn is_as(&self, other: &Light) -> bool {
+    pub(crate) fn is_as(&self, other: &Light) -> bool {
         match (self, other) {
             // Normalised directions differ by rounding.
             (Light::Direction(a), Light::Direction(b)) => {
@@ -29,7 +29,7 @@ impl Light {
     }
 
     /// Tests whether `text` describes this light.
-    pub fn is_written(&self, text: &str) -> bool {
+    pub(crate) fn is_written(&self, text: &str) -> bool {
         text.parse::<Light>().is_ok_and(|written| written.is_as(self))
     }
 }

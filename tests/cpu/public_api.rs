@@ -38,9 +38,16 @@ fn items(name: &str, source: &str) -> Vec<String> {
     let code = source.split("#[cfg(test)]").next().unwrap();
     let (mut found, mut within, mut is_own) = (Vec::new(), String::new(), false);
     let mut lines = code.lines();
+    let mut was_hidden = false;
     while let Some(line) = lines.next() {
         let words = line.trim();
-        // Fields and functions of a type that is not public are no part of the interface.
+        let is_hidden = std::mem::replace(&mut was_hidden, words == "#[doc(hidden)]");
+        // Fields and functions of a type that is not public are no part of the interface, and what
+        // only tests and programs of the crate call is hidden.
+        if is_hidden {
+            is_own |= line.starts_with("impl ");
+            continue;
+        }
         let own_impl = line.strip_prefix("impl ").is_some_and(|of| !is_public(code, of));
         is_own |= own_impl || line.starts_with("pub(super) struct ") && line.ends_with('{');
         if is_own {
