@@ -124,7 +124,24 @@ impl Attributes {
 
     /// Converts intensities.
     pub fn intensities(&self, stored: &[f32]) -> Vec<u16> {
-        match self.intensities {
+        self.intensities.convert(stored)
+    }
+
+    /// Returns the range as `Part::intensity_range`, of parts without intensities too.
+    pub fn intensity_range(&self, has_some: bool) -> [f64; 2] {
+        if has_some { self.intensities.range() } else { [0.0, 65535.0] }
+    }
+}
+
+/// Converts all intensities of a cloud; returns them, and `Part::intensity_range`.
+pub fn convert_intensities(stored: &[f32]) -> (Vec<u16>, [f64; 2]) {
+    let decided = SeenIntensities::of(stored).decide(None);
+    (decided.convert(stored), decided.range())
+}
+
+impl Intensities {
+    fn convert(&self, stored: &[f32]) -> Vec<u16> {
+        match *self {
             Intensities::None => vec![0; stored.len()],
             Intensities::Integers { least, lowest } => {
                 let from_least = |&v: &f32| (if v.is_finite() { v } else { lowest } - least) as u16;
@@ -140,10 +157,8 @@ impl Attributes {
         }
     }
 
-    /// Returns the range as `Part::intensity_range`, of parts without intensities too.
-    pub fn intensity_range(&self, has_some: bool) -> [f64; 2] {
-        match self.intensities {
-            _ if !has_some => [0.0, 65535.0],
+    fn range(&self) -> [f64; 2] {
+        match *self {
             Intensities::None => [0.0, 0.0],
             Intensities::Integers { least, .. } => [least.into(), least as f64 + 65535.0],
             Intensities::Spread(range) => range,

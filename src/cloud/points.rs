@@ -1,5 +1,6 @@
 //! Points of a program's own memory as a cloud.
 
+use super::float_attributes::convert_intensities;
 use super::floats::{ColorUnit, Floats, Point};
 use super::input::Input;
 use super::strays::Kept;
@@ -137,7 +138,7 @@ fn on_their_lattice(
         return Err(Error::Request(format!("a cloud that {what}")));
     }
     let axis = |axis: usize| steps.iter().map(|step| step[axis]).collect();
-    let intensity = |all: &[f32]| all.iter().map(|v| v.round() as u16).collect();
+    let (intensity, intensity_range) = points.intensities.map(convert_intensities).unzip();
     Ok(Part {
         path: input.path,
         name: None,
@@ -148,12 +149,12 @@ fn on_their_lattice(
             y: axis(1),
             z: axis(2),
             rgb: points.colors.map(<[_]>::to_vec),
-            intensity: points.intensities.map(intensity),
+            intensity,
             class: points.classes.map(<[_]>::to_vec),
             extent: Kept::default(),
             ..Columns::default()
         },
-        intensity_range: las::INTENSITY_RANGE,
+        intensity_range: intensity_range.unwrap_or(las::INTENSITY_RANGE),
         rgb_scale: rgb_range::Scale::default(),
     })
 }
@@ -180,6 +181,19 @@ mod tests {
         let cloud =
             Cloud::of_points(&Points::new(Positions::Steps { steps: &steps, scale, offset }));
         assert_eq!(cloud.unwrap().bounds().unwrap().0, DVec3::new(8.0, 21.0, 31.5));
+    }
+
+    #[test]
+    fn intensities_of_any_range_are_kept_on_any_lattice() {
+        let (stored, steps) = ([0.25, 0.5, 1.0], [[0, 0, 0], [1, 0, 0], [2, 0, 0]]);
+        let places = steps.map(|step| step.map(f64::from));
+        let on_lattice = Positions::Steps { steps: &steps, scale: [1.0; 3], offset: [0.0; 3] };
+        for positions in [Positions::F64(&places), on_lattice] {
+            let points = Points { intensities: Some(&stored), ..Points::new(positions) };
+            let part = Cloud::of_points(&points).unwrap().parts.remove(0);
+            assert_eq!(part.columns.intensity.unwrap(), [0, 21845, 65535]);
+            assert_eq!(part.intensity_range, [0.25, 1.0]);
+        }
     }
 
     #[test]
