@@ -234,7 +234,7 @@ impl App {
         match std::thread::Builder::new().name("profile".into()).spawn(work) {
             Ok(thread) => {
                 self.pending_saves.push(path);
-                self.load.workers.push(thread);
+                self.load.add_worker(thread);
             }
             Err(error) => self.report_error(&Error::Request(format!(
                 "cannot start a thread to write {}: {error}",

@@ -243,7 +243,7 @@ impl ApplicationHandler<Event> for App {
         if let Some(mut thread) = self.render_thread.take() {
             thread.close();
         }
-        // Workers remove their half-written files. A panic has been printed where it happened.
-        self.load.workers.drain(..).for_each(|worker| drop(worker.join()));
+        // Workers remove their half-written files.
+        self.load.join_workers();
     }
 }

@@ -40,6 +40,20 @@ pub(super) struct LoadState {
     pub workers: Vec<JoinHandle<()>>,
 }
 
+impl LoadState {
+    /// Keeps a thread that the end of the program waits for, and lets go of those that have ended.
+    pub fn add_worker(&mut self, worker: JoinHandle<()>) {
+        self.workers.retain(|worker| !worker.is_finished());
+        self.workers.push(worker);
+    }
+
+    /// Waits until all threads have ended.
+    pub fn join_workers(&mut self) {
+        // A panic has been printed where it happened.
+        self.workers.drain(..).for_each(|worker| drop(worker.join()));
+    }
+}
+
 /// How the first view of a cloud is chosen: automatically, until the camera is moved.
 #[derive(Default)]
 pub(super) struct Framing {
@@ -132,15 +146,9 @@ impl App {
         let opened = move |result: Result<LoadedCloud>| {
             drop(events.send_event(Event::Loaded(result.map(Box::new), token.clone())))
         };
-        self.load.workers.push(load_thread::start(
-            request,
-            opening,
-            further,
-            first,
-            self.load.strokes.clone(),
-            watch,
-            opened,
-        )?);
+        let strokes = self.load.strokes.clone();
+        let worker = load_thread::start(request, opening, further, first, strokes, watch, opened)?;
+        self.load.add_worker(worker);
         Ok(())
     }
 

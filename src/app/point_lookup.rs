@@ -42,7 +42,7 @@ impl App {
             drop(done.send_event(Event::LookedUp(sought.position, looked, token)));
         };
         match std::thread::Builder::new().name("point lookup".into()).spawn(work) {
-            Ok(thread) => self.load.workers.push(thread),
+            Ok(thread) => self.load.add_worker(thread),
             Err(error) => self.report_error(&Error::Request(format!(
                 "cannot start a thread to look up a point: {error}"
             ))),
