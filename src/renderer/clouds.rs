@@ -418,8 +418,8 @@ impl Entry {
         matches!(&self.stage, Stage::Ready(GpuCloud::Parts(_)))
     }
 
-    /// Sets the device memory of nodes that come and go `[bytes]`. Returns whether the cloud is to be
-    /// updated.
+    /// Sets the device memory of nodes that come and go `[bytes]`. Returns whether the cloud is to
+    /// be updated.
     pub fn set_memory(&mut self, gpu: &Gpu, bytes: u64) -> Result<bool> {
         match &mut self.stage {
             Stage::Ready(GpuCloud::Parts(residency)) => residency.set_pool_bytes(gpu, bytes),

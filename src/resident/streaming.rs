@@ -16,8 +16,8 @@
 //! later. So is one left that has not come in time, which is drawn once it comes. A loader that has
 //! ended is replaced.
 //!
-//! What fits an empty pool may not fit among pages in unfavourable places. If nothing else can come,
-//! all but the roots is evicted once, and comes again in the order of requests.
+//! What fits an empty pool may not fit among pages in unfavourable places. If nothing else can
+//! come, all but the roots is evicted once, and comes again in the order of requests.
 //!
 //! [`Residency::wait_until_resident`] repeats that until the cut is complete: the picture then
 //! depends on view, detail and pool alone, not on earlier frames.
@@ -76,8 +76,8 @@ struct Entry {
     read_by: u64,
 }
 
-/// Coarser nodes that are requested besides the cut: the missing ancestors of missing nodes, so that
-/// a missing node does not coarsen all of a root, and the roots.
+/// Coarser nodes that are requested besides the cut: the missing ancestors of missing nodes, so
+/// that a missing node does not coarsen all of a root, and the roots.
 #[derive(Clone, Copy, PartialEq)]
 enum Fallback {
     None,

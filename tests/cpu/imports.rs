@@ -313,8 +313,8 @@ fn unsafe_code_and_vulkan_stay_where_they_are_read_with_care() {
     let host = |path: &str| path.starts_with("renderer/") || path.starts_with("c/");
     // A map of a file, and hints to the system about one.
     let files = |path: &str| matches!(path, "cloud/mmap.rs" | "index/format/writer.rs");
-    // A signal.
-    let signal = |path: &str| path == "cli/abort.rs";
+    // A signal, and a setting of the allocator.
+    let signal = |path: &str| matches!(path, "cli/abort.rs" | "cli/allocator.rs");
     let names_vulkan =
         |path: &str| device(path) || host(path) || path.starts_with("graph/") || path == "error.rs";
     let mut wrong = Vec::new();
