@@ -242,8 +242,8 @@ fn a_device_whose_memory_is_not_mapped_draws_the_same() {
     }
 }
 
-/// An index that is added takes its share of the memory of the one before, which has all of it again
-/// when the other is removed. Memory is that of the host, and so counted.
+/// An index that is added takes its share of the memory of the one before. The other has all of it
+/// again when the first is removed. Memory is that of the host, and so counted.
 #[test]
 fn indexes_share_the_memory_of_nodes() {
     let folder = tempfile::tempdir().unwrap();
