@@ -320,3 +320,21 @@ impl App {
 fn file_name(path: &Path) -> String {
     path.file_name().unwrap_or(path.as_os_str()).to_string_lossy().into_owned()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn threads_that_have_ended_are_let_go() {
+        let mut load = LoadState::default();
+        for _ in 0..100 {
+            let worker = std::thread::spawn(|| ());
+            while !worker.is_finished() {
+                std::thread::yield_now();
+            }
+            load.add_worker(worker);
+        }
+        assert_eq!(load.workers.len(), 1);
+    }
+}
