@@ -161,7 +161,7 @@ pub struct Residency {
     unreported: Update,
 }
 
-/// Returns how many pages an index may have. Point ids allow for so many nodes, of two pages or
+/// Returns how many pages an index may have. Point ids limit its nodes, and a node has two pages or
 /// more.
 fn pages_of(pool_bytes: u64) -> u32 {
     (pool_bytes / PAGE_BYTES).min(2 * super::MOST_NODES) as u32
