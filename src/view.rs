@@ -381,7 +381,8 @@ impl Camera {
 
     /// Returns the camera after a turn around an axis through a point, anticlockwise seen from
     /// above `[rad]`.
-    pub(crate) fn turned(&self, axis: DVec3, through: DVec3, angle: f64) -> Camera {
+    #[doc(hidden)]
+    pub fn turned(&self, axis: DVec3, through: DVec3, angle: f64) -> Camera {
         let turn = DMat3::from_axis_angle(axis, angle);
         let turned = |place: DVec3| through + turn * (place - through);
         Camera { eye: turned(self.eye), target: turned(self.target), up: turn * self.up, ..*self }
@@ -389,7 +390,8 @@ impl Camera {
 
     /// Returns the places of points during a turn around an axis through the middle of their box,
     /// and this middle: a camera that frames them shows all points while it turns.
-    pub(crate) fn swept(points: &[DVec3], axis: DVec3) -> (Vec<DVec3>, DVec3) {
+    #[doc(hidden)]
+    pub fn swept(points: &[DVec3], axis: DVec3) -> (Vec<DVec3>, DVec3) {
         /// Places of a turn: between them a point leaves their hull by less than a margin.
         const PLACES: u32 = 24;
         let bounds = points.iter().map(|&p| (p, p));
