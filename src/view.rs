@@ -62,7 +62,7 @@ fn perspective() -> Projection {
 }
 
 /// A camera basis, in world coordinates: right, up, forward; that of a camera is orthonormal.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Basis {
     pub right: DVec3,
     pub up: DVec3,
@@ -110,7 +110,7 @@ impl Camera {
 }
 
 /// A camera and the size of its picture, or a window of that picture, drawn as if cut out of it.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct View {
     pub camera: Camera,
     /// Size of the window `[px]`.

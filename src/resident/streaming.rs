@@ -16,8 +16,9 @@
 //! later. So is one left that has not come in time, which is drawn once it comes. A loader that has
 //! ended is replaced.
 //!
-//! What fits an empty pool may not fit among pages in unfavourable places. If nothing else can
-//! come, all but the roots is evicted once, and comes again in the order of requests.
+//! What fits an empty pool may not fit among pages in unfavourable places. Once the views rest and
+//! nothing else can come, all but the roots is evicted once, and comes again in the order of
+//! requests.
 //!
 //! [`Residency::wait_until_resident`] repeats that until the cut is complete: the picture then
 //! depends on view, detail and pool alone, not on earlier frames.
@@ -85,6 +86,16 @@ enum Fallback {
     Ancestors,
 }
 
+/// A cut that fits an empty pool, but not among the pages that are taken.
+struct Stuck {
+    /// The views for which it was chosen.
+    views: Vec<View>,
+    /// Last submission when that was first seen.
+    since: u64,
+    /// True if the pool was packed for it.
+    is_packed: bool,
+}
+
 /// Request policy of a step.
 #[derive(Clone, Copy)]
 struct RequestPolicy {
@@ -147,10 +158,8 @@ pub struct Residency {
     again: VecDeque<(Instant, usize)>,
     /// Pages that a submission may still read.
     retired: Vec<(Run, u64)>,
-    /// Last submission when it was first seen that a node has no room and none is coming.
-    stuck_since: Option<u64>,
-    /// Nodes of the cut for which the pool was packed.
-    packed_for: Vec<usize>,
+    /// Set if a node has no room and none is coming.
+    stuck: Option<Stuck>,
     /// Node numbers of `resident.nodes`.
     drawn: Vec<usize>,
     pages_coming: u32,
@@ -258,8 +267,7 @@ impl Residency {
             unreadable: HashSet::new(),
             again: VecDeque::new(),
             retired: Vec::new(),
-            stuck_since: None,
-            packed_for: Vec::new(),
+            stuck: None,
             drawn: Vec::new(),
             pages_coming: 0,
             updates: 0,
@@ -304,6 +312,7 @@ impl Residency {
         let budget = pages_of(bytes);
         let changes = std::mem::replace(&mut self.budget, budget) != budget;
         if changes {
+            self.stuck = None;
             self.resident.pool.set_budget(budget);
         }
         let budget = self.resident.pool.pages.budget;
@@ -426,13 +435,10 @@ impl Residency {
         }
         let (cut, budget) = self.fitting(views, detail, policy.fall_back);
         let mut update = Update { cut, budget, ..std::mem::take(&mut self.unreported) };
-        let is_packing = !self.packed_for.is_empty()
-            && self.packed_for.iter().eq(update.cut.nodes.iter().map(|wanted| &wanted.node));
-        if !is_packing {
-            self.packed_for.clear();
-        }
+        self.stuck.take_if(|stuck| stuck.views != views);
+        let is_packed = self.stuck.as_ref().is_some_and(|stuck| stuck.is_packed);
         let fall_back = match policy.fall_back {
-            true if is_packing => Fallback::Roots,
+            true if is_packed => Fallback::Roots,
             true => Fallback::Ancestors,
             false => Fallback::None,
         };
@@ -444,8 +450,10 @@ impl Residency {
                 Some(run) => update.coarse += (run.planes < want.planes) as usize,
             }
         }
-        if policy.fall_back && !is_packing {
-            self.pack_if_stuck(gpu, &update)?;
+        if update.is_complete() {
+            self.stuck = None;
+        } else if policy.fall_back && !is_packed {
+            self.pack_if_stuck(gpu, views)?;
         }
         update.holes = self.draw(views, &update.cut);
         Ok(update)
@@ -459,23 +467,26 @@ impl Residency {
         }
     }
 
-    /// Evicts all but the roots if nodes are missing and none can come.
-    fn pack_if_stuck(&mut self, gpu: &Gpu, update: &Update) -> Result<()> {
-        let is_stuck = !update.is_complete()
-            && self.pages_coming == 0
+    /// Evicts all but the roots if none of the missing nodes can come and the views rest: in a
+    /// moving picture that would be seen, and others are called for soon.
+    fn pack_if_stuck(&mut self, gpu: &Gpu, views: &[View]) -> Result<()> {
+        let is_stuck = self.pages_coming == 0
             && self.retired.is_empty()
             && !self.resident.pool.has_pending_copies();
         if !is_stuck {
-            self.stuck_since = None;
+            self.stuck = None;
             return Ok(());
         }
+        let Some(stuck) = &mut self.stuck else {
+            let (since, views) = (gpu.last_reader(), views.to_vec());
+            self.stuck = Some(Stuck { views, since, is_packed: false });
+            return Ok(());
+        };
         // Nodes that frames in flight read cannot be evicted yet.
-        let since = *self.stuck_since.get_or_insert(gpu.last_reader());
-        if gpu.completed()? < since {
+        if gpu.completed()? < stuck.since {
             return Ok(());
         }
-        self.stuck_since = None;
-        self.packed_for = update.cut.nodes.iter().map(|wanted| wanted.node).collect();
+        stuck.is_packed = true;
         // Roots are the first that come.
         let roots = self.index.directory.roots as usize;
         let pages_of = |root| self.here(root).map_or(0, |run| run.pages);
