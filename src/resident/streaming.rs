@@ -16,9 +16,9 @@
 //! later. So is one left that has not come in time, which is drawn once it comes. A loader that has
 //! ended is replaced.
 //!
-//! What fits an empty pool may not fit among pages in unfavourable places. Once the views rest and
-//! nothing else can come, all but the roots is evicted once, and comes again in the order of
-//! requests.
+//! Nodes that fit an empty pool may not fit among pages in unfavourable places. Once the views
+//! rest and nothing else can come, all but the roots is evicted once, and comes again in the order
+//! of requests.
 //!
 //! [`Residency::wait_until_resident`] repeats that until the cut is complete: the picture then
 //! depends on view, detail and pool alone, not on earlier frames.

@@ -114,10 +114,7 @@ fn frames_without_memory_leave_the_picture_of_a_fresh_start() {
     let scene = Scene::new(folder.path());
     for unmapped in [false, true] {
         let mut application = Application::new(COLOR);
-        device_memory::of(&application.device);
-        let own = device_memory::allocate as vk::PFN_vkAllocateMemory as *const std::ffi::c_void;
-        let free = device_memory::free as vk::PFN_vkFreeMemory as *const std::ffi::c_void;
-        let host = Host { allocate_memory: own, free_memory: free, ..application.host() };
+        let host = device_memory::host_of(&application);
         let mend = || *device_memory::BLOCKS.lock().unwrap() = None;
         let mut expected = None;
         let mut failures = [0; 3];

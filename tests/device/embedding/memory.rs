@@ -16,13 +16,21 @@ pub(super) mod device_memory {
     /// Blocks that are given before all others are refused; None refuses none.
     pub static BLOCKS: Mutex<Option<u64>> = Mutex::new(None);
 
-    pub fn of(device: &Device) {
+    fn of(device: &Device) {
         let real = device.raw.fp_v1_0();
         *REAL.lock().unwrap() = Some((real.allocate_memory, real.free_memory));
     }
 
     fn real() -> (vk::PFN_vkAllocateMemory, vk::PFN_vkFreeMemory) {
         REAL.lock().unwrap().expect("set for every device")
+    }
+
+    /// Returns the handles of an application whose device memory is counted here.
+    pub fn host_of(application: &Application) -> Host {
+        of(&application.device);
+        let allocate_memory = allocate as vk::PFN_vkAllocateMemory as *const std::ffi::c_void;
+        let free_memory = free as vk::PFN_vkFreeMemory as *const std::ffi::c_void;
+        Host { allocate_memory, free_memory, ..application.host() }
     }
 
     pub fn bytes() -> u64 {
@@ -69,11 +77,9 @@ pub(super) mod device_memory {
 fn device_memory_is_the_hosts() {
     let folder = tempfile::tempdir().unwrap();
     let (path, camera) = scan(folder.path());
-    let settled = |functions: Option<[*const std::ffi::c_void; 2]>| {
+    let settled = |host_of: fn(&Application) -> Host| {
         let mut application = Application::new(COLOR);
-        device_memory::of(&application.device);
-        let [allocate_memory, free_memory] = functions.unwrap_or([std::ptr::null(); 2]);
-        let host = Host { allocate_memory, free_memory, ..application.host() };
+        let host = host_of(&application);
         // SAFETY: the renderer is dropped before the application.
         let mut renderer = unsafe { Renderer::new(&host, RendererOptions::default()) }.unwrap();
         renderer.open(std::slice::from_ref(&path), &OpenSettings::default()).unwrap();
@@ -81,18 +87,15 @@ fn device_memory_is_the_hosts() {
         let color = application.settle(&mut renderer, targets, &[view_of(camera)]).1;
         (color, device_memory::bytes())
     };
-    let own = device_memory::allocate as vk::PFN_vkAllocateMemory as *const std::ffi::c_void;
-    let free = device_memory::free as vk::PFN_vkFreeMemory as *const std::ffi::c_void;
-    let (expected, none) = settled(None);
-    let (color, held) = settled(Some([own, free]));
+    let (expected, none) = settled(Application::host);
+    let (color, held) = settled(device_memory::host_of);
     assert!(color == expected && none == 0 && held > 0, "{held} bytes");
     assert_eq!(device_memory::bytes(), 0, "all is given back");
 
     // A host may refuse; both functions are needed.
     *device_memory::MOST.lock().unwrap() = 1 << 20;
     let application = Application::new(COLOR);
-    device_memory::of(&application.device);
-    let host = Host { allocate_memory: own, free_memory: free, ..application.host() };
+    let host = device_memory::host_of(&application);
     // SAFETY: as above.
     let error = match unsafe { Renderer::new(&host, RendererOptions::default()) } {
         Ok(mut renderer) => {
@@ -252,14 +255,7 @@ fn indexes_share_the_memory_of_nodes() {
     let index = crate::index_file::indexed(&[&path], "");
     let (_, camera) = scan(folder.path());
     let mut application = Application::new(COLOR);
-    device_memory::of(&application.device);
-    let allocate = device_memory::allocate as vk::PFN_vkAllocateMemory;
-    let free = device_memory::free as vk::PFN_vkFreeMemory;
-    let host = Host {
-        allocate_memory: allocate as *const std::ffi::c_void,
-        free_memory: free as *const std::ffi::c_void,
-        ..application.host()
-    };
+    let host = device_memory::host_of(&application);
     const BLOCK: u64 = 64 << 20;
     let blocks = || {
         let held = device_memory::HELD.lock().unwrap();
@@ -282,7 +278,7 @@ fn indexes_share_the_memory_of_nodes() {
     let (report, ..) = application.settle(&mut renderer, targets, &views);
     println!("{} points of two", report.points);
     assert!(report.points < 14_000_000 && report.errors.is_empty(), "{report:?}");
-    // What is given back is freed once no frame may read it.
+    // Pages that are given back are freed once no frame may read them.
     for _ in 0..3 {
         application.draw(&mut renderer, targets, &views, None);
     }
