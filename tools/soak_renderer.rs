@@ -112,7 +112,7 @@ fn private_bytes() -> u64 {
 }
 
 fn main() -> std::result::Result<(), Box<dyn std::error::Error>> {
-    pointillist::cli::allocator::return_large_arrays();
+    pointillist::app::allocator::return_large_arrays();
     let mut arguments = std::env::args().skip(1);
     let seconds: u64 = arguments.next().ok_or("give a number of seconds and clouds")?.parse()?;
     let files: Vec<PathBuf> = arguments.map(PathBuf::from).collect();

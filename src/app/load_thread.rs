@@ -1,5 +1,6 @@
 //! The load thread: files in; a cloud for the render thread, and progress reports, out.
 
+use super::allocator;
 use super::cancel::CancelToken;
 use super::navigation::Subject;
 use crate::cloud::attribute::{Attribute, DisplayAttribute, ExtraAttributes};
@@ -198,6 +199,7 @@ pub fn start(
         loaded(
             Source::open(&files, &opening, &watch).and_then(|source| ready(source, None, &watch)),
         );
+        allocator::return_gaps();
     };
     let failed = |error: &dyn std::fmt::Display| {
         Error::Request(format!("cannot start a thread to read files: {error}"))

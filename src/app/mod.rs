@@ -9,6 +9,7 @@
 //! The window's thread only reacts to events. Without input nothing is drawn.
 
 pub mod actions;
+pub mod allocator;
 mod animation;
 pub mod cancel;
 mod clip_box_widget;

@@ -1,7 +1,6 @@
 //! The program: one file a subcommand, and the options that they share.
 
 mod abort;
-pub mod allocator;
 pub mod bench;
 pub mod export;
 mod files;

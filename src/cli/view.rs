@@ -1,6 +1,5 @@
 //! `pointillist view`: point clouds in a window.
 
-use super::allocator;
 use super::limits::LimitOptions;
 use super::named::named;
 use super::options::{DeviceOptions, PictureOptions};
@@ -101,7 +100,7 @@ fn help() -> String {
 
 pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
     let began = Instant::now();
-    allocator::return_large_arrays();
+    app::allocator::return_large_arrays();
     let picture = arguments.picture.with_scene()?;
     picture.detail.cache.use_for_servers(progress);
     let camera = picture.camera()?;

@@ -298,7 +298,8 @@ pub struct BlockParts {
 }
 
 /// Requests for blocks after which what is unused is freed: blocks, images and buffers within them,
-/// and recycled buffers. A picture or window had another size once.
+/// and recycled buffers; graphs after which persistent buffers are. A picture or window had another
+/// size once, or an effect ran.
 const MAX_AGE: u64 = 64;
 /// Largest ratio of a block's size to the requested one; larger blocks are left for larger
 /// requests.
@@ -309,6 +310,8 @@ const MAX_OVERSIZE: u64 = 4;
 struct PersistentBuffer {
     buffer: RawBuffer,
     state: Option<(Vec<u64>, u32)>,
+    /// Value of `graphs` when it was last used.
+    used: u64,
 }
 
 /// Creates, recycles and destroys buffers and images. Dropped before the device.
@@ -326,6 +329,8 @@ pub struct Memory {
     /// both 0 on a queue of our own.
     frames: [u64; 2],
     blocks_asked: u64,
+    /// Number of graphs begun, but for those that precede another one.
+    graphs: u64,
     image_requirements: HashMap<ImageDesc, MemoryRequirements>,
     buffer_requirements: HashMap<u64, MemoryRequirements>,
     persistent: HashMap<String, PersistentBuffer>,
@@ -356,6 +361,7 @@ impl Memory {
             destroyed: Vec::new(),
             frames: [0; 2],
             blocks_asked: 0,
+            graphs: 0,
             image_requirements: HashMap::new(),
             buffer_requirements: HashMap::new(),
             persistent: HashMap::new(),
@@ -458,6 +464,15 @@ impl Memory {
         let unused: Vec<_> =
             self.destroyed.extract_if(.., |(_, used_by)| *used_by <= completed).collect();
         unused.into_iter().for_each(|(parts, _)| self.destroy_buffer(parts));
+    }
+
+    /// Begins a graph, and frees persistent buffers that went unused. No graph that is still to be
+    /// submitted may have one of them.
+    pub fn begin_graph(&mut self) {
+        self.graphs += 1;
+        let is_old = |kept: &PersistentBuffer| kept.used + MAX_AGE < self.graphs;
+        let old = self.persistent.extract_if(|_, kept| is_old(kept));
+        old.for_each(|(_, kept)| kept.buffer.destroy());
     }
 
     /// Marks the contents of all persistent buffers as void.
@@ -682,9 +697,11 @@ impl Memory {
             // size.
             let desc = BufferDesc { bytes: bytes.next_power_of_two(), place: Place::Device };
             let buffer = self.buffer(device, desc, name)?;
-            self.persistent.insert(name.to_string(), PersistentBuffer { buffer, state: None });
+            let kept = PersistentBuffer { buffer, state: None, used: 0 };
+            self.persistent.insert(name.to_string(), kept);
         }
         let kept = self.persistent.get_mut(name).expect("put there");
+        kept.used = self.graphs;
         let steps = kept
             .state
             .as_ref()

@@ -325,6 +325,11 @@ pub struct Answer {
 
 impl<'g> Graph<'g> {
     pub fn new(gpu: &'g mut Gpu) -> Graph<'g> {
+        gpu.memory.begin_graph();
+        Graph::empty(gpu)
+    }
+
+    fn empty(gpu: &'g mut Gpu) -> Graph<'g> {
         gpu.destroy_dropped();
         Graph {
             gpu,
@@ -357,7 +362,7 @@ impl<'g> Graph<'g> {
 
     /// Returns a graph for a submission that precedes this one, with the same progress.
     fn preceding(&mut self) -> Graph<'_> {
-        Graph { progress: self.progress, ..Graph::new(self.gpu) }
+        Graph { progress: self.progress, ..Graph::empty(self.gpu) }
     }
 
     /// Has the device run what `record` records before this graph, and returns the contents of the

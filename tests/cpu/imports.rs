@@ -314,7 +314,7 @@ fn unsafe_code_and_vulkan_stay_where_they_are_read_with_care() {
     // A map of a file, and hints to the system about one.
     let files = |path: &str| matches!(path, "cloud/mmap.rs" | "index/format/writer.rs");
     // A signal, and a setting of the allocator.
-    let signal = |path: &str| matches!(path, "cli/abort.rs" | "cli/allocator.rs");
+    let signal = |path: &str| matches!(path, "cli/abort.rs" | "app/allocator.rs");
     let names_vulkan =
         |path: &str| device(path) || host(path) || path.starts_with("graph/") || path == "error.rs";
     let mut wrong = Vec::new();

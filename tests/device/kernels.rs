@@ -25,7 +25,7 @@ use pointillist::cloud::colormap::srgb_to_linear;
 use pointillist::cloud::{Cloud, Columns, Lattice};
 use pointillist::config::{NO_POINT, POINTS_PER_PAGE};
 use pointillist::error::Error;
-use pointillist::graph::Graph;
+use pointillist::graph::{Gpu, Graph};
 use pointillist::index::build::pack;
 use pointillist::index::build::partition::PLACE_WORDS;
 use pointillist::index::{self, Arrangement, Row};
@@ -331,4 +331,37 @@ fn a_frame_without_barriers_is_reported_by_synchronization_validation() {
     }
     // The device reports nothing afterwards, either.
     draw(Way::Compute64, &cloud, &view, &bare());
+}
+
+#[test]
+fn persistent_buffers_are_freed_once_frames_do_without_them() {
+    const BYTES: u64 = 16 << 20;
+    // More frames than unused memory is kept for.
+    const FRAMES: u32 = 100;
+    gpu::with(Way::Compute64, |gpu| {
+        let frame = |gpu: &mut Gpu, needs: bool| {
+            let mut g = Graph::new(gpu);
+            let mut read = g.buffer("read", 256);
+            g.fill(&mut read, 1);
+            let held = needs.then(|| {
+                let wanted = |held| held + 1;
+                let (mut kept, held) = g.persistent("kept", BYTES, vec![7], wanted).unwrap();
+                g.fill(&mut kept, 2);
+                g.copy_parts("read", &kept, &mut read, vec![[0, 0, 256]]);
+                held
+            });
+            g.download_buffer(&read);
+            g.submit_and_wait(&[]).unwrap();
+            held
+        };
+        assert_eq!(frame(gpu, false), None);
+        let without = gpu.memory.allocated;
+        for before in 0..FRAMES {
+            assert_eq!(frame(gpu, true), Some(before));
+        }
+        assert!(gpu.memory.allocated >= without + BYTES);
+        (0..FRAMES).for_each(|_| assert_eq!(frame(gpu, false), None));
+        assert_eq!(gpu.memory.allocated, without);
+        assert_eq!(frame(gpu, true), Some(0));
+    });
 }

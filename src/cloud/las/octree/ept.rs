@@ -18,6 +18,7 @@ use rayon::prelude::*;
 use serde::Deserialize;
 use serde::de::{Deserializer, MapAccess, Visitor};
 use std::collections::{HashMap, HashSet};
+use std::fmt;
 
 /// Lists that are requested ahead.
 const LISTS: usize = 64;
@@ -107,6 +108,17 @@ impl Likeness {
             lattice: layout.lattice,
             extra: layout.extra_bytes.iter().map(name).collect(),
         }
+    }
+}
+
+impl fmt::Display for Likeness {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        let Likeness { format, record_bytes, lattice: Lattice { step, offset }, extra } = self;
+        let extra = extra.len();
+        write!(
+            f,
+            "points of format {format} in {record_bytes} bytes with {extra} extra attributes, in steps of {step} from {offset}"
+        )
     }
 }
 
@@ -392,17 +404,14 @@ impl NodeReader for Ept {
             Points::Packed { layout, keeps_records } => {
                 let input = self.folder.open(&name_of(key, self.ending))?;
                 let las = Las::located(&input, wanted, *keeps_records, &mut Vec::new())?;
-                if Likeness::of(&las.layout) != **layout || las.points() != all {
-                    return Err(input.wrong(format!(
-                        "has {} points of format {} in {} bytes on {:?}, but its list says {all}, and the root has format {} in {} bytes on {:?}",
-                        las.points(),
-                        las.layout.format,
-                        las.layout.record_bytes,
-                        las.layout.lattice,
-                        layout.format,
-                        layout.record_bytes,
-                        layout.lattice
-                    )));
+                if las.points() != all {
+                    let points = las.points();
+                    let what = format!("has {points} points, but its list says {all}");
+                    return Err(input.wrong(what));
+                }
+                let own = Likeness::of(&las.layout);
+                if own != **layout {
+                    return Err(input.wrong(format!("has {own}, but the root has {layout}")));
                 }
                 let mut lane = Forward { held: Vec::new(), take };
                 let meter = Meter::new(&Silent, &input, 0);

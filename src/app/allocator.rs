@@ -14,3 +14,12 @@ pub fn return_large_arrays() {
         libc::mallopt(libc::M_MMAP_THRESHOLD, LEAST);
     }
 }
+
+/// Returns what lies free between smaller arrays to the system.
+pub fn return_gaps() {
+    #[cfg(all(target_os = "linux", target_env = "gnu"))]
+    // SAFETY: it frees only what nothing has.
+    unsafe {
+        libc::malloc_trim(0);
+    }
+}
