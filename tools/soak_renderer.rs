@@ -1,8 +1,9 @@
-//! A renderer under random calls for a long time, for `tools/soak`: it prints its private memory
-//! `[bytes]` once a second, and fails if its last picture is not that of a new renderer.
+//! A renderer under random calls for a long time, for `tools/soak`. Now and then it adds its clouds
+//! anew, draws them as they are usually drawn, prints a line, and waits for a line of standard
+//! input: its memory is read there. It fails if its last picture is not that of a new renderer.
 //!
 //! ```sh
-//! cargo run --release --example soak_renderer -- SECONDS CLOUD...
+//! cargo run --release --example soak_renderer -- SECONDS SECONDS_BETWEEN_RESTS CLOUD...
 //! ```
 
 use pointillist::gpu::device::DeviceOptions;
@@ -16,6 +17,9 @@ use std::time::{Duration, Instant};
 const SIZES: [[u32; 2]; 3] = [[320, 180], [400, 300], [199, 333]];
 const EFFECTS: [&str; 6] =
     ["edl=on", "shadows=on", "strokes=on", "fill=off", "visibility=off", "ao=on"];
+
+/// More frames than those after which memory that goes unused is freed.
+const FRAMES_AT_REST: usize = 80;
 
 /// Random numbers: xorshift64 (Marsaglia 2003).
 struct Random(u64);
@@ -103,29 +107,41 @@ fn act(
     Ok(())
 }
 
-/// Returns the memory that belongs to this process alone, without mapped files.
-fn private_bytes() -> u64 {
-    let status = std::fs::read_to_string("/proc/self/status").expect("Linux");
-    let line = status.lines().find_map(|line| line.strip_prefix("RssAnon:")).expect("RssAnon");
-    let kilobytes: u64 = line.trim().trim_end_matches(" kB").parse().expect("a number");
-    kilobytes << 10
+/// Returns to the state of the start, and draws until memory that goes unused is freed.
+fn rest(renderer: &mut Renderer, clouds: &mut [Opened], files: &[PathBuf]) -> Result<()> {
+    renderer.set_settings(RenderSettings::default());
+    for (cloud, file) in clouds.iter_mut().zip(files) {
+        renderer.remove(cloud.id)?;
+        *cloud = add(renderer, file)?;
+    }
+    let Some(camera) = renderer.framing(Preset::Fit, SIZES[1]) else { return Ok(()) };
+    for k in 0..FRAMES_AT_REST {
+        usual(renderer, clouds, clouds[k % clouds.len()].id, camera)?;
+    }
+    Ok(())
 }
 
 fn main() -> std::result::Result<(), Box<dyn std::error::Error>> {
     pointillist::app::allocator::return_large_arrays();
     let mut arguments = std::env::args().skip(1);
-    let seconds: u64 = arguments.next().ok_or("give a number of seconds and clouds")?.parse()?;
+    let mut duration = || -> std::result::Result<_, Box<dyn std::error::Error>> {
+        let seconds = arguments.next().ok_or("give two numbers of seconds, and clouds")?;
+        Ok(Duration::from_secs(seconds.parse()?))
+    };
+    let (lasts, between) = (duration()?, duration()?);
     let files: Vec<PathBuf> = arguments.map(PathBuf::from).collect();
     let mut renderer = opened()?;
     let added = files.iter().map(|file| add(&mut renderer, file));
     let mut clouds = added.collect::<Result<Vec<_>>>()?;
-    let (began, mut random, mut told) = (Instant::now(), Random(39), 0);
-    while began.elapsed() < Duration::from_secs(seconds) {
-        act(&mut renderer, &mut clouds, &files, &mut random)?;
-        if began.elapsed().as_secs() > told {
-            told = began.elapsed().as_secs();
-            println!("{}", private_bytes());
+    let (began, mut random) = (Instant::now(), Random(39));
+    while began.elapsed() < lasts {
+        let rests = Instant::now() + between;
+        while Instant::now() < rests {
+            act(&mut renderer, &mut clouds, &files, &mut random)?;
         }
+        rest(&mut renderer, &mut clouds, &files)?;
+        println!("at rest");
+        std::io::stdin().read_line(&mut String::new())?;
     }
     // It frames all clouds, of which a new renderer has one.
     let camera = renderer.framing(Preset::Fit, SIZES[1]).ok_or("give clouds with points")?;

@@ -22,7 +22,7 @@ use super::crs::Sample;
 use super::input::{Input, Meter};
 use super::strays::Corners;
 use super::{ColumnSet, Columns, Part, ReadOptions, rgb_range};
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::progress::{Progress, Silent};
 use header::Layout;
 use octree::{NodeReader, Octree};
@@ -351,11 +351,12 @@ impl Las {
     pub fn why(&self, outcomes: &[laz::Outcome]) -> String {
         let mut short = outcomes.iter().flatten();
         let why = short.next().map(|first| {
-            format!(
-                "{} of {} LAZ chunks could not be read to the end ({first})",
-                1 + short.count(),
-                outcomes.len()
-            )
+            let pieces = match self.packing {
+                Packing::Nodes(_) => "nodes",
+                _ => "LAZ chunks",
+            };
+            let (count, all) = (1 + short.count(), outcomes.len());
+            format!("{count} of {all} {pieces} could not be read to the end ({first})")
         });
         self.odd_and(why)
     }
@@ -391,7 +392,11 @@ impl Las {
         chunk: &Stretch,
         wanted: ColumnSet,
     ) -> Result<(Columns, Occurred)> {
-        let wrong = |what: &str| input.wrong(format!("{what} ({})", chunk.words()));
+        let wrong = |what: &str| match &self.packing {
+            // What is wrong with a node names its place.
+            Packing::Nodes(_) => input.wrong(what),
+            _ => input.wrong(format!("{what} ({})", chunk.words())),
+        };
         let available = self.fields.available(wanted);
         let mut columns = records::columns(chunk.points as usize, available)
             .ok_or_else(|| wrong("has more points than fit in memory"))?;
@@ -409,14 +414,16 @@ impl Las {
                 &meter,
             )?,
             Packing::Nodes(reader) => {
-                self.node(reader.as_ref(), chunk, available, &mut lane, &meter)?;
-                None
+                self.node(reader.as_ref(), chunk, available, &mut lane, &meter)?
             }
         };
         let Filled { points, occurred, .. } = window.filled();
         if points as u64 != chunk.points {
             let why = why.unwrap_or_else(|| "it holds fewer".into());
-            return Err(wrong(&format!("has only {points} readable points: {why}")));
+            return Err(wrong(&format!(
+                "has only {points} readable points of {}: {why}",
+                chunk.points
+            )));
         }
         Ok((columns, occurred))
     }
@@ -514,13 +521,13 @@ impl Las {
                 laz::chunk(&bytes, stretch.points, coding, &self.fields(), block, lane, meter)
             }
             Packing::Nodes(reader) => {
-                self.node(reader.as_ref(), stretch, self.available, lane, meter).map(|()| None)
+                self.node(reader.as_ref(), stretch, self.available, lane, meter)
             }
             Packing::Plain => self.stretch(input, stretch, block, lane, meter).map(|()| None),
         }
     }
 
-    /// Reads one node of an octree, or its first points.
+    /// Reads one node of an octree, or its first points. Returns a reason if it ends early.
     fn node(
         &self,
         reader: &dyn NodeReader,
@@ -528,10 +535,10 @@ impl Las {
         wanted: ColumnSet,
         lane: &mut impl Lane,
         meter: &Meter,
-    ) -> Result<()> {
+    ) -> Result<laz::Outcome> {
         let (fields, mut left) = (self.fields(), chunk.points as usize);
         let width = fields.record_bytes;
-        reader.records(chunk, wanted, &mut |records| {
+        let mut pass_on = |records: &[u8]| {
             let mut rest = &records[..records.len().min(left * width)];
             while !rest.is_empty() {
                 let room = lane.room(rest.len() / width);
@@ -542,7 +549,18 @@ impl Las {
                 (rest, left) = (after, left - room);
             }
             Ok(())
-        })
+        };
+        let mut has_taken = true;
+        let read = reader.records(chunk, wanted, &mut |records| {
+            let taken = pass_on(records);
+            has_taken = taken.is_ok();
+            taken
+        });
+        match read {
+            // Of a damaged node, as of a damaged chunk, what can be read counts.
+            Err(error @ Error::Format { .. }) if has_taken => Ok(Some(error.to_string())),
+            read => read,
+        }
     }
 
     /// Reads one stretch of uncompressed records.

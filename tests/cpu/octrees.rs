@@ -417,6 +417,38 @@ fn lists_of_ept_that_lie_are_refused_with_what_is_wrong_and_where() {
     assert!(peak() < 256 << 20, "{} MiB", peak() >> 20);
 }
 
+/// As damaged chunks of a LAZ file are.
+#[test]
+fn damaged_nodes_are_left_out_and_said() {
+    let cut: fn(&mut Vec<u8>) = |bytes| bytes.truncate(bytes.len() / 2);
+    let flip: fn(&mut Vec<u8>) = |bytes| {
+        let middle = bytes.len() / 2;
+        bytes[middle..].iter_mut().for_each(|byte| *byte = !*byte);
+    };
+    for (kind, folder, damage, what) in [
+        (Kind::EptLaszip, "ept-data", cut, "1 of"),
+        (Kind::PotreeBrotli, "", flip, "cannot be unpacked"),
+    ] {
+        let crafted = Crafted::new(kind);
+        let whole = read(&crafted.at(""));
+        // The largest file: of EPT that of one node, of Potree that of all.
+        let files = std::fs::read_dir(crafted.at(folder)).unwrap().map(|file| file.unwrap());
+        let largest = files.max_by_key(|file| file.metadata().unwrap().len()).unwrap();
+        let name = Path::new(folder).join(largest.file_name());
+        crafted.change(name.to_str().unwrap(), damage);
+        let read = |strict: bool| {
+            let options = ReadOptions::new(ColumnSet::ALL, strict);
+            cloud::read(&[crafted.at("")], &options, &Silent)
+        };
+        let left = read(false).unwrap();
+        assert!((1..whole.len()).contains(&left.len()), "{kind:?}: {} points", left.len());
+        let [note] = &left.notes[..] else { panic!("{kind:?}: {:?}", left.notes) };
+        assert!(note.contains(what) && note.contains("nodes could not be read"), "{note}");
+        let error = read(true).expect_err("a damaged node").to_string();
+        assert!(error.contains("could be read"), "{error}");
+    }
+}
+
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(24))]
 

@@ -66,7 +66,7 @@ fn end_at_panics() {
 #[unsafe(no_mangle)]
 extern "C" fn LLVMFuzzerInitialize(_: *const c_int, _: *const *const *const c_char) -> c_int {
     end_at_panics();
-    // Those of decoders, which the readers catch, are no faults.
+    // Panics of decoders that the readers catch are no faults.
     pointillist::cloud::catch_panic::hide_caught_panics();
     keep_overflows();
     // One thread, so that coverage is of one input.

@@ -11,6 +11,7 @@ mod layout;
 mod potree;
 
 use super::header::Layout;
+use super::laz::Outcome;
 use super::{Las, Stretch};
 use crate::cloud::ColumnSet;
 use crate::cloud::input::{Input, OCTREES};
@@ -100,13 +101,14 @@ pub trait NodeReader: Send + Sync {
     fn ahead(&self, chunks: &[Stretch]);
 
     /// Gives the points of a node as records, in order, in blocks of at most
-    /// [`BATCH`](crate::cloud::stream::BATCH). `wanted` are the columns that are looked at.
+    /// [`BATCH`](crate::cloud::stream::BATCH). `wanted` are the columns that are looked at. Returns
+    /// a reason if the node ends early.
     fn records(
         &self,
         chunk: &Stretch,
         wanted: ColumnSet,
         take: &mut dyn FnMut(&[u8]) -> Result<()>,
-    ) -> Result<()>;
+    ) -> Result<Outcome>;
 }
 
 /// A cloud in several files, which its JSON describes.

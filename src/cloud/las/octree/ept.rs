@@ -2,7 +2,7 @@
 //! `ept-data`, either LAZ or rows of a schema.
 
 use super::super::header::{self, ExtraBytes, Layout, check_lattice};
-use super::super::laz::POINTS_PER_BYTE;
+use super::super::laz::{Outcome, POINTS_PER_BYTE};
 use super::super::records::{Fields, Lane};
 use super::super::{Las, Places, Stretch};
 use super::layout::{Attribute, F32, Place, Plan, Said, U8, WIDTHS};
@@ -374,7 +374,7 @@ impl NodeReader for Ept {
         chunk: &Stretch,
         wanted: ColumnSet,
         take: &mut dyn FnMut(&[u8]) -> Result<()>,
-    ) -> Result<()> {
+    ) -> Result<Outcome> {
         let (key, all) = self.nodes[chunk.at as usize];
         match &self.points {
             Points::Rows(plan) => {
@@ -399,7 +399,7 @@ impl NodeReader for Ept {
                         .map_err(|what| input.wrong(format!("has a point with {what}")))?;
                     take(&block)?;
                 }
-                Ok(())
+                Ok(None)
             }
             Points::Packed { layout, keeps_records } => {
                 let input = self.folder.open(&name_of(key, self.ending))?;
@@ -430,10 +430,7 @@ impl NodeReader for Ept {
                         las.sequence(&input, sequence, &mut lane, &Silent)?
                     }
                 };
-                match why {
-                    None => Ok(()),
-                    Some(why) => Err(input.wrong(format!("has points that cannot be read: {why}"))),
-                }
+                Ok(why.map(|why| format!("{}: {why}", input.name())))
             }
         }
     }

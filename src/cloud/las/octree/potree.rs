@@ -7,6 +7,7 @@
 
 use super::super::Stretch;
 use super::super::header::{array_at, check_lattice, u32_at};
+use super::super::laz::Outcome;
 use super::layout::{Attribute, Place, Plan, Said, WIDTHS};
 use super::{Key, MOST_NODE_BYTES, NodeReader, Octree, Opened, is_inside, named};
 use crate::cloud::catch_panic::catch_panic;
@@ -315,7 +316,7 @@ impl NodeReader for Potree {
         chunk: &Stretch,
         _wanted: ColumnSet,
         take: &mut dyn FnMut(&[u8]) -> Result<()>,
-    ) -> Result<()> {
+    ) -> Result<Outcome> {
         let all = self.points.get(&chunk.at).copied().unwrap_or_default() as usize;
         let mut data = vec![0; chunk.bytes as usize];
         self.input.read_exactly(chunk.at, &mut data)?;
@@ -347,7 +348,7 @@ impl NodeReader for Potree {
                 .map_err(|what| wrong(format!("has a point with {what}")))?;
             take(&block)?;
         }
-        Ok(())
+        Ok(None)
     }
 }
 
