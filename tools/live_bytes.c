@@ -7,9 +7,9 @@
 // An array of the program ends with a tag, by which it is known when it is freed.
 
 #define _GNU_SOURCE
+#include "../tests/support/program_code.h"
 #include <errno.h>
 #include <fcntl.h>
-#include <link.h>
 #include <malloc.h>
 #include <stdatomic.h>
 #include <stdint.h>
@@ -31,21 +31,6 @@ struct live {
 // What is allocated before the file is open is counted here.
 static struct live early;
 static struct live *_Atomic live = &early;
-// Code of the program.
-static uintptr_t first, end;
-
-static int find_program(struct dl_phdr_info *object, size_t size, void *unused) {
-    (void)size, (void)unused;
-    for (int i = 0; i < object->dlpi_phnum; ++i) {
-        const ElfW(Phdr) *part = &object->dlpi_phdr[i];
-        if (part->p_type == PT_LOAD && part->p_flags & PF_X) {
-            first = object->dlpi_addr + part->p_vaddr;
-            end = first + part->p_memsz;
-        }
-    }
-    // The program is the first of all objects.
-    return 1;
-}
 
 __attribute__((constructor)) static void begin(void) {
     const char *path = getenv("LIVE_BYTES");
@@ -58,14 +43,14 @@ __attribute__((constructor)) static void begin(void) {
         return;
     // Programs that this one starts are not counted.
     unsetenv("LIVE_BYTES");
-    dl_iterate_phdr(find_program, NULL);
+    find_program();
     for (int owner = 0; owner < 2; ++owner)
         atomic_store(&shared->bytes[owner], atomic_load(&early.bytes[owner]));
     atomic_store(&live, shared);
 }
 
 static enum owner owner_of(void *caller) {
-    return (uintptr_t)caller >= first && (uintptr_t)caller < end ? PROGRAM : LIBRARIES;
+    return is_of_program(caller) ? PROGRAM : LIBRARIES;
 }
 
 // Returns where the tag of an array is.

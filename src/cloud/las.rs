@@ -392,11 +392,7 @@ impl Las {
         chunk: &Stretch,
         wanted: ColumnSet,
     ) -> Result<(Columns, Occurred)> {
-        let wrong = |what: &str| match &self.packing {
-            // What is wrong with a node names its place.
-            Packing::Nodes(_) => input.wrong(what),
-            _ => input.wrong(format!("{what} ({})", chunk.words())),
-        };
+        let wrong = |what: &str| input.wrong(format!("{what} ({})", chunk.words()));
         let available = self.fields.available(wanted);
         let mut columns = records::columns(chunk.points as usize, available)
             .ok_or_else(|| wrong("has more points than fit in memory"))?;
@@ -414,16 +410,17 @@ impl Las {
                 &meter,
             )?,
             Packing::Nodes(reader) => {
-                self.node(reader.as_ref(), chunk, available, &mut lane, &meter)?
+                let why = self.node(reader.as_ref(), chunk, available, &mut lane, &meter)?;
+                if let Some(why) = why {
+                    return Err(input.wrong(format!("has a node that cannot be read: {why}")));
+                }
+                None
             }
         };
         let Filled { points, occurred, .. } = window.filled();
         if points as u64 != chunk.points {
             let why = why.unwrap_or_else(|| "it holds fewer".into());
-            return Err(wrong(&format!(
-                "has only {points} readable points of {}: {why}",
-                chunk.points
-            )));
+            return Err(wrong(&format!("has only {points} readable points: {why}")));
         }
         Ok((columns, occurred))
     }
@@ -557,7 +554,7 @@ impl Las {
             taken
         });
         match read {
-            // Of a damaged node, as of a damaged chunk, what can be read counts.
+            // Keeps what can be read of a damaged node, as of a damaged chunk.
             Err(error @ Error::Format { .. }) if has_taken => Ok(Some(error.to_string())),
             read => read,
         }

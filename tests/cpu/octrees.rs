@@ -417,7 +417,7 @@ fn lists_of_ept_that_lie_are_refused_with_what_is_wrong_and_where() {
     assert!(peak() < 256 << 20, "{} MiB", peak() >> 20);
 }
 
-/// As damaged chunks of a LAZ file are.
+/// Checks what damaged chunks of a LAZ file are held to as well.
 #[test]
 fn damaged_nodes_are_left_out_and_said() {
     let cut: fn(&mut Vec<u8>) = |bytes| bytes.truncate(bytes.len() / 2);

@@ -8,8 +8,8 @@
 // Only allocations of the program itself count: those of drivers and other libraries do not.
 
 #define _GNU_SOURCE
+#include "program_code.h"
 #include <errno.h>
-#include <link.h>
 #include <stdatomic.h>
 #include <stdbool.h>
 #include <stdint.h>
@@ -24,26 +24,11 @@ void *__libc_memalign(size_t align, size_t bytes);
 static atomic_long calls;
 static long at = -1;
 static size_t least = SIZE_MAX;
-// Code of the program.
-static uintptr_t first, end;
-
-static int find_program(struct dl_phdr_info *object, size_t size, void *unused) {
-    (void)size, (void)unused;
-    for (int i = 0; i < object->dlpi_phnum; ++i) {
-        const ElfW(Phdr) *part = &object->dlpi_phdr[i];
-        if (part->p_type == PT_LOAD && part->p_flags & PF_X) {
-            first = object->dlpi_addr + part->p_vaddr;
-            end = first + part->p_memsz;
-        }
-    }
-    // The program is the first of all objects.
-    return 1;
-}
 
 __attribute__((constructor)) static void begin(void) {
     const char *number = getenv("FAULT_AT");
     const char *bytes = getenv("FAULT_BYTES");
-    dl_iterate_phdr(find_program, NULL);
+    find_program();
     at = number ? atol(number) : -1;
     least = bytes ? strtoull(bytes, NULL, 10) : SIZE_MAX;
 }
@@ -58,8 +43,7 @@ __attribute__((destructor)) static void finish(void) {
 }
 
 static bool fails(size_t bytes, void *caller) {
-    const uintptr_t from = (uintptr_t)caller;
-    return bytes >= least && from >= first && from < end && atomic_fetch_add(&calls, 1) + 1 == at;
+    return bytes >= least && is_of_program(caller) && atomic_fetch_add(&calls, 1) + 1 == at;
 }
 
 #define FAILS(bytes) fails(bytes, __builtin_return_address(0))
