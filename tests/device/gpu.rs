@@ -117,29 +117,40 @@ pub fn bare() -> RenderSettings {
 
 pub fn draw(way: Way, cloud: &Cloud, view: &View, settings: &RenderSettings) -> Layers {
     with(way, |gpu| {
-        let (mut shown, _) = DisplayAttribute::automatic(cloud);
-        shown.further.strokes = settings.effects.strokes.switch == Switch::On;
-        let resident = Resident::fill(gpu, cloud.clone(), shown, &Silent).expect("resident");
-        let config = FrameConfig::new(settings, view, &resident);
-        let mut g = Graph::new(gpu);
-        let outcome = frame::record(&mut g, view, &resident, &config).expect("recorded");
-        let images = [
-            &outcome.gbuffer.depth,
-            &outcome.gbuffer.index,
-            &outcome.gbuffer.color,
-            &outcome.picture,
-        ];
-        let [depth, index, color, picture] = images.map(|image| g.download(image));
-        let frame = g.submit_and_wait(&[]).expect("drawn, and no validation message");
-
-        Layers {
-            depth: frame.read(&depth).to_vec(),
-            index: frame.read(&index).to_vec(),
-            color: frame.read(&color).to_vec(),
-            picture: frame.read(&picture).to_vec(),
-            nodes: resident.nodes.clone(),
-        }
+        let strokes = settings.effects.strokes.switch == Switch::On;
+        let resident = upload(gpu, cloud, strokes);
+        draw_resident(gpu, &resident, view, settings)
     })
+}
+
+/// Brings a cloud to the device, with its strokes if asked for.
+pub fn upload(gpu: &mut Gpu, cloud: &Cloud, strokes: bool) -> Resident {
+    let (mut shown, _) = DisplayAttribute::automatic(cloud);
+    shown.further.strokes = strokes;
+    Resident::fill(gpu, cloud.clone(), shown, &Silent).expect("resident")
+}
+
+pub fn draw_resident(
+    gpu: &mut Gpu,
+    resident: &Resident,
+    view: &View,
+    settings: &RenderSettings,
+) -> Layers {
+    let config = FrameConfig::new(settings, view, resident);
+    let mut g = Graph::new(gpu);
+    let outcome = frame::record(&mut g, view, resident, &config).expect("recorded");
+    let images =
+        [&outcome.gbuffer.depth, &outcome.gbuffer.index, &outcome.gbuffer.color, &outcome.picture];
+    let [depth, index, color, picture] = images.map(|image| g.download(image));
+    let frame = g.submit_and_wait(&[]).expect("drawn, and no validation message");
+
+    Layers {
+        depth: frame.read(&depth).to_vec(),
+        index: frame.read(&index).to_vec(),
+        color: frame.read(&color).to_vec(),
+        picture: frame.read(&picture).to_vec(),
+        nodes: resident.nodes.clone(),
+    }
 }
 
 /// Points that the keys of a [`Canvas`] may refer to.
