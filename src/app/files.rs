@@ -63,6 +63,8 @@ pub(super) struct Framing {
     pub sample_camera: Option<Camera>,
     /// Views chosen before the whole is loaded; they are applied to it again.
     pub early_inputs: Vec<Input>,
+    /// True if the last view was framed before it was known what annotations name.
+    pub lacks_names: bool,
 }
 
 impl App {
@@ -276,6 +278,9 @@ impl App {
             .filter(|note| !self.ui.notes.contains(note))
             .for_each(|note| warn(&format!("note: {note}")));
         self.ui.notes = notes;
+        if self.framing.lacks_names {
+            self.frame_again();
+        }
         self.post_picks();
         if let Err(error) = self.find_strokes() {
             self.report_error(&error);

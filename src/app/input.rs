@@ -71,6 +71,7 @@ impl App {
         self.navigation.clips = self.scene.clips.clone();
         self.navigation.covered = Covered::default();
         self.navigation.handle(Input::Look { from });
+        self.framing.lacks_names = named.is_none();
         let Some(named) = named.filter(|_| !self.scene.annotations.is_empty()) else { return };
         // Coordinates along the edges are those of the view.
         if let Ok(view) = self.viewport.free_view(self.navigation.camera) {
