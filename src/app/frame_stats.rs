@@ -3,6 +3,7 @@
 use super::render_thread::{FrameReport, FrameTimes};
 use super::scripted_flight::{REST, ScriptedFlight};
 use serde::{Deserialize, Serialize};
+use std::collections::VecDeque;
 use std::time::{Duration, Instant};
 
 /// Statistics of one run of the window.
@@ -17,9 +18,14 @@ pub struct FrameStats {
     first_whole: Option<Duration>,
     /// Number of frames at full quality.
     whole: u64,
-    /// Latencies of the frames drawn while changes came.
-    moving: Vec<Duration>,
+    /// Number of frames drawn while changes came.
+    moving: u64,
+    /// Latencies of the last [`MOST_LATENCIES`] of these.
+    latencies: VecDeque<Duration>,
 }
+
+/// Most latencies that are kept for the report: a window may be open for days.
+const MOST_LATENCIES: usize = 1 << 14;
 
 /// Measurements of one frame of a flight.
 #[derive(Clone, Copy, Debug)]
@@ -94,7 +100,7 @@ pub struct Summary {
     pub first_whole_ms: Option<f64>,
     pub whole: u64,
     pub moving: u64,
-    /// Time from a change to its frame, of the frames drawn while changes came.
+    /// Time from a change to its frame, of the last frames drawn while changes came.
     pub change_ms: Spread,
     /// The scripted flight, if there was one.
     pub flight: Option<FlightSummary>,
@@ -259,7 +265,8 @@ impl FrameStats {
             device: String::new(),
             first: None,
             first_whole: None,
-            moving: Vec::new(),
+            moving: 0,
+            latencies: VecDeque::new(),
             whole: 0,
         }
     }
@@ -271,7 +278,11 @@ impl FrameStats {
         if report.whole {
             self.whole += 1;
         } else {
-            self.moving.push(report.latency);
+            self.moving += 1;
+            if self.latencies.len() == MOST_LATENCIES {
+                self.latencies.pop_front();
+            }
+            self.latencies.push_back(report.latency);
         }
         if rests {
             self.first_whole.get_or_insert(since);
@@ -284,8 +295,8 @@ impl FrameStats {
             first_ms: self.first.map(ms),
             first_whole_ms: self.first_whole.map(ms),
             whole: self.whole,
-            moving: self.moving.len() as u64,
-            change_ms: Spread::of(self.moving.iter().copied().map(ms).collect()),
+            moving: self.moving,
+            change_ms: Spread::of(self.latencies.iter().copied().map(ms).collect()),
             flight: flight.map(FlightSummary::of),
         }
     }

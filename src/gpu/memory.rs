@@ -241,6 +241,17 @@ pub struct RawImage {
     pub desc: ImageDesc,
 }
 
+/// Most memory requirements that are remembered; a frame has some hundred. Each size of a window has
+/// its own.
+const MOST_REQUIREMENTS: usize = 2048;
+
+/// Forgets all entries of a map that has the most.
+fn make_room<K>(remembered: &mut HashMap<K, MemoryRequirements>) {
+    if remembered.len() >= MOST_REQUIREMENTS {
+        remembered.clear();
+    }
+}
+
 /// Memory requirements: size, alignment, and a mask of memory types.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct MemoryRequirements {
@@ -482,6 +493,7 @@ impl Memory {
 
     /// Returns the memory requirements of an image.
     pub fn image_requirements(&mut self, device: &Device, desc: ImageDesc) -> MemoryRequirements {
+        make_room(&mut self.image_requirements);
         *self.image_requirements.entry(desc).or_insert_with(|| {
             let info = image_info(desc);
             let mut needs = vk::MemoryRequirements2::default();
@@ -498,6 +510,7 @@ impl Memory {
 
     /// Returns the memory requirements of a device-only buffer.
     pub fn buffer_requirements(&mut self, device: &Device, bytes: u64) -> MemoryRequirements {
+        make_room(&mut self.buffer_requirements);
         *self.buffer_requirements.entry(bytes).or_insert_with(|| {
             let info = buffer_info(bytes);
             let mut needs = vk::MemoryRequirements2::default();
