@@ -278,6 +278,9 @@ impl<P: FnMut()> Thread<P> {
             while fault == Some(FaultKind::Hang) {
                 std::thread::park();
             }
+            if fault == Some(FaultKind::Slow) {
+                std::thread::sleep(2 * PATIENCE);
+            }
             self.read(node, planes, &mut *destination)
         }));
         self.watch(None);

@@ -8,6 +8,8 @@ pub enum FaultKind {
     Panic,
     /// The read never ends.
     Hang,
+    /// The read takes twice as long as is waited for without a word.
+    Slow,
     /// The thread ends between two nodes.
     End,
 }
@@ -34,10 +36,11 @@ impl FromStr for Fault {
         let how = match how {
             "panic" => Some(FaultKind::Panic),
             "hang" => Some(FaultKind::Hang),
+            "slow" => Some(FaultKind::Slow),
             "end" => Some(FaultKind::End),
             _ => None,
         };
         let fault = how.and_then(|how| Some(Fault { how, node: node.parse().ok()? }));
-        fault.ok_or(format!("{text:?} is not panic:N, hang:N or end:N"))
+        fault.ok_or(format!("{text:?} is not panic:N, hang:N, slow:N or end:N"))
     }
 }

@@ -131,6 +131,8 @@ pub struct Update {
     pub bytes_read: u64,
     /// Unreadable nodes, each once, and memory that the device refused.
     pub errors: Vec<String>,
+    /// Errors of earlier updates that are over: nodes that had not come in time, and came.
+    pub over: Vec<String>,
 }
 
 impl Update {
@@ -150,8 +152,8 @@ pub struct Residency {
     /// Answers published, and number of those taken.
     published: Arc<Published>,
     received: u64,
-    /// Node last reported as stalled.
-    stalled: Option<usize>,
+    /// Node last reported as stalled, with its error.
+    stalled: Option<(usize, String)>,
     entries: HashMap<usize, Entry>,
     unreadable: HashSet<usize>,
     /// Those of a server, which are tried again at these times.
@@ -523,12 +525,15 @@ impl Residency {
             }
         }
         let stalled = self.loader.stalled();
-        if let Some(node) = stalled.filter(|_| stalled != self.stalled) {
-            let (path, waited) =
-                (self.index.path().display(), self.loader.patience().as_secs_f64());
-            self.unreported.errors.push(format!("{path}: node {node} has not come within {waited} s; coarser nodes are drawn until it does"));
+        if stalled != self.stalled.as_ref().map(|&(node, _)| node) {
+            self.unreported.over.extend(self.stalled.take().map(|(_, error)| error));
+            self.stalled = stalled.map(|node| {
+                let (path, waited) =
+                    (self.index.path().display(), self.loader.patience().as_secs_f64());
+                (node, format!("{path}: node {node} has not come within {waited} s; coarser nodes are drawn until it does"))
+            });
+            self.unreported.errors.extend(self.stalled.iter().map(|(_, error)| error.clone()));
         }
-        self.stalled = stalled;
         Ok(())
     }
 

@@ -942,6 +942,19 @@ fn hanging_disk_is_reported_within_a_second() {
 }
 
 #[test]
+fn a_word_of_a_slow_disk_goes_once_the_node_is_there() {
+    let place = Place::new();
+    let (cloud, index) = (place.street(1_500_000), place.at("cloud.pnti"));
+    succeeded(&pointillist().arg("index").arg(&cloud).arg("-o").arg(&index).output().unwrap());
+    let fit = place.picture(&[&index], "fit.png", "--lod 0");
+    let mut viewer = place.view(&[&index], "--lod 0 --fail-reading slow:4");
+    let word = "has not come";
+    viewer.until(word, |viewer| viewer.said().iter().any(|line| line.contains(word)));
+    viewer.shows(&fit);
+    viewer.close();
+}
+
+#[test]
 fn camera_path_plays_in_the_window_and_renders() {
     let place = Place::new();
     let cloud = place.street(60_000);

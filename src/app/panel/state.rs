@@ -186,6 +186,15 @@ impl Tab {
 }
 
 impl UiState {
+    /// Shows an error no longer, nor says that it was dismissed.
+    pub fn withdraw(&mut self, error: &str) {
+        for shown in [&mut self.error, &mut self.dismissed_error] {
+            let Some(lines) = shown.take() else { continue };
+            let left: Vec<_> = lines.lines().filter(|&line| line != error).collect();
+            *shown = (!left.is_empty()).then(|| left.join("\n"));
+        }
+    }
+
     /// Closes the question, the error, the notes, the profile or the keys, the first that is there;
     /// false if there is none.
     pub fn dismiss(&mut self) -> bool {
