@@ -241,8 +241,8 @@ pub struct RawImage {
     pub desc: ImageDesc,
 }
 
-/// Most memory requirements that are remembered; a frame has some hundred. Each size of a window has
-/// its own.
+/// Most memory requirements that are remembered. A frame has some hundred, each size of a window
+/// others.
 const MOST_REQUIREMENTS: usize = 2048;
 
 /// Forgets all entries of a map that has the most.

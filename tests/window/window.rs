@@ -730,7 +730,16 @@ fn clicks_while_points_arrive_pick_the_same_as_when_all_are_there() {
         viewer.until("points", |viewer| {
             viewer.photograph().pixels.iter().collect::<HashSet<_>>().len() > 200
         });
-        places.into_iter().for_each(click);
+        let mut looks = 0;
+        viewer.until("an early pick", |viewer| {
+            // A click before the first frame has been reported is lost.
+            if looks % 100 == 0 {
+                click(places[0]);
+            }
+            looks += 1;
+            !picked(viewer).is_empty()
+        });
+        places[1..].iter().copied().for_each(click);
         viewer.until("early picks", |viewer| picked(viewer).len() == places.len());
         viewer.comes_to_rest();
         viewer.key("Delete");
@@ -939,19 +948,6 @@ fn hanging_disk_is_reported_within_a_second() {
         let said = text(&ended.stderr);
         assert!(ended.status.success() && !said.to_lowercase().contains("validation"), "{said}");
     }
-}
-
-#[test]
-fn a_word_of_a_slow_disk_goes_once_the_node_is_there() {
-    let place = Place::new();
-    let (cloud, index) = (place.street(1_500_000), place.at("cloud.pnti"));
-    succeeded(&pointillist().arg("index").arg(&cloud).arg("-o").arg(&index).output().unwrap());
-    let fit = place.picture(&[&index], "fit.png", "--lod 0");
-    let mut viewer = place.view(&[&index], "--lod 0 --fail-reading slow:4");
-    let word = "has not come";
-    viewer.until(word, |viewer| viewer.said().iter().any(|line| line.contains(word)));
-    viewer.shows(&fit);
-    viewer.close();
 }
 
 #[test]
