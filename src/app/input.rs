@@ -71,8 +71,9 @@ impl App {
         self.navigation.clips = self.scene.clips.clone();
         self.navigation.covered = Covered::default();
         self.navigation.handle(Input::Look { from });
-        self.framing.lacks_names = named.is_none();
-        let Some(named) = named.filter(|_| !self.scene.annotations.is_empty()) else { return };
+        let is_annotated = !self.scene.annotations.is_empty();
+        self.framing.lacks_names = is_annotated && named.is_none();
+        let Some(named) = named.filter(|_| is_annotated) else { return };
         // Coordinates along the edges are those of the view.
         if let Ok(view) = self.viewport.free_view(self.navigation.camera) {
             self.navigation.covered = self.scene.annotations.covered(&view, named);

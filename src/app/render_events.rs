@@ -50,7 +50,7 @@ impl App {
             RenderEvent::Failed(error)
                 if self.ui.dismissed_error.as_ref() == Some(&error.to_string()) => {}
             RenderEvent::Failed(error) => self.report_error(&error),
-            RenderEvent::Over(error) => self.ui.withdraw(&error),
+            RenderEvent::Resolved(error) => self.ui.withdraw_error(&error),
             RenderEvent::UploadFailed(error, token) if !token.is_cancelled() => {
                 self.upload_failed(&error)
             }

@@ -131,8 +131,8 @@ pub struct Update {
     pub bytes_read: u64,
     /// Unreadable nodes, each once, and memory that the device refused.
     pub errors: Vec<String>,
-    /// Errors of earlier updates that are over: nodes that had not come in time, and came.
-    pub over: Vec<String>,
+    /// Errors of earlier updates that no longer hold: nodes that had not come in time, and came.
+    pub resolved: Vec<String>,
 }
 
 impl Update {
@@ -526,7 +526,7 @@ impl Residency {
         }
         let stalled = self.loader.stalled();
         if stalled != self.stalled.as_ref().map(|&(node, _)| node) {
-            self.unreported.over.extend(self.stalled.take().map(|(_, error)| error));
+            self.unreported.resolved.extend(self.stalled.take().map(|(_, error)| error));
             self.stalled = stalled.map(|node| {
                 let (path, waited) =
                     (self.index.path().display(), self.loader.patience().as_secs_f64());

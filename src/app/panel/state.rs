@@ -186,8 +186,8 @@ impl Tab {
 }
 
 impl UiState {
-    /// Shows an error no longer, nor says that it was dismissed.
-    pub fn withdraw(&mut self, error: &str) {
+    /// Forgets an error that no longer holds, shown or dismissed.
+    pub fn withdraw_error(&mut self, error: &str) {
         for shown in [&mut self.error, &mut self.dismissed_error] {
             let Some(lines) = shown.take() else { continue };
             let left: Vec<_> = lines.lines().filter(|&line| line != error).collect();

@@ -178,7 +178,7 @@ impl RenderLoop {
                 Redraw::Changed => residency.update_moving(gpu, &view, &detail)?,
                 _ => residency.update(gpu, &view, &detail)?,
             };
-            let Update { cut, budget, missing, coarse, bytes_read, errors, over, .. } = update;
+            let Update { cut, budget, missing, coarse, bytes_read, errors, resolved, .. } = update;
             loading = Some(Loading {
                 fitting: (budget < detail.budget).then_some(budget),
                 nodes: cut.nodes.len(),
@@ -191,7 +191,7 @@ impl RenderLoop {
             errors
                 .into_iter()
                 .for_each(|error| (self.report)(RenderEvent::Failed(Error::Request(error))));
-            over.into_iter().for_each(|error| (self.report)(RenderEvent::Over(error)));
+            resolved.into_iter().for_each(|error| (self.report)(RenderEvent::Resolved(error)));
         }
         let complete = loading.is_none_or(|loading| loading.awaited == 0);
         times.taking_in = taking_in.elapsed();

@@ -106,8 +106,8 @@ pub enum RenderEvent {
     SaveFailed(PathBuf, Error),
     /// An error that does not end the thread.
     Failed(Error),
-    /// What an error of before says is no longer so.
-    Over(String),
+    /// An earlier error that no longer holds.
+    Resolved(String),
     /// The thread has ended.
     Ended(Error),
 }
