@@ -128,12 +128,8 @@ pub fn chosen_samples(samples: Vec<(DVec3, u32)>) -> Vec<DVec3> {
 }
 
 /// Removes far samples: one of few is more than the share that percentiles cut off.
-fn near(mut samples: Vec<(DVec3, u32)>) -> Vec<(DVec3, u32)> {
-    let Some(core) = RobustBounds::of(samples.len(), |i| samples[i].0) else { return samples };
-    let points = |keeps: &dyn Fn(DVec3) -> bool| {
-        samples.iter().filter(|(p, _)| keeps(*p)).map(|&(_, weight)| weight as f64).sum::<f64>()
-    };
-    if points(&|p| !core.has(p)) <= points(&|_| true).sqrt() {
+fn near(mut samples: Vec<Weighted>) -> Vec<Weighted> {
+    if let Some(core) = RobustBounds::of_samples(&samples) {
         samples.retain(|(p, _)| core.has(*p));
     }
     samples

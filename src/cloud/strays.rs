@@ -123,6 +123,19 @@ impl RobustBounds {
         Ok(bins.core(&bins.count_all(places)?))
     }
 
+    /// Returns the box if some of the points that samples stand for are strays; `None` if not.
+    pub fn of_samples(samples: &[(DVec3, u32)]) -> Option<RobustBounds> {
+        let weighted: Vec<_> = samples.iter().map(|&(p, points)| (p, points as u64)).collect();
+        if weighted.iter().map(|(_, points)| points).sum::<u64>() < FEWEST as u64 {
+            return None;
+        }
+        let all = samples.iter().map(|&(p, _)| RobustBounds { low: p, high: p });
+        let bins = Bins::of(all.reduce(RobustBounds::and)?, weighted)?;
+        let mut counts = vec![0; bins.number()];
+        samples.iter().for_each(|&(p, points)| counts[bins.bin(p)] += points as u64);
+        bins.core(&counts)
+    }
+
     /// Returns the box around both.
     fn and(self, other: RobustBounds) -> RobustBounds {
         RobustBounds { low: self.low.min(other.low), high: self.high.max(other.high) }

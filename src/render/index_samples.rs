@@ -83,7 +83,7 @@ fn root_samples(index: &Index) -> (Vec<(DVec3, u32)>, Option<RobustBounds>) {
             vec![(lo, 1), (hi, 1)]
         }));
     }
-    let core = RobustBounds::of(samples.len(), |i| samples[i].0);
+    let core = RobustBounds::of_samples(&samples);
     (samples, core)
 }
 
