@@ -1,7 +1,7 @@
 // How the points of a clump lie: consecutive points of a node (src/index/format/scatter.rs).
 // Declares no bindings.
 struct Clump {
-    float spacing; // of its points [m]
+    float spacing; // that splats cover [m]
     float scatter; // 0: on a surface; 1/3: in all directions
 };
 

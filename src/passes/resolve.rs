@@ -222,16 +222,20 @@ impl Resolved {
     }
 }
 
+/// Share of the points that are not strays.
+const WITHOUT_STRAYS: f64 = 0.99;
+
 /// Returns the clumps of all nodes, each with those of a whole page. The sparsest clumps of a node
-/// count as its other points: their splats would be balls.
+/// count as its other points, and the sparsest nodes as others: their splats would be balls.
 fn clumps(resident: &Resident) -> Vec<Clump> {
     let all = POINTS_PER_PAGE as usize / POINTS_PER_CLUMP;
+    let sparsest = resident.spacing_of_share(WITHOUT_STRAYS);
     let mut clumps = vec![Clump::default(); all * resident.nodes.len().max(1)];
     for (to, node) in clumps.chunks_exact_mut(all).zip(&resident.nodes) {
-        let spread = node.spread();
+        let (spread, sparsest) = (node.spread(), node.spacing().min(sparsest));
         to.iter_mut().zip(node.clumps.iter()).for_each(|(to, clump)| {
             *to = Clump {
-                spacing: (clump.spacing.min(node.own_spacing) * spread) as f32,
+                spacing: (clump.covered() * (clump.spacing * spread).min(sparsest)) as f32,
                 scatter: clump.scatter as f32,
             }
         });

@@ -396,9 +396,13 @@ impl Resident {
             let all = all.reduce(|(a, b), (c, d)| (a.min(c), b.max(d)));
             return all.map_or(spacing_m, |(min, max)| spacing_m * self.map.spread(max - min));
         }
-        point_density::weighted_median(
-            self.nodes.iter().map(|node| (node.spacing(), node.count as u64)).collect(),
-        )
+        self.spacing_of_share(0.5)
+    }
+
+    /// Returns the spacing that this share of the points of resident nodes does not exceed `[m]`.
+    pub fn spacing_of_share(&self, share: f64) -> f64 {
+        let nodes = self.nodes.iter().map(|node| (node.spacing(), node.count as f64));
+        point_density::weighted_quantile(nodes.collect(), share)
     }
 
     /// Returns what the cloud is drawn through.

@@ -45,7 +45,10 @@ impl PointDensity {
             finest_m: pixels.reduce(f64::min).unwrap_or(0.0),
             density: weighted_median(number(density)),
             scattered: scattered(resident, &seen),
-            apart_px: quantile(seen.iter().flat_map(|part| apart(view, part)).collect(), 0.9),
+            apart_px: weighted_quantile(
+                seen.iter().flat_map(|part| apart(view, part)).collect(),
+                0.9,
+            ),
             crossed: seen.iter().map(|part| part.crosses(view)).fold([false; 4], either),
         }
     }
@@ -186,11 +189,14 @@ impl Seen {
 
 /// Returns the median of numbers weighted by points; 0 if empty.
 pub fn weighted_median(numbers: Vec<(f64, u64)>) -> f64 {
-    quantile(numbers.into_iter().map(|(number, points)| (number, points as f64)).collect(), 0.5)
+    weighted_quantile(
+        numbers.into_iter().map(|(number, points)| (number, points as f64)).collect(),
+        0.5,
+    )
 }
 
 /// Returns the smallest number that reaches this share of the weight; 0 if empty.
-fn quantile(mut numbers: Vec<(f64, f64)>, share: f64) -> f64 {
+pub fn weighted_quantile(mut numbers: Vec<(f64, f64)>, share: f64) -> f64 {
     numbers.sort_by(|a, b| a.0.total_cmp(&b.0));
     let all: f64 = numbers.iter().map(|(_, weight)| weight).sum();
     let mut before = 0.0;
@@ -211,7 +217,7 @@ mod tests {
         assert_eq!(weighted_median(vec![(3.0, 1), (1.0, 2), (2.0, 1)]), 1.0);
         let numbers = vec![(5.0, 2.0), (1.0, 7.0), (2.0, 1.0)];
         assert_eq!(
-            [0.0, 0.7, 0.75, 0.8, 0.81, 1.0].map(|share| quantile(numbers.clone(), share)),
+            [0.0, 0.7, 0.75, 0.8, 0.81, 1.0].map(|share| weighted_quantile(numbers.clone(), share)),
             [1.0, 1.0, 2.0, 2.0, 5.0, 5.0]
         );
     }

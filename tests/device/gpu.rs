@@ -222,10 +222,8 @@ impl Canvas<'_> {
     /// Spacing [m] of the splat of a point.
     pub fn splat_spacing(&self, id: u32) -> f64 {
         let node = &self.resident.nodes[0];
-        node.clumps
-            .get(id as usize / POINTS_PER_CLUMP)
-            .map_or(0.0, |clump| clump.spacing)
-            .min(node.spacing())
+        let clump = node.clumps.get(id as usize / POINTS_PER_CLUMP);
+        clump.map_or(0.0, |clump| clump.covered() * clump.spacing.min(node.spacing()))
     }
 
     /// Lets the points of every other clump lie on no surface.

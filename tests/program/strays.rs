@@ -125,6 +125,46 @@ fn pictures_are_those_of_the_cloud_without_strays() {
     }
 }
 
+/// Returns rows of five points a metre apart, far beyond a sheet and far from each other, as the
+/// last ones that a scanner on the ground sees.
+fn rows(count: usize) -> Vec<DVec3> {
+    let row = |k: usize| DVec3::new(40.0 + 9.0 * (k % 6) as f64, 9.0 * (k / 6) as f64 - 15.0, 0.0);
+    (0..count).flat_map(|k| (0..5).map(move |i| row(k) + DVec3::Y * i as f64)).collect()
+}
+
+#[test]
+fn splats_of_strays_are_no_larger_than_those_of_others() {
+    let place = Place::new();
+    // The points of a crown lie on no surface.
+    let along = |i: usize, prime: usize| ((i * prime) % 20_011) as f64 / 10_005.5 - 1.0;
+    let crown = (0..60_000)
+        .map(|i| DVec3::new(along(i, 7919), along(i, 104_729), along(i, 15_485_863)))
+        .filter(|at| at.length() < 1.0)
+        .map(|at| DVec3::new(10.0, 10.0, 5.0) + 4.0 * at);
+    let las = place.las("crown", &crown.chain(rows(30)).collect::<Vec<_>>());
+    let camera = place.folder.path().join("camera.json");
+    std::fs::write(
+        &camera,
+        r#"{"eye": [40, -120, 60], "target": [40, 15, 0], "up": [0, 0, 1], "fov_y": 50}"#,
+    )
+    .unwrap();
+    for cloud in [las.clone(), place.index(&las)] {
+        let said = place.info(&cloud);
+        assert_eq!(said["strays"]["points"], 150, "{}: {said}", cloud.display());
+        let [points, splats] = ["points", "splats"].map(|style| {
+            let [shown, hidden] = ["show", "hide"].map(|strays| {
+                let camera = camera.display();
+                let options = "--effect edl=off --strays";
+                let options = format!("--style {style} --camera {camera} {options} {strays}");
+                place.picture(&cloud, &options)
+            });
+            shown.pixels.iter().zip(&hidden.pixels).filter(|(a, b)| a != b).count()
+        });
+        assert!(points >= 100, "{points}");
+        assert!(splats <= 2 * points, "{splats} pixels of splats, {points} of points");
+    }
+}
+
 #[test]
 fn strays_are_drawn_where_they_lie_unless_they_are_to_be_hidden() {
     let place = Place::new();

@@ -48,6 +48,12 @@ impl Clump {
         self.scatter >= SCATTERED
     }
 
+    /// Returns the share of the spacing that splats cover: all of it on a surface, a third of it
+    /// where points lie in all directions alike, since gaps between them show others behind.
+    pub fn covered(&self) -> f64 {
+        1.0 - 2.0 * self.scatter
+    }
+
     /// Returns the corners of the box of its points, from the node's origin `[cells]`.
     pub fn bounds(&self) -> (DVec3, DVec3) {
         let most = [1, 3, 9].map(|digit| self.reach[SIGNS / 2 + digit] as f64);
