@@ -10,14 +10,18 @@ use super::logical_device::Fresh;
 use super::{Device, LogicalDevice, failed};
 use crate::error::{Error, Result};
 use ash::vk;
-use gpu_allocator::MemoryLocation;
 use gpu_allocator::vulkan::{
     Allocation, AllocationCreateDesc, AllocationScheme, Allocator, AllocatorCreateDesc,
 };
+use gpu_allocator::{AllocationSizes, MemoryLocation};
 use std::collections::HashMap;
 use std::mem::ManuallyDrop;
 use std::sync::mpsc::{Receiver, Sender, channel};
 use std::sync::{Arc, PoisonError, RwLock};
+
+/// Memory that small buffers and images share. Larger ones have memory of their own, which is freed
+/// with them; beside small ones, it would stay.
+const SHARED_BYTES: u64 = 8 << 20;
 
 /// Memory kind of a buffer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -361,7 +365,7 @@ impl Memory {
             physical_device: device.physical,
             debug_settings: Default::default(),
             buffer_device_address: true,
-            allocation_sizes: Default::default(),
+            allocation_sizes: AllocationSizes::new(SHARED_BYTES, SHARED_BYTES),
         })
         .map_err(|error| Error::Device(format!("cannot set up device memory: {error}")))?;
         Ok(Memory {
