@@ -48,10 +48,10 @@ impl Clump {
         self.scatter >= SCATTERED
     }
 
-    /// Returns the share of the spacing that splats cover: all of it on a surface, a third of it
-    /// where points lie in all directions alike, since gaps between them show others behind.
+    /// Returns the share of the spacing that splats cover: all of it on a surface, half of it where
+    /// points lie in all directions alike, since gaps between them show others behind.
     pub fn covered(&self) -> f64 {
-        1.0 - 2.0 * self.scatter
+        1.0 - 1.5 * self.scatter
     }
 
     /// Returns the corners of the box of its points, from the node's origin `[cells]`.
