@@ -100,7 +100,7 @@ impl CameraPath {
     /// falls on them.
     pub fn frames(&self) -> u64 {
         // A small addition, since tenths of seconds are not binary numbers.
-        (self.duration() * self.frames_per_second + 1e-6) as u64 + 1
+        ((self.duration() * self.frames_per_second + 1e-6) as u64).saturating_add(1)
     }
 
     pub fn frame(&self, number: u64) -> Camera {
