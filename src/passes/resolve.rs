@@ -226,7 +226,7 @@ impl Resolved {
 const WITHOUT_STRAYS: f64 = 0.99;
 
 /// Returns the clumps of all nodes, each with those of a whole page. The sparsest clumps of a node
-/// count as its other points, and the sparsest nodes as others: their splats would be balls.
+/// count as its other points, and the sparsest nodes as the next ones: splats would be balls.
 fn clumps(resident: &Resident) -> Vec<Clump> {
     let all = POINTS_PER_PAGE as usize / POINTS_PER_CLUMP;
     let sparsest = resident.spacing_of_share(WITHOUT_STRAYS);
